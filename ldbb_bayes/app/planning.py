@@ -292,8 +292,8 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     number = int(sliders["circles"])
     equally_spaced = _equally_spaced_tests(space, sliders)
     if min(number, len(levels)) < candidates.search.levels:
-        # Linear compliance needs tests at two forces. As such tests are not possible here, there is
-        # nothing to choose.
+        # Linear compliance needs tests at two forces. If only one circle or one force is possible,
+        # there is nothing to choose.
         return equally_spaced
     counts, value = _best_counts(candidates, number)
     if candidates.objective(equally_spaced).value(np.ones(len(equally_spaced))) > value:

@@ -112,7 +112,7 @@ async def _state(house: House, session: Session, request: Request) -> Response:
 async def _leave(house: House, session: Session, request: Request) -> Response:
     """Record that a browser tab of the session was closed.
 
-    A reload of the page also closes the tab; the page then comes back with a new identifier.
+    A reload of the page closes the tab too; the reloaded page is a tab with a new identifier.
     """
     session.closed.add(request.query_params.get("tab", ""))
     session.tabs = (session.tabs or set()) - session.closed

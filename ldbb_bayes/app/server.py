@@ -129,7 +129,8 @@ def application(token: str, port: int) -> ASGIApp:
 async def _lifespan(app: Starlette) -> AsyncIterator[None]:
     """Create the ``House`` of all sessions (browser tabs) while the server runs.
 
-    When the server ends, the processes of the sessions are stopped and their files are deleted.
+    When the server ends, the processes of the sessions are stopped, and the sessions' files are
+    deleted.
     """
     _delete_folders_of_dead_servers()
     folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER_PREFIX}{os.getpid()}-"))

@@ -20,10 +20,10 @@ from ldbb_bayes.app.worker import PROGRESS_NAME
 __all__ = ["JOB", "Session", "kill_process"]
 
 JOB = "job"  # subfolder of a session (one browser tab) in which its report is made
-# Times without a request after which a session ends [s]. CLOSED_S applies after its browser tabs
-# were closed, and is long enough to reload the page. UNOPENED_S applies if no tab was ever opened.
-# SILENT_S applies while a tab is open; it is long because tabs in the background may send no
-# requests.
+# Times without a request after which a session ends [s]. ``CLOSED_S`` applies after the session's
+# browser tabs were closed, and is long enough to reload the page. ``UNOPENED_S`` applies if no tab
+# was ever opened. ``SILENT_S`` applies while a tab is open, and is long because tabs in the
+# background may send no requests.
 CLOSED_S = 8.0
 UNOPENED_S = 60.0
 SILENT_S = 3600.0

@@ -240,8 +240,8 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
 
 def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
     ball: lb.Ball = getattr(campaign.instrument, ball_name)
-    # Convert the sd of one Fourier order of the form to the ball's deviation from sphericity S: the
-    # variance of each order is S² / 24.
+    # Convert the sd of one Fourier order of the ball's form error to the deviation from sphericity
+    # S: the variance of each order is S² / 24.
     sphericity_um = math.sqrt(24.0) * assumed.sd * 1e3
     return {
         "words": ball_name,
@@ -324,8 +324,7 @@ def _ring_readings(low: float, high: float, spread: float) -> list[float]:
     """Return the readings [µm] at which a polar plot has rings: about four multiples of a step.
 
     The rings lie between the lowest and the highest reading, ``low`` and ``high``. The step is 1, 2
-    or 5 times a power of ten. ``spread`` is the range of the readings, or the smallest range that
-    is shown if the range is smaller.
+    or 5 times a power of ten. ``spread`` is the range of the readings, but at least 0.001 µm.
     """
     power = 10.0 ** np.floor(np.log10(spread / _RINGS))
     wanted = (high - low) / _RINGS

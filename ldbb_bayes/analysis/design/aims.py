@@ -21,11 +21,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Aim", "SlopesAim", "UncertaintyAim", "total_distance"]
 
-# When a circle is chosen, the distance from an aim that is reached already has this weight. As the
-# weight is not zero, the aim still decides between two circles that are equally good for all aims
-# that are not yet reached.
+# When a circle is chosen, the distance from an aim that is reached already is multiplied by this
+# number. As the number is not zero, this aim still decides between two circles that are equally
+# good for all aims that are not yet reached.
 _REACHED = 1e-3
-# An expected log Bayes factor [nat] below this value is replaced by it, to avoid the logarithm of
+# An expected log Bayes factor [nat] is raised to at least this value, to avoid the logarithm of
 # zero.
 _LEAST_EVIDENCE = 1e-9
 
@@ -55,9 +55,9 @@ class Aim(Protocol):
 class UncertaintyAim:
     """Aim that the standard uncertainty of a combination w·β of the parameters becomes small.
 
-    β are the p parameters and w their weights. Uncertainties are first computed for known
+    β are the p parameters and w their weights. The uncertainty is first computed for known
     hyper-parameters (scales of the noise and of other effects), and then multiplied by
-    ``inflation``, because unknown hyper-parameters make them larger.
+    ``inflation``, because it is larger for unknown hyper-parameters.
     """
 
     #: weights w of the p parameters in the combination, shape (p,); the parameters are in units of

@@ -121,7 +121,7 @@ def _inflation(sd: float, weights: Array, covariance: Array) -> float:
     The standard uncertainty is that of a combination of the p parameters with the weights
     ``weights``, shape (p,). ``sd`` is its value for unknown hyper-parameters. ``covariance``, shape
     (K, p, p), are the covariances of the parameters for K known values of the hyper-parameters.
-    They give K standard uncertainties; ``sd`` is divided by the root mean square of these.
+    These covariances give K standard uncertainties; ``sd`` is divided by their root mean square.
     """
     return sd / float(np.sqrt((covariance @ weights @ weights).mean()))
 
@@ -214,7 +214,7 @@ def goal_states(
 
 @dataclass(frozen=True, eq=False)
 class ToleranceState:
-    """The present decision whether a quantity keeps its tolerance, and the aim to decide this."""
+    """Present decision whether a quantity keeps its tolerance, and the aim to reach a decision."""
 
     now: Conformity
     aim: UncertaintyAim

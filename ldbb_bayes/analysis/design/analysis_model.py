@@ -1,6 +1,7 @@
 """The model for an analysis of planned tests alone, without the readings of their pilot.
 
-The pilot is the campaign or plan that a design starts from. It fixes some settings of the model.
+The pilot is the campaign or plan that a design starts from. The reference force of the model and
+the prior standard deviations of the slopes are those of the pilot.
 """
 
 from __future__ import annotations

@@ -137,8 +137,8 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
     bound
         Model bound to the planned tests.
     scores
-        Normal scores of the h hyper-parameters (standard normal quantiles of their cumulative prior
-        probabilities) at K points, shape (K, h).
+        K sets of normal scores of the h hyper-parameters, shape (K, h). A normal score is the
+        standard normal quantile of the cumulative prior probability.
 
     Returns
     -------

@@ -159,8 +159,8 @@ class Design(Forecast):
     #: recommended tests, one row per different test: force_N, the columns that `columns` names, and
     #: count, the number of times to run the test
     table: Annotated[Records, Field(alias="tests")]
-    #: whether the recommended tests are added to those of the campaign that the design starts from
-    #: and analysed together with them
+    #: whether the recommended tests are analysed together with the tests of the campaign that the
+    #: design starts from
     augment: bool
     degree: int  #: degree of the model's compliances as polynomials of force
     #: reference force F0 of the campaign or plan that the design starts from [N]
@@ -578,7 +578,8 @@ def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
     """Raise an `InputError` if a design for comparison has a reserved name or another machine.
 
     ``campaign`` holds the tests of the design for comparison, and ``name`` is its name. ``pilot``
-    is the campaign or plan that the best design starts from; its machine is the right one.
+    is the campaign or plan that the best design starts from; both designs must be of the pilot's
+    machine.
     """
     require(
         name not in _RESERVED_NAMES,
@@ -642,8 +643,8 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
     """Return the forecast and the efficiency of a design that is compared with the best one.
 
     ``name`` is the name of the design in the comparison. The efficiency is relative to the best
-    division of the same number of tests among the candidates (tests that could be run). It is zero
-    for tests that leave a parameter undetermined.
+    division of the same number of tests among the candidates (tests that could be run). The
+    efficiency is zero for tests that leave a parameter undetermined.
     """
     forecast = space.forecast(space.plan_of(tests, seed=space.seed))
     efficiency = space.efficiency(tests) if forecast.determined else 0.0

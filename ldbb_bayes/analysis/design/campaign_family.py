@@ -111,7 +111,7 @@ class CampaignFamily:
         """Least number of different forces that a campaign of the family must have.
 
         One force is enough if the model's compliances do not depend on force, or if the campaign
-        adds to tests that are run already. Otherwise, two are needed.
+        adds to tests that are run already. In all other cases, two forces are needed.
         """
         if self.space.augment or self.space.model.degree == 0:
             return 1
@@ -173,7 +173,7 @@ class CampaignFamily:
         return price_of(costs, minutes_of(costs, tests), self.certificates_price)
 
     def plan_of(self, tests: Sequence[CircularTest]) -> Campaign:
-        """Return the tests as a plan in running order, whose instrument has the certificates."""
+        """Return the tests as a plan, in the order in which to run them, with the certificates."""
         plan = self.space.plan_of(tests, seed=self.space.seed)
         if not self.offers:
             return plan

@@ -28,8 +28,8 @@ __all__ = ["objective_of", "prediction_weight"]
 # Elements of a test's matrix G are treated as rounding errors if they are below this share of the
 # largest element in their column. GᵀG is the information matrix of the test.
 _ROUNDING_ERROR = 1e-12
-# Number of forces over which criterion I averages the variance of predicted compliances. They span
-# the range of force of the pilot (the campaign that a design starts from).
+# Number of forces over which criterion I averages the variance of predicted compliances. These
+# forces span the range of force of the pilot (the campaign that a design starts from).
 _PREDICTED_FORCES = 33
 
 

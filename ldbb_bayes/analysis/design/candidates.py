@@ -98,7 +98,8 @@ def add_foreseen_tests(
     Returns
     -------
     Campaign
-        The pilot with the foreseen tests added; the pilot itself if it has all kinds already.
+        The pilot with the foreseen tests added; the pilot itself if the pilot has tests of all
+        kinds already.
     """
     uses_radius = _model_depends_on_radius(pilot, (*candidates, *compared_tests))
     # Ignore the directions of the tests that the pilot has run, because the analysis of a design

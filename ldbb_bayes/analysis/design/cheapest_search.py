@@ -77,9 +77,9 @@ class CheapestCampaigns:
     """Result of the search: campaigns that reach all goals, or the one nearest to the goals."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
-    #: if no campaign of the largest number of circles reaches all goals, the campaign that reaches
-    #: them on most machines; None if some campaign reaches all goals, or if no full forecast was
-    #: made
+    #: if no campaign of the largest number of circles reaches all goals, the one of these campaigns
+    #: that reaches all goals on the largest share of the possible machines; None if some campaign
+    #: reaches all goals, or if no full forecast was made
     nearest: FoundCampaign | None
 
 

@@ -130,7 +130,8 @@ class LogBayesFactor:
     """
 
     concave: ClassVar[bool] = False
-    #: root mean square of the parameters in the model that has them, in prior standard deviations
+    #: root mean square of the parameters of interest in the model in which they are not zero, in
+    #: prior standard deviations
     size: float = 1.0
 
     def value(self, root: Array) -> Array:

@@ -52,8 +52,9 @@ _STATES = 64
 # Number of sets of scales (of the noise and of other effects) that the analysis of a possible
 # machine's tests finds likely. The variance that the analysis states is an average over these sets.
 _BELIEFS = 4
-# Number of posterior means that a forecast draws at random for each possible state of the machine
-# if the analysis knows the scales. An analysis of the new tests may find any of these means.
+# Number of posterior means that a forecast draws at random for each possible machine if the
+# analysis knows the scales of noise and effects. An analysis of the new tests may find any of these
+# means.
 _MEANS_PER_STATE = 4
 # The likely standard uncertainty of a parameter is the one that the analysis does not exceed on
 # this share of the possible machines.
@@ -85,7 +86,7 @@ class Expected(Result):
     the possible machines. ``sd_error`` is somewhat too large, because the machines are spread more
     evenly than independent random machines would be. ``floor_sd`` is the standard deviation if
     every test were run a million times. ``floor_sd`` is due to nuisance effects that all tests
-    share. The truncation reduces it in the same ratio as ``sd``.
+    share. The truncation reduces ``floor_sd`` in the same ratio as ``sd``.
     """
 
     unit: str
@@ -213,7 +214,8 @@ def stated_by_machines(
 def states_of(model: HybridModel, plan: Campaign, machines: int | None = None) -> States:
     """Return the possible states of the machine before a plan is run, for the plan's forecast.
 
-    ``machines`` is the number of states, by default 64.
+    A state is one possible machine: values of its parameters and hyper-parameters. ``machines`` is
+    the number of states, by default 64.
     """
     pilot = plan.pilot or plan
     number = machines or _STATES
@@ -235,7 +237,8 @@ def forecast_tests(
     bound
         Model bound to the tests that are run already, followed by the planned tests.
     states
-        Possible states of the machine before the planned tests.
+        Possible states of the machine before the planned tests: values of its parameters and
+        hyper-parameters.
     run
         Number of tests that are run already.
     slopes
@@ -288,9 +291,10 @@ def _evidence(
 ) -> Discrimination | None:
     """Return the expected evidence for or against slopes; None if there are no slopes.
 
-    ``states`` are K possible states of the machine before the tests. ``covariance`` are the
-    posterior covariances of the p parameters in each state, shape (K, p, p), in units of the prior
-    standard deviations. ``run`` is the number of tests that are run already.
+    ``states`` are K possible states of the machine before the tests: values of its parameters and
+    hyper-parameters. ``covariance`` are the posterior covariances of the p parameters in each
+    state, shape (K, p, p), in units of the prior standard deviations. ``run`` is the number of
+    tests that are run already.
     """
     if not slopes.names:
         return None
@@ -394,8 +398,8 @@ def stated_variances(
         Posterior covariances that the p parameters would have in each state if compliances could be
         negative, for n sets of scales, shape (K, n, p, p), in internal units (mm, N, rad).
     truncated
-        Whether the analyses use the condition that no compliance is negative; this has no effect if
-        the model does not have this condition.
+        Whether the analyses use the condition that no compliance is negative, if the model has this
+        condition.
 
     Returns
     -------
@@ -419,10 +423,10 @@ def stated_variances(
 
 
 def _is_possible(bound: BoundModel, states: States) -> Array:
-    """Return for each state whether it is possible, which means that no compliance is negative.
+    """Return for each possible state of the machine whether no compliance is negative.
 
-    The result has the shape (states,). If every state has a negative compliance, all states are
-    treated as possible.
+    A state is a set of values of the machine's parameters. The result has the shape (states,). If
+    every state has a negative compliance, the result is true for all states.
     """
     if not bound.truncation.active:
         return np.ones(len(states.beta), bool)
@@ -440,11 +444,12 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
     bound
         Model bound to the new tests.
     means
-        Posterior means without the condition T in internal units (mm, N, rad), shape (repetitions,
-        states, n, p).
+        Posterior means of the p parameters without the condition T, in internal units (mm, N, rad),
+        shape (repetitions, states, n, p). A state is one possible machine, for which posterior
+        means are drawn several times. In each state, there is one mean for each of n sets of
+        scales.
     covariance
-        Posterior covariances without the condition T, for n sets of scales in each state, shape
-        (states, n, p, p), in internal units.
+        Posterior covariances without the condition T, shape (states, n, p, p), in internal units.
 
     Returns
     -------

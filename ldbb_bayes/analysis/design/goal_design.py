@@ -143,7 +143,7 @@ class CustomaryPlan(Result):
 
     name: str  #: kind of the customary campaign, such as "equal steps"
     customary: GoalPlan  #: campaign as people run it today
-    ours: GoalPlan  #: best campaign for the goals with the same number of circles
+    ours: GoalPlan  #: best campaign for the goals with as many circles as ``customary``
 
 
 @dataclass(frozen=True, eq=False)
@@ -437,7 +437,9 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
 def _customary_plans(
     best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs
 ) -> tuple[CustomaryPlan, ...]:
-    """Return campaigns as people run them today, each with the best campaign of as many circles.
+    """Return campaigns as people run them today, each with the best campaign of the same length.
+
+    The length is the number of circles.
 
     The campaigns that people run today have only the certificates that the instrument has already,
     and the first of the radii that the campaign ``best`` uses.

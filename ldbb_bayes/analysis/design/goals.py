@@ -104,7 +104,7 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
     Parameters
     ----------
     bound
-        Model bound to a campaign or a plan, which states the parameters and their units.
+        Model bound to a campaign or a plan. The model states the parameters and their units.
     stated
         Goals; the keys are the names of the parameters. A goal is a text with a unit, such as "10
         µrad" or "5 %", a number in internal units (mm, N, rad), or a `Goal`.

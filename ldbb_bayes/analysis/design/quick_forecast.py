@@ -174,8 +174,8 @@ class QuickForecast:
 
         Let Σ be the covariance of all p coefficients before the circle: ``covariance``, shape (K,
         p, p), at K values of the hyper-parameters. A circle adds GᵀG to the precision matrix, so
-        that the covariance after the circle is Σ − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ, of which only the variances
-        of the goals' parameters are computed.
+        that the covariance after the circle is Σ − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ. Only the variances of the
+        goals' parameters are computed.
         """
         number = self._limits.shape[1]
         variances = []

@@ -30,8 +30,8 @@ __all__ = ["MAX_TESTS", "ExactDesign", "Search", "efficient_rounding", "exchange
 
 # Largest number of tests (circles) that a design may have.
 MAX_TESTS = 300
-# Largest number of times that the search goes through all tests of a design to replace them by
-# better ones.
+# Largest number of times that the search goes through all tests of a design to replace each by a
+# better candidate.
 _MAX_SWEEPS = 50
 # If a design chooses among at most this many candidate tests, all are tried as a replacement of
 # each of its tests.
@@ -135,7 +135,7 @@ def exchange(
         tried.
     feasible
         Function that takes the counts of a design and returns whether the design is allowed.
-        Default: all designs are.
+        Default: all designs are allowed.
     thorough
         Whether, at the end of the search, more candidates are tried as a replacement of each test
         than before. If False, the search always tries only a few.
@@ -352,7 +352,7 @@ class Search:
         return [j for j in range(n) if self._is_feasible(_with_tests(counts, j))]
 
     def _number_of_restarts(self, tests: int) -> int:
-        """Return how often the search restarts from designs of which a third is replaced at random.
+        """Return how often the search restarts from randomly changed designs.
 
         ``tests`` is the number of tests of a design. The number is limited, because restarts take
         time. It is zero if there are few possible designs.
@@ -379,7 +379,7 @@ def _merge_tests(counts: Array, source: int, target: int) -> Array:
 
 
 def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
-    """Return the counts of a design with a third of its tests replaced by random ones.
+    """Return the counts of a design with a third of its tests replaced by random tests.
 
     ``counts`` is the number of tests of each candidate in the design, shape (candidates,). A
     replacement is one of the candidates. At least one test is replaced.

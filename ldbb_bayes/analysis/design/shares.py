@@ -27,7 +27,7 @@ __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_
 # first is taken.
 _EQUALITY_TOLERANCE = 1e-9
 # Largest number of rounds in which shares are optimized. In each round, a few candidates are added
-# to those with a share above zero, and the shares of all these are optimized.
+# to those with a share above zero, and the shares of all these candidates are optimized.
 _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round of the optimization of shares.
 _SOLVER_ITERATIONS = 40
@@ -148,10 +148,10 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     objective
         Criterion as a function of the number of tests of each candidate.
     tests
-        Number N of tests. If the prior is flat, the best shares do not depend on it.
+        Number N of tests. If the prior is flat, the best shares do not depend on N.
     tolerance
         Tolerance of the relative excess of the largest sensitivity over the bound; `Optimum.excess`
-        is the value reached.
+        is the excess that is reached.
 
     Returns
     -------
@@ -202,9 +202,9 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
     """Return the indices of the candidates with the largest sensitivities above the bound.
 
     The sensitivity of a candidate test is the rate at which the criterion grows with its share. The
-    bound is the mean of the sensitivities, weighted by the shares. Both are fields of ``optimum``.
-    At most ``_JOINING_CANDIDATES`` indices are returned. If no sensitivity is above the bound,
-    return the index of the candidate with the largest sensitivity.
+    bound is the mean of the sensitivities, weighted by the shares. Both are attributes of
+    ``optimum``. At most ``_JOINING_CANDIDATES`` indices are returned. If no sensitivity is above
+    the bound, return the index of the candidate with the largest sensitivity.
     """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]

@@ -106,7 +106,8 @@ class Space:
     def _check_candidates(self) -> None:
         """Raise an `InputError` for invalid values, or for too many candidate tests.
 
-        Forces, radii and the size of slopes must be positive, and directions must be known.
+        Forces, radii and the size of slopes must be positive, and directions of travel must be CW
+        or CCW.
         """
         sizes = {"forces": self.forces_N, "radii": self.radii_mm, "slope_size": [self.slope_size]}
         for name, values in sizes.items():
@@ -229,7 +230,7 @@ class Space:
         """Number of the pilot's tests that are analysed together with the new tests.
 
         The pilot is the campaign or plan that the design starts from. All its tests are analysed if
-        ``augment`` is true, otherwise none.
+        ``augment`` is true; if not, none is.
         """
         return len(self.pilot.tests) if self.augment else 0
 
@@ -327,7 +328,7 @@ def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ..
 def _with_temperature(
     tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel
 ) -> tuple[CircularTest, ...]:
-    """Return the tests with the temperature that a drift as a function of temperature needs.
+    """Return the tests with a temperature, which a drift that depends on temperature needs.
 
     The temperature is the mean temperature of ``pilot``, the campaign that the design starts from.
     For a model without such a drift, the tests are returned unchanged.
