@@ -215,7 +215,7 @@ class EliminationPlan:
         return start + len(group.columns) * width
 
     def _front(self, families: list[_Family], signs: Array) -> Front:
-        """Return the front that consists of the groups of all ``families``, in the same order.
+        """Return the front that consists of the groups of all ``families``, in their order.
 
         A front contains groups of columns that are eliminated together. The groups of a family
         change the same later columns, which are their border. All groups have equal numbers of

@@ -390,9 +390,11 @@ class HybridModel(Result):
         return tuple(names)
 
     def with_rivals(self, *names: str) -> HybridModel:
-        """Return the same model without the effects among its `rivals` that are not named.
+        """Return the same model with only the named rivals.
 
-        Rivals are effects that resemble a change of compliance with force, such as ``joint load``.
+        Rivals are effects that resemble a change of compliance with force, such as ``joint load``;
+        the property `rivals` names those of the model. All rivals that are not named here are
+        removed.
         """
         model = self
         for name in self.rivals:

@@ -291,10 +291,12 @@ class Information:
         covariance
             Covariance V of the parameters in units of their prior sds, shape (p, p); by default C.
 
-        Returns ------- Dict of arrays of shape (p,): the shares of every source. The key of a
-        source is a pair of names: the name of the coefficient or noise, and the name of the term to
-        which it belongs. The priors of the parameters of interest are one source with the key
-        ``(OWN, OWN)``. If they are flat, this source does not exist.
+        Returns
+        -------
+        Dict with the shares of every source, in arrays of shape (p,). The key of a source is a pair
+        of names: the name of the coefficient or noise, and the name of the term to which it
+        belongs. The priors of the parameters of interest are one source with the key
+        ``(OWN, OWN)``. If these priors are flat, this source does not exist.
         """
         total = self.covariance()[np.ix_(self.interest, self.interest)]
         if covariance is None:

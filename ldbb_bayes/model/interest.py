@@ -40,7 +40,7 @@ class Parameter:
     """Parameter of interest: a compliance, its slope with force, or a geometric error."""
 
     name: str
-    unit: str  #: internal unit, made of mm, N and rad
+    unit: str  #: internal unit of the parameter, made of mm, N and rad
     #: standard deviation of the parameter's prior, in internal units (mm, N, rad); infinite if the
     #: prior is flat
     prior_sd: float

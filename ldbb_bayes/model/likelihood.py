@@ -196,8 +196,8 @@ class StructuredGaussian:
         """Return the log density ln p(z | β, φ), shape (w,), and the density of the coefficients.
 
         The density is that of the coefficients that are the same in all tests, given the readings
-        z, the parameters β and the hyper-parameters φ. The result holds one Gaussian density for
-        each of w values of φ; its ``log_integral`` is ln p(z | β, φ).
+        z, the parameters β and the hyper-parameters φ. The second result holds one Gaussian density
+        for each of w values of φ; the ``log_integral`` of each density is ln p(z | β, φ).
 
         Parameters
         ----------

@@ -37,13 +37,13 @@ PRODUCT_COLUMNS = 8
 # of the hyper-parameters that are processed together. Their exact values matter little. Time of the
 # function calls that each group of columns needs once, when the group is eliminated.
 _GROUP_COST = 100.0
-# Time of the function calls that eliminate one column of a group.
+# Time of the function calls that eliminate one column of a group, in multiplication times.
 _COLUMN_COST = 200.0
 # Time of the function calls for the products of `PRODUCT_COLUMNS` columns of a border (the later
-# columns that a group changes).
+# columns that a group changes), in multiplication times.
 _PRODUCT_CALL_COST = 250.0
 # Time to subtract one product of two columns from the matrix entry of these columns, which are
-# eliminated later.
+# eliminated later, in multiplication times.
 _UPDATE_COST = 1.0
 # Largest number of computed elimination times that the cache holds. A cache is useful because
 # groups with the same numbers of columns occur again and again.
@@ -137,7 +137,7 @@ def heights(groups: list[ColumnGroup]) -> list[int]:
 
 
 def _bit_sets(matrix: NDArray[np.bool_]) -> list[int]:
-    """Return, for each row of a matrix, the set of columns where it is true, as an integer.
+    """Return, for each row of a matrix, the set of columns where the row is true, as an integer.
 
     Bit k of the integer is set if column k belongs to the set.
 

@@ -191,13 +191,13 @@ class Orthant:
         """Return ln P(u ≥ 0) and its numerical error [nat], each of shape (w,) for w problems.
 
         u is the Gaussian vector of the constraints of a problem. ln P is computed from analytical
-        bounds if these are closer than the tolerance; otherwise from up to 65 536 quasi-random
-        points. In the second case, the error is the standard error from the scatter between eight
-        random shifts of the points, times a factor from Student's t. The true value of ln P is then
-        within three errors of the result with a probability of 99 %. The result of a problem does
-        not depend on the other problems. All problems use the same points, so that their errors are
-        correlated. If no point satisfies all constraints, ln P is replaced by its upper bound and
-        the error is infinite.
+        bounds if their distance is small enough for the tolerance; if not, it is computed from up
+        to 65 536 quasi-random points. In the second case, the error is the standard error from the
+        scatter between eight random shifts of the points, times a factor from Student's t. The true
+        value of ln P is then within three errors of the result with a probability of 99 %. The
+        result of a problem does not depend on the other problems. All problems use the same points,
+        so that their errors are correlated. If no point satisfies all constraints, ln P is replaced
+        by its upper bound and the error is infinite.
 
         Parameters
         ----------
@@ -226,7 +226,7 @@ class Orthant:
         Parameters
         ----------
         tolerance
-            Largest error of analytical bounds that is accepted in place of points [nat].
+            Largest error [nat] with which analytical bounds are used instead of points.
         largest_noise
             Largest noise that is accepted [nat]. More points are used until the noise is small
             enough or all 65 536 points are used.
@@ -777,9 +777,9 @@ def _binding_rows(
 
     The problem has m constraints on a standard normal vector e of q elements. Consider the most
     probable e that satisfies all constraints: constraints that hold with equality there are chosen
-    first. Further ones are chosen one by one, each time the one whose row has the longest part
-    perpendicular to the rows chosen before, until ``rank`` constraints are chosen. The result is in
-    increasing order of ``distance``.
+    first. Further constraints are chosen one by one, each time the constraint whose row has the
+    longest part perpendicular to the rows chosen before, until ``rank`` constraints are chosen. The
+    result is in increasing order of ``distance``.
 
     Parameters
     ----------

@@ -148,7 +148,7 @@ def settings_of_sd(parameter: str) -> tuple[str, ...]:
 
     For C_XXX the only field is ``direct_mm_per_N``; for its slope C_XXX_1 there are also
     ``slope_scale`` and ``slopes_of_estimate``. The fields for single parameters (``overrides``,
-    ``means``) are left out. The tuple is empty if no parameter can have the name.
+    ``means``) are left out. The result is an empty tuple if no parameter can have the name.
     """
     kind = _kind_of(parameter)
     if kind is None:

@@ -3,10 +3,10 @@
 The posterior is computed at reference scales: the scales of the noise and of other effects (the
 hyper-parameters φ) are at their prior medians. Negative compliances are not excluded. The posterior
 of the compliances C at the reference force and of the geometric errors E is then Gaussian. Its mean
-and sd are the estimates Ĉ, Ê and the uncertainty u(Ĉ). The model itself depends on these: effects
-are linearised about Ĉ, Ê, and some prior sds are proportional to √(Ĉ² + u(Ĉ)²). The estimate is
-therefore a fixed point, found in three steps that start from the least-squares estimate. Each step
-linearises the model about the estimate of the step before.
+and sd are the estimates Ĉ, Ê and the uncertainty u(Ĉ). The model itself depends on these numbers:
+effects are linearised about Ĉ, Ê, and some prior sds are proportional to √(Ĉ² + u(Ĉ)²). The
+estimate is therefore a fixed point, found in three steps that start from the least-squares
+estimate. Each step linearises the model about the estimate of the step before.
 """
 
 from __future__ import annotations

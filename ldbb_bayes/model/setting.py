@@ -368,7 +368,7 @@ def setting_of(
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
     The fields for estimates of the machine are zero, and those for the names of circles' noise
-    factors are empty. They are filled in when a model is bound to the campaign.
+    factors are empty. Both are filled in when a model is bound to the campaign.
 
     Parameters
     ----------

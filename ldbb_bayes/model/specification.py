@@ -270,7 +270,8 @@ def is_truths(path: Path) -> bool:
 def read_truths(path: Path) -> Truths:
     """Return the plan and true values of a simulation from a TOML file.
 
-    For a mistake in the file, raise an `InputError` that names the file and the place.
+    For a mistake in the file, raise an `InputError` that names the file and the place of the
+    mistake.
     """
     file = validated(_TruthsFile, read_toml(path), str(path))
     with placed(path):

@@ -60,7 +60,7 @@ class _CoefficientPrior(NamedTuple):
     #: each ball whose form is not stated at the order n
     share_of_tau: Array
     sd_um: Array  #: part of each coefficient's prior sd that no hyper-parameter scales [µm]
-    mean_um: Array  #: prior mean of each coefficient, from certificates [µm]
+    mean_um: Array  #: prior mean of each coefficient of form, from certificates [µm]
 
 
 class _Form(NamedTuple):
@@ -157,8 +157,8 @@ class BallForm(Term):
     def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
         """Return the prior of the form of one ball, or of the sum of the forms of both.
 
-        ``balls`` are the balls that have a part in the form. The keys of the result are the
-        arguments of `Columns` that describe the prior.
+        ``balls`` are the balls that have a part in the form. The result is a dict; its keys are
+        those arguments of `Columns` that describe the prior.
         """
         orders = np.repeat(_FORM_ORDERS, 2).astype(float)
         if self.law == "1/n":
@@ -357,9 +357,9 @@ class MachinePattern(Term):
         """Return the columns of the machine's pattern for the tests of a campaign.
 
         The pattern is made of the machine's geometric and cyclic errors of higher orders. A column
-        is the reading per unit of one coefficient. The tuple is empty if every ball has the same
-        clocking (angle by which it is turned in its socket) in all tests and the form of no ball is
-        stated.
+        is the reading per unit of one coefficient. The result is an empty tuple if every ball has
+        the same clocking (angle by which it is turned in its socket) in all tests and the form of
+        no ball is stated.
         """
         if not (setting.clocked or _states_form(setting.instrument)):
             return ()

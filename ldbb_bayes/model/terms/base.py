@@ -263,7 +263,7 @@ class Term(Shown):
         """Return the term's columns under the conditions of a campaign's tests.
 
         A column is the reading per unit of one coefficient, as 25 Fourier coefficients for each
-        test. The tuple is empty if the term has no effect on these tests.
+        test. The result is an empty tuple if the term has no effect on these tests.
         """
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
@@ -337,7 +337,7 @@ class Term(Shown):
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
     """Return the permitted values of those settings of a term that allow only listed values.
 
-    ``kind`` is the class of the term. The keys of the result are the names of the settings.
+    ``kind`` is the class of the term. The result is a dict; its keys are the names of the settings.
     """
     return {
         name: get_args(hint)

@@ -66,7 +66,8 @@ class SetupShift(Term):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameters of the shift between circles: its sd δ, or two separate sds.
 
-        If ``moves`` is apart, the readings' zero has the sd δ_0 and the circle's centre the sd δ_1.
+        If the field ``moves`` is ``apart``, the readings' zero has the sd δ_0 and the circle's
+        centre the sd δ_1.
         """
         if self.moves != "apart":
             return (Scale("delta", "delta_um", "δ", "set-up shift"),)
@@ -146,7 +147,7 @@ class CircleScale(Term):
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the noise factors λ of all circles as hyper-parameters, one for each test.
 
-        The tuple is empty for campaigns with fewer than four tests.
+        The result is an empty tuple for campaigns with fewer than four tests.
         """
         scales = []
         for name in dict.fromkeys(setting.circle.tolist()):
@@ -225,8 +226,9 @@ class Hysteresis(Term):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameter of hysteresis: the scale η of the part that does not depend on force.
 
-        The tuple is empty if the field ``law`` is ``fixed``: the scale is then ``constant_um``. A
-        campaign's model has η only if circles run in both directions in some plane.
+        The result is an empty tuple if the field ``law`` is ``fixed``: the scale is then
+        ``constant_um``. A campaign's model has η only if circles run in both directions in some
+        plane.
         """
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
@@ -359,10 +361,10 @@ class Drift(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the drift of bar length and circle centre for a campaign's tests.
 
-        A column is the reading per unit of one coefficient. The tuple is empty if the campaign
-        states that nothing drifts. For a drift with time, it is also empty if the times of the
-        tests are unknown or all equal. Raise an `InputError` if a test lacks the temperature to
-        which the drift is proportional.
+        A column is the reading per unit of one coefficient. The result is an empty tuple if the
+        campaign states that nothing drifts. For a drift with time, the result is also empty if the
+        times of the tests are unknown or all equal. Raise an `InputError` if a test lacks the
+        temperature to which the drift is proportional.
         """
         if not setting.drifts:
             return ()

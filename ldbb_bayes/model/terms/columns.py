@@ -142,7 +142,7 @@ class Columns(Shown):
     #: name of the hyper-parameter (scale of the effect) that multiplies ``sd``; None if there is
     #: no such hyper-parameter
     hyper: Hyper | None = None
-    #: whether every test has its own copy of each coefficient, instead of one value for all tests
+    #: whether every test has its own value of each coefficient, instead of one value for all tests
     private: bool = False
     #: prior mean of each of the p coefficients in internal units (mm, N, rad), shape (p,), or one
     #: number for all; by default zero. It must be zero if every test has its own coefficients
@@ -200,8 +200,8 @@ class Columns(Shown):
     def sources_of(self, test: int) -> tuple[Source, ...]:
         """Return the factors from hyper-parameters that multiply the prior sds in one test.
 
-        There is one factor for each of the p coefficients; it contains the noise factor λ of the
-        test's circle. ``test`` is the index of the test, from 0.
+        There is one factor for each of the p coefficients. Each factor contains the noise factor λ
+        of the test's circle. ``test`` is the index of the test, from 0.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
