@@ -1,8 +1,7 @@
-"""Axis at which the angles of a file begin, and sense in which they run, as texts state them.
+"""Axis at which the angles of a file begin, and sense in which these angles run.
 
-The texts are the header of the angles, lines above the table, and names of files.
-
-An example is the header ``Angle from Y clockwise``.
+Both are found in texts: the header of the column of angles, lines above the table, and names of
+files. An example is the header ``Angle from Y clockwise``.
 """
 
 from __future__ import annotations
@@ -27,50 +26,53 @@ __all__ = [
 ]
 
 _WORDS = WORDS["angle_convention"]
-# Pattern of the axis at which angles begin, after words such as "from" or "zero at".
+# Regular expression for the axis at which angles begin, after words such as "from" or "zero at".
 _ZERO = re.compile(
     rf"(?:{_WORDS['zero']})[^\w+\-−]*(?:(?:{_WORDS['filling']})[^\w+\-−]+)*"
     r"(?P<sign>[+\-−]?|negative[nr]?\s|minus\s)\s?(?P<axis>[XYZ])(?P<behind>[+\-−](?!\w))?"
     r"(?![^\W_])",
     re.IGNORECASE,
 )
-# Pattern of an axis before the zero, as in "+Y = 0°".
+# Regular expression for the name of an axis in front of the angle zero, as in "+Y = 0°".
 _ZERO_BEHIND = re.compile(_WORDS["zero_behind"], re.IGNORECASE)
-# Pattern of words which say that the sense of angles is reversed.
+# Regular expression for words which say that the sense of angles is reversed.
 _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
-# Pattern of words for the mathematical sense of angles, counter-clockwise.
+# Regular expression for words for the mathematical sense of angles, which is counter-clockwise.
 _MATHEMATICAL = re.compile(_WORDS["math"], re.IGNORECASE)
-# Pattern of words of denial, such as "not".
+# Regular expression for words of denial, such as "not".
 _DENIED = re.compile(WORDS["reading_sign"]["denied"], re.IGNORECASE)
-# Pattern of words in lines that are about angles, but do not say where angles begin and in which
-# sense they run.
+# Regular expression for words in lines that are about angles, but do not say where angles begin and
+# in which sense they run.
 _HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
-# Pattern of words for angles that are counted from north, clockwise.
+# Regular expression for words for angles that are counted clockwise from north.
 _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
-# Pattern of words for the start of a circle.
+# Regular expression for words for the start of a circle.
 _START = re.compile(_WORDS["start"], re.IGNORECASE)
-# Pattern of a word that is the name of an axis, such as +X.
+# Regular expression for a word that is the name of an axis, such as +X.
 _AXIS = re.compile(r"(?<![\w/])[+\-−]?[XYZ][+\-−]?(?![\w/])")
-# Pattern of words for a direction that is no axis, such as north.
+# Regular expression for words for a direction that is no axis, such as north.
 _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
-# Pattern of a header of angles with a minus in front.
+# Regular expression for the header of a column of angles that begins with a minus sign, such as
+# "-angle".
 _MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
-# Pattern of words for the angle.
+# Regular expression for words for the angle.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
-# Pattern of words which show that an axis in the same text is not the axis at which angles begin.
+# Regular expression for words which show that an axis in the same text is not the axis at which
+# angles begin.
 _OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
-# Pattern of an angle of zero that may be followed by its axis, such as "0° =" or "zero at".
+# Regular expression for an angle of zero that may be followed by its axis, such as "0° =" or "zero
+# at".
 _ZERO_DEGREES = re.compile(
     r"(?<![\d.,])0 ?(?:°|deg\w*) ?(?:=|is|at|on|along|bei|:)|\bzero at\b", re.I
 )
-# Pattern of a word that announces where angles begin, with the text that follows.
+# Regular expression for a word that announces where angles begin, with the text that follows.
 _ANNOUNCED = re.compile(rf"(?:{_WORDS['announced']})(?P<zero>[^;|\t]*)", re.IGNORECASE)
-# Pattern of words in a line that is about angles.
+# Regular expression for words which show that a line is about angles.
 _SUBJECT = re.compile(_WORDS["subject"], re.IGNORECASE)
-# Pattern of words in a line that is about something other than the angles of the readings.
+# Regular expression for words which show that a line is not about the angles of the readings.
 _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
-# Pattern of words which show that a line says in which sense angles are counted. In a line without
-# such words, a word such as "clockwise" may mean the direction of travel.
+# Regular expression for words which show that a line says in which sense angles are counted. In a
+# line without such words, a word such as "clockwise" may mean the direction of travel.
 _SENSE = re.compile(_WORDS["sense"], re.IGNORECASE)
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60
@@ -82,11 +84,12 @@ class AngleConvention(NamedTuple):
     """Conversion of angles in a file to the angles of this package: sign · (angle − offset)."""
 
     sign: int  #: −1 if the file counts angles clockwise, else 1
-    offset_deg: float  #: angle in the file at which the bar is along the plane's first axis [deg]
+    #: angle that the file gives when the bar is along the plane's first axis [deg]
+    offset_deg: float
 
 
 class _Words(NamedTuple):
-    """Axis and sense of angles that a header, line or name states in words."""
+    """Axis at which angles begin, and sense in which they run, as a header, line or name states."""
 
     zero: str  # axis at which angles begin, such as +Y; empty if it is not stated
     sense: str  # CW or CCW; empty if it is not stated
@@ -96,8 +99,9 @@ class _Words(NamedTuple):
 def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     """Return the conversion of the angles of a test, as the user or the file states it.
 
-    The user's sign and offset count first, then the user's axis and sense, then the words of the
-    file. Without any statement, angles are counted from the plane's first axis, counter-clockwise.
+    The sign and offset that the user states are used first, then the axis and sense that the user
+    states, then the words of the file. Without any statement, angles are counted from the plane's
+    first axis, counter-clockwise.
 
     Parameters
     ----------
@@ -162,8 +166,9 @@ def _convention_in_words(
     """Return the convention of angles that begin at the axis ``zero`` and run in ``sense``.
 
     If ``zero`` is empty, angles begin at the plane's first axis. If ``sense`` is empty, angles must
-    begin at this axis, and run counter-clockwise. Raise an `OpenQuestionError` if ``sense`` is
-    empty and angles begin at another axis. ``words`` are the words of the file, which are noted.
+    begin at the plane's first axis; they then run counter-clockwise. Raise an `OpenQuestionError`
+    if ``sense`` is empty and angles begin at another axis. ``words`` are the words of the file,
+    which are noted.
     """
     first_axis = f"+{plane[0]}"
     zero = zero or first_axis
@@ -184,7 +189,7 @@ def _convention_in_words(
 
 
 def _note_words(recording: Recording, words: list[_Words], convention: AngleConvention) -> None:
-    """Add notes on words about angles in the file, which the user's sign and offset replace."""
+    """Add a note on each statement about angles that the user's sign and offset replace."""
     for entry in words:
         value = f"sign {convention.sign}, offset {convention.offset_deg:g}°, as given"
         said = f"{entry.source} says {entry.zero} {entry.sense}".strip()
@@ -192,10 +197,11 @@ def _note_words(recording: Recording, words: list[_Words], convention: AngleConv
 
 
 def _single(recording: Recording, subject: str, stated: list[str]) -> str:
-    """Return the only axis, or the only sense, that the file states; empty if it states none.
+    """Return the one axis, or the one sense of angles, that the file states.
 
-    ``stated`` holds what each place in the file states, and ``subject`` is "zero" for axes and
-    "sense" for senses. Raise an `InputError` if the places state different values.
+    The result is an empty string if the file states none. ``stated`` holds what each place in the
+    file states, and ``subject`` is "zero" for axes and "sense" for senses. Raise an `InputError` if
+    the places state different values.
     """
     values = list(dict.fromkeys(value for value in stated if value))
     if len(values) > 1:
@@ -221,7 +227,11 @@ def angle_of_axis(recording: Recording, axis: str, plane: str) -> float:
 
 
 def _words_of(recording: Recording) -> list[_Words]:
-    """Return what the header of the angles, lines above the table and names say about angles."""
+    """Return axis and sense of angles as stated by the header of angles, by lines and by names.
+
+    The lines are those above the table and those that concern all tests. The names are those of
+    test, sheet and file.
+    """
     header = recording.heading.headers[recording.heading.roles["angle"]]
     words = [_words_in(recording, f"the header {header!r}", header, is_header=True)]
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
@@ -236,7 +246,7 @@ def _words_of(recording: Recording) -> list[_Words]:
 
 
 def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> _Words:
-    """Return where angles begin and how they run according to the header of angles, or a line."""
+    """Return the axis and the sense of angles that the header of angles, or a line, states."""
     zero = _zero_in(text)
     layout = recording.layout
     if not zero and layout.angle_zero is None and layout.angle_offset_deg is None:

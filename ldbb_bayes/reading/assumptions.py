@@ -24,7 +24,7 @@ class Assumption:
 
 
 class _Entry(NamedTuple):
-    """Content of an assumption without its place, because several places may share the content."""
+    """Assumption without the place for which it was made; several places may share it."""
 
     subject: str
     value: str
@@ -36,8 +36,8 @@ class _Entry(NamedTuple):
 class AssumptionLog:
     """Log of the assumptions that are made to import foreign files.
 
-    An assumption that is made for several files, sheets or tests is kept once. The log also keeps
-    what each sheet shows about its layout, such as the separator of cells.
+    An assumption that is made for several files, sheets or tests is listed only once. The log also
+    keeps what each sheet shows about its layout, such as the separator of cells.
     """
 
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class AssumptionLog:
         """Keep the values that were found in one sheet for fields of the layout.
 
         An example is ``separator=";"``. A value of None means that the sheet itself states the
-        field, as a header with a unit does; the layout then need not state it.
+        value, for example by a header with a unit. The layout then need not state this field.
         """
         for key, value in fields.items():
             self._layout_values.setdefault(key, []).append(value)
@@ -82,9 +82,9 @@ class AssumptionLog:
         return tuple(assumptions)
 
     def layout(self, stated: Layout) -> Layout:
-        """Return the layout ``stated`` by the user, completed with values found in the sheets.
+        """Return the user's layout ``stated``, completed with the values found in the sheets.
 
-        A field for which the sheets have different values is left as the user states it.
+        If the sheets have different values for a field, the field is left as the user states it.
         """
         common = {}
         for key, values in self._layout_values.items():

@@ -1,4 +1,4 @@
-"""Length of a bar with its extension, as a line states it: ``Bar: 100 mm + extension 50 mm``."""
+"""Length of a bar with its extension, from a line such as ``Bar: 100 mm + extension 50 mm``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ldbb_bayes.reading.words import OTHER_QUANTITY, UNITS, WORDS, unit_named
 __all__ = ["length_of_sum", "names_extension"]
 
 _PLUS = re.compile(r"\+|\bplus\b", re.IGNORECASE)
-# Pattern of signs before a tolerance, such as +/- 0.01.
+# Regular expression for signs before a tolerance, such as +/- 0.01.
 _TOLERANCE = re.compile(r"\+\s?[/\-−]|±")
 _LENGTH = re.compile(r"(?<![\w.,])(?P<number>\d+(?:[.,]\d+)?)\s?(?P<unit>[^\W\d_]+|\")?")
 _EXTENSION_WORDS = WORDS["bar_extension"]["words"]

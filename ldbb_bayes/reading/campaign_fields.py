@@ -43,8 +43,8 @@ _LARGEST_STEP_UM = 5.0
 # Largest step between readings that is accepted as the resolution of a readout, as a share of the
 # range of the readings.
 _LARGEST_STEP_SHARE = 0.1
-# A force that a test states beside a pressure is noted if it differs by more than this share from
-# the force that the default `ForceLaw` gives for the pressure.
+# A force that a test states together with a pressure is noted if it differs by more than this share
+# from the force that the default `ForceLaw` gives for the pressure.
 _OFF_FORCE_LAW = 0.05
 # Values that are assumed for unstated fields of the campaign, each with the command-line option
 # that states the field.
@@ -95,12 +95,12 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 
 
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
-    """Return a dict with the values that files state for a field as its keys.
+    """Return the values that files state for a field, with the lines or names that state them.
 
-    The entries are the lines or names that state the values. The values are noted as assumptions,
-    and a plane is added to the fields of its test. If the user or a column states the field for a
-    test, what the lines and names say about this test does not count. Raise an `InputError` for
-    contradictory statements.
+    The values are the keys of the returned dict. They are noted as assumptions, and a plane is
+    added to the fields of its test. If the user or a column of the table states the field for a
+    test, lines and names are not used for this test. Raise an `InputError` for contradictory
+    statements.
 
     Parameters
     ----------
@@ -128,9 +128,9 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
 
 
 def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
-    """Add a value that a file states for the field ``key`` of a test to the log of assumptions.
+    """Add to the log of assumptions the value that a file states for a field of a test.
 
-    A plane is also added to the fields of the test.
+    ``key`` is the name of the field. A plane is also added to the fields of the test.
     """
     recording.note(key, _with_unit(key, stated.value), stated.source, _OPTIONS[key])
     if key == "plane":
@@ -223,7 +223,7 @@ def _note_contradictions(
 
 
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
-    """Raise an `InputError` for contradictory statements about a field, or an unknown plane.
+    """Raise an `InputError` for contradictory statements about a field, or for an unknown plane.
 
     ``key`` is the name of the field. The keys of ``places`` are the stated values, and its entries
     the lines or names that state them.
@@ -329,7 +329,7 @@ def note_assumed_fields(
     """Add to the log the values that are assumed for unstated fields of the campaign.
 
     Lines that could not be understood are noted too. If no force law is stated, forces that do not
-    fit the default law, or that follow from it, are noted.
+    fit the default law are noted, and so are forces that are computed with this law.
 
     Parameters
     ----------
@@ -363,11 +363,11 @@ def note_assumed_fields(
 
 
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
-    """Add to the log how the stated forces and pressures of the tests fit the default force law.
+    """Note how the stated forces and pressures of the tests fit the default force law.
 
     The law gives the force of the ball bar as a linear function of the pressure. A force that a
     test states beside a pressure is noted if it differs by more than 5 % from the force of the law.
-    If tests state only a pressure, it is noted that their forces follow from the law.
+    If tests state only a pressure, it is noted that their forces are computed with the law.
     """
     law = ForceLaw()
     options = "--force-slope, --force-offset"

@@ -12,7 +12,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["cure_of_positions", "lie_on_circle", "position_headers"]
 
-# Pattern of the name of a column of positions along an axis, such as "X" or "Y actual".
+# Regular expression for the name of a column of positions along an axis, such as "X" or "Y actual".
 _POSITION = re.compile(
     r"(?:pos(?:ition)?|act(?:ual)?|nom(?:inal)?|cmd|coord(?:inate)?|axis|achse)?[ _.\-]{0,2}[XYZ]"
     r"(?:[ _.\-]{0,2}(?:pos\w*|act\w*|ist\w*|soll\w*|nom\w*|cmd|coord\w*|koord\w*|axis|achse))?",
@@ -26,7 +26,10 @@ _SMALLEST_RADIUS_MM = 20.0
 
 
 def position_headers(headers: Sequence[str]) -> list[str]:
-    """Return the headers of positions along axes, such as ``X [mm]``, if there are two or more."""
+    """Return the headers of positions along axes, such as ``X [mm]``.
+
+    The list is empty if there are fewer than two such headers.
+    """
     found_headers = [header for header in headers if _POSITION.fullmatch(unit_of(header).name)]
     if len(found_headers) < 2:
         return []

@@ -12,7 +12,7 @@ from ldbb_bayes.reading.words import unit_named
 
 __all__ = ["UnitsOfCells", "number_in_cell", "split_units"]
 
-# Pattern of a number with a text behind it, with or without a blank between.
+# Regular expression for a number that is followed by a text, with or without a blank between them.
 _NUMBER_AND_TEXT = re.compile(r"(?P<number>[+\-−–]?[\d.,]*\d(?:[eE][+\-]?\d+)?)\s*(?P<unit>\D.*)")
 
 
@@ -37,7 +37,7 @@ class UnitsOfCells(NamedTuple):
 def number_in_cell(cell: str) -> _NumberAndUnit | None:
     """Return the number in a cell, and its unit if there is one.
 
-    Return None for a cell that is not a number, alone or with a known unit.
+    Return None for a cell that holds neither a number nor a number with a known unit.
     """
     if looks_like_number(cell):
         return _NumberAndUnit(cell, "")
@@ -54,9 +54,9 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     """Remove the units behind numbers from the rows of a sheet, and return both rows and units.
 
     A row is changed only if it consists of at least two numbers, one or more of them with a unit,
-    and if a row directly above or below it consists of numbers with units too. If at least three
-    rows of the sheet have units, the numbers above or below may also be without units. A row such
-    as ``Force;36 N`` is not changed.
+    and if the row directly above or below also consists of numbers with units. In a sheet with at
+    least three rows of numbers with units, this neighbouring row may also consist of numbers
+    without units. A row such as ``Force;36 N`` is not changed.
     """
     numbers = [_numbers_of(row.cells) for row in rows]
     is_neighbour = _may_be_neighbours(rows, numbers)
@@ -81,7 +81,8 @@ def _may_be_neighbours(
 ) -> list[bool]:
     """Return, for each row, whether it shows that the rows next to it belong to a table.
 
-    ``numbers`` holds the numbers of each row of numbers with units; it is empty for other rows.
+    ``numbers`` has an entry for each row: the numbers of a row of numbers with units. The entry of
+    any other row is empty.
     """
     with_units = [bool(entries) for entries in numbers]
     if sum(with_units) < _FEWEST_ROWS:

@@ -42,24 +42,26 @@ __all__ = [
 
 # Words that may follow or precede "test" in the header of the column that names the tests.
 _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
-# Pattern of the name of a column for one of several runs, such as "Run 1" or "Reading run 1".
+# Regular expression for the name of a column for one of several runs, such as "Run 1" or "Reading
+# run 1".
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
 # Roles that a column can get from its unit if its name shows no role.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
-# A role word of at most this many letters, such as "t" or "dir", must be a whole word of a header;
-# a longer role word may also be the beginning of a word of the header.
+# A word for a role that has at most this many letters, such as "t" or "dir", must be a whole word
+# of a header. A longer word for a role may also be the beginning of a word of the header.
 _SHORT_WORD = 3
-# Pattern of an opening bracket, before the unit in a header.
+# Regular expression for the opening bracket in front of the unit in a header.
 BRACKET = re.compile(r"[\[({<]")
 _INSIDE_BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
-# Pattern of a range before a unit of angle in a header, such as 0-360°.
+# Regular expression for a range before a unit of angle in a header, such as 0-360°.
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
-# Pattern of words before a unit in the brackets of a header, as in (in mm).
+# Regular expression for words before a unit in the brackets of a header, as in (in mm).
 _BEFORE_UNIT = re.compile(r"^(?:all\s)?(?:in|units?|einheit)\s?:?\s(?=\S)", re.IGNORECASE)
-# Pattern of a factor before a unit in a header, as in "10-3 mm" (10⁻³ mm), "x 10 µm" or "0.1 µm".
+# Regular expression for a factor before a unit in a header, as in "10-3 mm" (10⁻³ mm), "x 10 µm" or
+# "0.1 µm".
 _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
-# Pattern of a column's number in its header, as in "reading 2 µm": one or two digits. Digits that
-# begin with 10 are a factor and not the number of a column.
+# Regular expression for a column's number in its header, as in "reading 2 µm": one or two digits.
+# Digits that begin with 10 are a factor and not the number of a column.
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
@@ -67,7 +69,7 @@ _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 _CIRCLE_WORDS = [
     entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
 ]
-# Pattern of a cell of dashes or similar signs that underlines a header.
+# Regular expression for a cell of dashes or similar signs that underlines a header.
 RULE = re.compile(r"[-=+_|: ]*")
 
 
@@ -84,8 +86,8 @@ def unit_of(header: str) -> Header:
     """Return name and unit that a header states: "Angle" and "deg" for ``Angle [°]``.
 
     An unknown unit, in brackets or after "in", is returned unchanged; it leads to an error only if
-    the column is used. If a header states two different units for the same role of a column, such
-    as mm and µm, both are returned as one text, which leads to the same error.
+    the column is used. If a header states two different units of the same quantity, such as mm and
+    µm, both are returned as one text, which is then an unknown unit.
     """
     stated = _name_and_unit(header)
     behind = re.split(r"[\])}>]", header)[-1]
@@ -97,7 +99,7 @@ def unit_of(header: str) -> Header:
 
 
 def _contradicts(word: str, unit: str) -> bool:
-    """Return whether a word of a header is a unit for the same role as ``unit``, but differs."""
+    """Return whether a word of a header is another unit for the quantity that ``unit`` measures."""
     other = unit_named(word)
     if other in ("", unit) or len(word) < 2 or comparable(word) == "in":
         return False
@@ -269,7 +271,7 @@ class ColumnRoles:
 def find_columns(
     place: str, layout: Layout, headers: Sequence[str], units: Sequence[str] = ()
 ) -> ColumnRoles:
-    """Return the roles of the columns: those that the layout states, the rest from the headers.
+    """Return the role of each column, as the layout states it or else as the header shows it.
 
     Parameters
     ----------
@@ -280,8 +282,9 @@ def find_columns(
     headers
         Header of each column; all are empty for a table without a header.
     units
-        Unit of each column; empty for a column without a stated unit. A column whose name is not
-        known gets the role of its unit if no other column has that role or that unit.
+        Unit of each column; empty for a column without a stated unit. A column whose name shows no
+        role gets the role to which its unit belongs (angle for deg), if no other column has this
+        role or a unit that belongs to it.
 
     Raises
     ------
@@ -327,7 +330,7 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Remove other roles from the columns of readings, and complete the list of these columns.
+    """Make reading the only role of columns of readings, and complete the list of these columns.
 
     If the list ``roles.readings`` is empty, the column with the role of reading is added.
     """
@@ -432,7 +435,8 @@ def _several_candidates(
 def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> None:
     """Assign a role that no column has to the only free column with a unit of that role.
 
-    If there are several such columns, none gets the role. A free column has no role yet.
+    A free column is a column without a role. If several free columns have a unit of that role, none
+    of them gets the role.
     """
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
     if role in roles.columns or (role == "angle" and has_abscissa):
@@ -451,8 +455,8 @@ def _several_readings(
 ) -> list[int]:
     """Return the indices of the columns of readings if there are several, each for one test.
 
-    The header of such a column states the load of its test, such as ``36 N [mm]``, or names a run,
-    such as ``Run 1``, or is a number alone. Return an empty list if the table has no such columns.
+    The header of such a column states the load of its test, such as ``36 N [mm]``, names a run,
+    such as ``Run 1``, or is only a number. Return an empty list if the table has no such columns.
 
     Parameters
     ----------
@@ -495,7 +499,8 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
     candidates = []
     for column in columns:
         header = unit_of(headers[column])
-        # A column "Circle [mm]" holds a length, but a column "Run 1 [mm]" the readings of a test.
+        # A column "Circle [mm]" holds a length, but a column "Run 1 [mm]" holds the readings of a
+        # test.
         is_length = header.unit in UNITS["reading"] and _RUN.fullmatch(header.name.lower()) is None
         if has_role(header.name, role) and not (role == "test" and is_length):
             candidates.append(column)
@@ -509,7 +514,7 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
 
 
 def _names_circle(header: str) -> bool:
-    """Return whether a header consists only of a word for the circle's radius or diameter."""
+    """Return whether a header consists only of a word for the radius or diameter of the circle."""
     name = comparable(unit_of(header).name)
     return any(re.fullmatch(entry["words"], name, re.IGNORECASE) for entry in _CIRCLE_WORDS)
 

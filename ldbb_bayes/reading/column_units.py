@@ -34,7 +34,7 @@ class _UnitEvidence(NamedTuple):
 
 
 def is_unit_stated(recording: Recording, role: str) -> bool:
-    """Return whether the user or the file states the unit of the column that has a given role."""
+    """Return whether user or file states the unit of the column with a role, such as angle."""
     if getattr(recording.layout, f"{role}_unit") is not None:
         return True
     return bool(_evidence(recording, role))
@@ -100,7 +100,7 @@ def unit_size(
 
 
 def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> None:
-    """Add a note on the source of a column's unit, unless the source is the column's header."""
+    """Add a note on the source of a column's unit, unless this source is the column's header."""
     if evidence.source == _header_source(recording):
         return
     subject = f"unit of the {role}"
@@ -110,7 +110,8 @@ def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> No
 def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> float | Array:
     """Return the size of the unit that a source states, in the unit that this package uses.
 
-    The size is one number, or an array of shape (n,) if the unit changes from row to row.
+    The size is one number, such as 1000 for readings in mm, because the package uses µm. It is an
+    array of shape (n,) if the unit changes from row to row.
     """
     sizes = {}
     for unit in dict.fromkeys(evidence.units):
@@ -150,10 +151,12 @@ def _header_source(recording: Recording) -> str:
 
 
 def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
-    """Return the units that each source in the file states for the column that has a given role.
+    """Return the units that each source in the file states for a column, given its role.
 
-    If the readings are in counts of an instrument, the size of one count in a line above the table
-    replaces this unit. Times of day have the unit s, as if their header stated it.
+    A role is what the column holds, such as angle or reading. If the readings are in counts of an
+    instrument, or in no stated unit, and a line above the table states the size of one count, this
+    size is returned as the unit of the readings. Times of day have the unit s, as if their header
+    stated it.
     """
     evidence = []
     for row_units in recording.row_units.get(role, ()):
@@ -163,8 +166,8 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
         evidence.append(_UnitEvidence(units, row_units.source))
     header_unit = recording.heading.units[recording.heading.roles[role]]
     if header_unit:
-        # A number in the unit of a header, as in 10 µm, may be a range and not a factor. Such a
-        # unit counts as unknown.
+        # A number in the unit of a header, as in 10 µm, may be a range and not a factor. A unit
+        # with such a number is treated as unknown.
         factor = " …" if re.search(r"\d", header_unit) else ""
         evidence.append(_UnitEvidence([header_unit + factor], _header_source(recording)))
     for statement in recording.statements.get(f"{role}_unit", ()):

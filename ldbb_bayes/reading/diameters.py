@@ -62,8 +62,8 @@ def halve_diameters(recording: Recording) -> None:
 def _check_open_lines(recording: Recording, is_stated: bool) -> None:
     """Raise an error if a line, header or name may mean that readings measure the diameter.
 
-    ``is_stated`` is whether the header or a line clearly states radius or diameter. If so, an error
-    is raised only for lines which say that readings are doubled.
+    ``is_stated`` is whether the header or a line clearly states which length is measured. If it is
+    true, an error is raised only for lines which say that readings are doubled.
     """
     for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
         if doubles_readings(text) or (leaves_length_open(text) and not is_stated):

@@ -74,8 +74,8 @@ def encoding_of(raw: bytes) -> str:
 def _encoding_of_words(lines: Sequence[bytes]) -> str:
     """Return the encoding in which lines contain the most known words for columns and units.
 
-    Only words with letters outside ASCII count. The result is an empty string if the lines contain
-    no known word in any encoding.
+    Only words with letters outside ASCII are considered. The result is an empty string if the lines
+    contain no known word in any encoding.
     """
     best_encoding = ""
     best_score = 0

@@ -58,10 +58,11 @@ def _first_wild_part(path: Path) -> int | None:
 
 
 def _matches_of(text: str, path: Path, wild_part: int) -> list[Path]:
-    """Return the files that match a pattern with ``*`` or ``?``, or else the matching folders.
+    """Return the files that match a pattern with ``*`` or ``?``.
 
-    ``text`` is the pattern as the user wrote it, and ``path`` the pattern as a path. The part of
-    the path with the index ``wild_part`` is the first part that contains ``*`` or ``?``.
+    If only folders match, the folders are returned. ``text`` is the pattern as the user wrote it,
+    and ``path`` the pattern as a path. The part of the path with the index ``wild_part`` is the
+    first part that contains ``*`` or ``?``.
     """
     folder = Path(*path.parts[:wild_part])
     pattern = "/".join(path.parts[wild_part:]).replace("[", "[[]")

@@ -34,7 +34,7 @@ __all__ = ["Heading", "NoTableError", "find_heading", "note_heading"]
 # A table of numbers begins with this many rows that have equally many cells, or with fewer rows if
 # the sheet ends earlier.
 _BLOCK_ROWS = 9
-# Pattern of a cell that is a text in brackets, such as a unit.
+# Regular expression for a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
 # In a row of units, the largest number of characters of a cell that is not a known unit.
 _LONGEST_UNIT = 4
@@ -77,7 +77,8 @@ class Heading:
     def split_by_readings(self) -> Iterator[Heading]:
         """Yield a heading for each column of readings, each of which is a separate test.
 
-        If there are several such columns, each heading has the name of its test as label.
+        A heading holds the header and columns of a table. If there are several columns of readings,
+        each heading has the name of its test as label.
         """
         if len(self.readings) < 2:
             yield self
@@ -214,7 +215,7 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
     numbers in each row. A block at the end of the sheet may have two to eight rows. Such a table is
     too short, but it is found nevertheless, so that later code can refuse it with an error that
     states the number of its readings. If the user states the line of the header, only rows below
-    this line count. Raise a `NoTableError` if no block begins within 1000 rows.
+    this line are considered. Raise a `NoTableError` if no block begins within 1000 rows.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0
@@ -266,8 +267,8 @@ def _first_row_without_header(sheet: Sheet, block: int) -> int:
     """Return the index of the first row of a table without a header.
 
     ``block`` is the index of the row at which the block of numbers begins (see `_is_block`). Rows
-    directly above it also belong to the table if they have as many cells, at least one of them a
-    number. Raise an `InputError` if rows further up hold numbers.
+    directly above this block also belong to the table if they have as many cells, at least one of
+    them a number. Raise an `InputError` if rows further up hold numbers.
     """
     rows = sheet.rows
     width = len(rows[block].cells)
@@ -424,10 +425,11 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add to the log what was assumed about the format of a sheet and the roles of its columns.
+    """Add to the log what was assumed about a sheet: its format and the roles of its columns.
 
-    Columns that are not used are noted too. Nothing is noted about what the layout states.
-    ``heading`` holds the header and the columns of the table.
+    A role is what a column holds, such as angle. Columns that are not used are noted too. Nothing
+    is noted about what the layout states. ``heading`` holds the header and the columns of the
+    table.
     """
     _note_format(sheet, heading, layout, log)
     _note_columns(sheet, heading, layout, log)
@@ -454,7 +456,7 @@ def _has_numbered_rows(sheet: Sheet, heading: Heading) -> bool:
 
 
 def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add to the log which column was assumed for each role that the layout does not state."""
+    """Add to the log which column was assumed for each unstated role, such as angle."""
     columns: dict[str, Any] = {}
     for role, column in heading.roles.items():
         if role not in layout.columns:
@@ -486,9 +488,10 @@ def _unused_headers(heading: Heading) -> list[str]:
 
 
 def _note_format(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add encoding, separator and header line to the log, unless the layout states them.
+    """Add encoding, separator and header line to the log of assumptions.
 
-    Usual values (utf-8, comma, line 1 or no header) are not noted as assumptions.
+    What the layout states is not added, and usual values (utf-8, comma, line 1 or no header) are
+    not noted as assumptions.
     """
     if sheet.encoding and layout.encoding is None:
         log.keep(encoding=sheet.encoding)

@@ -225,8 +225,8 @@ def _split_into_tests(
 def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, list[float]]:
     """Return the lists of forces and pressures in the layout, which hold one number for each test.
 
-    The keys of the result are ``force_N`` and ``pressure_bar``. A load that the layout does not
-    list is left out. Raise an `InputError` for a list of another length.
+    The keys of the result are ``force_N`` and ``pressure_bar``. A key is left out if the layout has
+    no list for it. Raise an `InputError` for a list of another length.
     """
     loads = {}
     for key, field_name in LOAD_LISTS.items():
@@ -346,10 +346,10 @@ def _note_unused_entries(
 
 
 def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
-    """Add to the log the loads in sheets without a table that belong to no single test.
+    """Add to the log the forces and pressures that sheets without a table state for no single test.
 
-    Loads are forces and pressures. ``lines`` are the lines of these sheets outside lists of tests;
-    the loads that they state are not used.
+    ``lines`` are the lines of these sheets outside lists of tests. The forces and pressures in
+    these lines are not used, because nothing says to which test each of them belongs.
     """
     for key, statements in statements_in(lines).items():
         if key not in LOAD_ROLES:

@@ -57,9 +57,9 @@ def _has_no_times(labels: dict[str, list[str]]) -> bool:
 def _time_of(number: int, labels: dict[str, list[str]]) -> str:
     """Return the time of a row as text, from the first time and the step that the header states.
 
-    The text has the decimal mark of the step. It is empty if the first time or the step is not a
-    number. ``number`` is the number of the row from 0, and ``labels`` holds the cells of the header
-    by their labels.
+    The text has the decimal mark of the step. The text is empty if the first time or the step is
+    not a number. ``number`` is the number of the row from 0, and ``labels`` holds the cells of the
+    header by their labels.
     """
     start = labels.get("X0", ["0"])[0]
     step = labels.get("Delta_X", [""])[0]

@@ -106,7 +106,7 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
 
     A lap is one turn of the bar. Readings of later laps are interpolated at the angles of the first
     lap. Readings after the last whole lap are left out. Of successive readings at the same angle,
-    only the first counts.
+    only the first is used.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ _LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
 
 @validated_dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
 class TestLayout(TestFields):
-    """Fields of one test that a user states in the layout, because its table does not.
+    """Fields of one test that the user states in the layout because the test's table does not.
 
     ``file`` identifies the test: it is the name of its file or sheet, or its label in the column
     that names tests.
@@ -89,8 +89,8 @@ def _separator_sign(separator: str) -> str:
     return _SEPARATORS[separator]
 
 
-# Type that states a column: its header, or its number from 1. For readings, it may be a list of
-# several columns.
+# Type of a field that states a column, by the header of the column or by its number from 1. For
+# readings, the field may be a list of several columns.
 _Column = str | int | list[str | int]
 
 
@@ -115,7 +115,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     """
 
     schema_: Literal[1] = Field(default=1, alias="schema")  #: version of the layout's format, 1
-    #: encoding of text files, stated by the name that Python uses, such as utf-8 or cp1252
+    #: encoding of text files, given by the name that Python uses, such as utf-8 or cp1252
     encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
     #: separator of cells in text files: comma, semicolon, tab, bar, space, or the character itself
     separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
@@ -134,7 +134,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: pressures of all tests, in the order of files, sheets and rows; they replace pressures that
     #: entries [[test]] state
     pressures_bar: list[Number] = Field(default_factory=list)
-    #: unit of the readings, such as um or mm; with a factor for counts, such as 0.1 um
+    #: unit of the readings, such as um or mm; for readings in counts, the size of one count, such
+    #: as 0.1 um
     reading_unit: str | None = None
     angle_unit: str | None = None  #: unit of the angles, such as deg or rad
     time_unit: str | None = None  #: unit of times, such as s or ms

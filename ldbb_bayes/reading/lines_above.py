@@ -60,8 +60,8 @@ class LineStatement:
     #: number of the line in its file; if the line is on another sheet than the test, a text with
     #: the number and the sheet
     line: int | str
-    #: reason why the number is NaN, unless the reason is a comma or point that may separate
-    #: thousands
+    #: reason why the number is NaN; empty if the reason is only that a comma or point in the number
+    #: may separate thousands
     doubt: str = ""
 
 
@@ -79,7 +79,8 @@ class _Quantity(NamedTuple):
 def _expand_parts() -> dict[str, str]:
     """Return a dict with the parts of regular expressions in ``words.toml``; its keys are names.
 
-    If a part contains the name of an earlier part, the name is replaced by the earlier part.
+    If a part contains the name of an earlier part, the name is replaced by that part's regular
+    expression.
     """
     expanded: dict[str, str] = {}
     for name, pattern in WORDS["parts"].items():
@@ -108,101 +109,110 @@ def _quantities() -> dict[str, _Quantity]:
 
 _PARTS = _expand_parts()
 _QUANTITIES = _quantities()
-# Pattern of a complete number in a line above a table. It does not match the beginning of a time, a
-# date or a longer number.
+# Regular expression for a complete number in a line above a table. The expression does not match
+# the beginning of a time, a date or a longer number.
 _WHOLE_NUMBER = rf"(?P<number>{NUMBER_IN_TEXT})(?![\d:/]|[.,]\d|[\-−]\d|\s\d{{3}}(?!\d))(?!')"
-# Pattern of a unit that a line states before the number. The unit is a word after "in", a text in
-# brackets, or a symbol such as mm with a separator behind it.
+# Regular expression for a unit that a line states before the number. The unit is a word after "in",
+# a text in brackets, or a symbol such as mm with a separator behind it.
 _UNIT_BEFORE = (
     r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?:in\s+)?(?P<brackets>[^\])]*)[\])]"
     r"|(?P<cell_before>mm|cm|inch|in|N|kN|daN|bar|MPa|mm/min)(?=[;,|\t]|\s?[:=]))"
 )
-# Pattern of a decimal mark without decimals and of a tolerance, which may follow a number.
+# Regular expression for the signs that may follow a number: a decimal mark without decimals, and a
+# tolerance.
 _TOLERANCE = rf"\.?(?:\s?(?:±|\+/?[-−])\s?{NUMBER_IN_TEXT})?"
-# Pattern of the word that follows a number, in the same cell or in the next cell.
+# Regular expression for the word that follows a number, in the same cell or in the next cell.
 _FOLLOWING = _TOLERANCE + r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
-# Patterns of the words that precede a name in a line above a table, such as "Operator"; the keys
-# are the fields that the names state. ``_NAME_AFTER`` is the pattern of such words together with
-# the name.
+# Regular expressions for the words that precede a name in a line above a table, such as "Operator";
+# the keys are the fields that the names state. ``_NAME_AFTER`` is the regular expression for such
+# words together with the name.
 _NAME_WORDS = {key: words % _PARTS for key, words in WORDS["names"].items()}
 _NAME_AFTER = rf"{_PARTS['cell']}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
-# Patterns of statements in words, such as "plane XY" or a date; the keys are the stated fields.
+# Regular expressions for statements in words, such as "plane XY" or a date; the keys are the stated
+# fields.
 _IN_WORDS = {key: words % _PARTS for key, words in WORDS["in_words"].items()}
 _IN_WORDS |= {key: _NAME_AFTER % words for key, words in _NAME_WORDS.items()}
-# Pattern of a cell that holds a label, such as "Operator" or "Date", without its value.
+# Regular expression for a cell that holds a label, such as "Operator" or "Date", without its value.
 _LABEL = re.compile(
     "|".join((*_NAME_WORDS.values(), "date|datum|plane|ebene", _PARTS["calibrated"])),
     re.IGNORECASE,
 )
 # Fields of a campaign that are dates.
 _DATES = ("date", "ball_bar_calibrated")
-# Pattern of the words "calibrated on" and the like, which may follow the name of a ball bar.
+# Regular expression for the words "calibrated on" and the like, which may follow the name of a ball
+# bar.
 _CALIBRATED_BEHIND = re.compile(rf",\s*{_PARTS['calibrated']}", re.IGNORECASE)
 _PRODUCT = re.compile(_PARTS["product"], re.IGNORECASE)
-# Pattern of words which show that a line is about the readings or about the ball's mount.
+# Regular expression for words which show that a line is about the readings or about the ball's
+# mount.
 _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
-# Pattern of words, such as "the", that are ignored in a statement on whether the readings are
-# compensated for the deflection of the ball's mount.
+# Regular expression for words, such as "the", that are ignored in a statement on whether the
+# readings are compensated for the deflection of the ball's mount.
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT_STATES = {state: WORDS["mount"][state] for state in ("raw", "compensated")}
 _DIRECTION_WORDS: Mapping[str, Any] = WORDS["directions"]
-# Pattern of a length with its unit, together with the words before the length.
+# Regular expression for a length with its unit, together with the words before the length.
 _LENGTH = re.compile(
     rf"[^;,|\t]*?(?P<number>(?<![\d.,:/-]){NUMBER_IN_TEXT})[\s;|\t]?(?P<unit>[^\W\d_]+|\")(?![/\w])"
 )
-# Pattern of a unit in brackets, followed by a number.
+# Regular expression for a unit in brackets, followed by a number.
 _UNIT_AND_NUMBER = re.compile(rf"[\[(]([^\W\d]+)[\])]\s*[:=]?\s*({NUMBER_IN_TEXT})")
-# Pattern of a letter for radius or diameter with a number directly behind it, such as D200.
+# Regular expression for a letter for radius or diameter with a number directly behind it, such as
+# D200.
 _LETTER_AND_NUMBER = re.compile(
     r"(?<![\w.])(?:CR|[RrDØø])\s?[:=]?\s?(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?(?![\w.,])"
 )
-# Pattern of a word for the circle.
+# Regular expression for a word for the circle.
 _CIRCLE = re.compile(rf"(?<![^\W_])(?:{WORDS['circle']['named']})", re.IGNORECASE)
-# Pattern of a word for the bar, followed by a number as large as a radius in mm (50 to 999).
+# Regular expression for a word for the bar, followed by a number as large as a radius in mm (50 to
+# 999).
 _BAR_AND_NUMBER = re.compile(
     rf"(?<!\w)(?:{WORDS['circle']['bar']})\b.*?(?<![\w.,])(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?"
     r"(?![\d.,]|-\d)(?!\s?\w{3})",
     re.IGNORECASE,
 )
-# Pattern of words for the ball bar. In these words, "ball" does not name another quantity.
+# Regular expression for words for the ball bar. In these words, "ball" does not name another
+# quantity.
 _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
-# Reason why the total length of a bar is not known, for messages.
+# Words with which a message explains why the total length of a bar is not known.
 _WITH_EXTENSION = "a bar and an extension"
 # Smallest and largest length that may be the radius or diameter of a circle [µm].
 _RADII_UM = (2e4, 2e6)
-# Largest number of characters of a line that a note shows.
+# A note shows at most this number of characters of a line.
 _LENGTH_SHOWN = 60
-# Pattern of a text that ends with a word such as "under". In "under load", the word "load" does not
-# state a value.
+# Regular expression for a text that ends with a word such as "under". In "under load", the word
+# "load" does not state a value.
 _UNDER = re.compile(
     r"\b(?:unter|under|mit|with|ohne|without|bei|sous|sotto|bajo)\s+$", re.IGNORECASE
 )
-# Pattern of any word for clockwise or counter-clockwise.
+# Regular expression for any word for clockwise or counter-clockwise.
 _SENSE = re.compile(
     rf"(?<![a-zA-Z])({_DIRECTION_WORDS['clock_hand']}|ccw|cw|{_DIRECTION_WORDS['in_words']})"
     r"(?![a-z])",
     re.IGNORECASE,
 )
-# Pattern of a word for "direction", with the text that follows it.
+# Regular expression for a word for "direction", with the text that follows it.
 _DIRECTION = re.compile(_DIRECTION_WORDS["after"], re.IGNORECASE)
-# Pattern of words which show that a line is about the sense in which angles are counted.
+# Regular expression for words which show that a line is about the sense in which angles are
+# counted.
 _SENSE_OF_ANGLE = re.compile(WORDS["angle_convention"]["sense"], re.IGNORECASE)
-# Patterns of words, such as "rechts", that mean clockwise or counter-clockwise if they follow a
-# word for direction.
+# Regular expressions for words, such as "rechts", that mean clockwise or counter-clockwise if they
+# follow a word for direction.
 _SIDES = {
     "CW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['right']})(?!\w)", re.IGNORECASE),
     "CCW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['left']})(?!\w)", re.IGNORECASE),
 }
-# Pattern of words for a turn to the left or right, which may mean the direction of travel.
+# Regular expression for words for a turn to the left or right, which may mean the direction of
+# travel.
 _TURNED_TO_SIDE = re.compile(_DIRECTION_WORDS["turned"], re.IGNORECASE)
-# Pattern of a line that is about angles.
+# Regular expression for words which show that a line is about angles.
 _ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
-# Pattern of words for the way the machine went, such as "run" or "measured".
+# Regular expression for words for the way the machine went, such as "run" or "measured".
 _TRAVEL = re.compile(_DIRECTION_WORDS["travel"], re.IGNORECASE)
-# Pattern of words, such as anticlockwise, that mean counter-clockwise.
+# Regular expression for words, such as anticlockwise, that mean counter-clockwise.
 _COUNTER = re.compile(_DIRECTION_WORDS["counter"], re.IGNORECASE)
-# Patterns of words which show that a line is about a field, even if the line cannot be understood;
-# the keys are the fields.
+# Regular expressions for words which show that a line is about a field, even if the line cannot be
+# understood; the keys are the fields.
 _SUBJECTS = {
     "force_N": re.compile(rf"\b{_QUANTITIES['force_N'].words}\b", re.IGNORECASE),
     "pressure_bar": re.compile(rf"\b{_QUANTITIES['pressure_bar'].words}\b", re.IGNORECASE),
@@ -261,9 +271,9 @@ def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
 
 @cache
 def _pattern_behind(words: str) -> re.Pattern[str]:
-    """Return the compiled pattern of a length before its name, such as ``100 mm bar``.
+    """Return a compiled regular expression for a length before its name: ``100 mm bar``.
 
-    ``words`` is the pattern of the name.
+    ``words`` is the regular expression for the name.
     """
     return re.compile(
         rf"(?<![\d.,:/-])(?P<number>{NUMBER_IN_TEXT})\s?(?P<unit>[^\W\d_]+|\")\s(?:{words})"
@@ -274,10 +284,10 @@ def _pattern_behind(words: str) -> re.Pattern[str]:
 
 @cache
 def _pattern(words: str) -> re.Pattern[str]:
-    """Return the compiled pattern of a statement such as ``Radius: 150 mm``.
+    """Return a compiled regular expression for a statement such as ``Radius: 150 mm``.
 
-    ``words`` is the pattern of the words that name the quantity, such as ``Radius``. The unit may
-    be before or after the number.
+    ``words`` is the regular expression for the words that name the quantity, such as ``Radius``.
+    The unit may be before or after the number.
     """
     between = rf"{_PARTS['between']}{{0,4}}"
     return re.compile(
@@ -301,7 +311,7 @@ def _stated_number(
     quantity
         The quantity with its field and its permitted units.
     match
-        Match of the pattern of the quantity, its number and its unit.
+        Match of the regular expression for the quantity, its number and its unit.
     line
         Number of the line in its file, or number and sheet as text.
     """
@@ -341,7 +351,7 @@ def _length_with_extension(
     quantity
         The quantity whose number was matched.
     match
-        Match of the pattern of the quantity, its number and its unit.
+        Match of the regular expression for the quantity, its number and its unit.
     line
         Number of the line in its file, or number and sheet as text.
     is_extended
@@ -383,7 +393,8 @@ def _words_before_number(match: re.Match[str]) -> str:
         if unit:
             words = words.replace(unit, "")
     if " of " in match["words"]:
-        # In "diameter of workpiece", the name of the quantity itself names another quantity.
+        # The matched name of a quantity may contain words for another quantity, as in "diameter of
+        # workpiece".
         words += _BALL_BAR.sub("", match["words"])
     return cell + words
 
@@ -448,8 +459,8 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
     """Yield "raw" or "compensated" if a passage says that the readings are raw or compensated.
 
     Compensated readings are corrected for the deflection of the work ball's mount. A passage is a
-    whole line or a single cell of a line. A cell counts only if it also names the readings; a whole
-    line also counts without naming the readings if it has a word such as "compensated".
+    whole line or a single cell of a line. A cell is considered only if it also names the readings.
+    A whole line need not name the readings if it has a word such as "compensated".
     """
     remaining = " ".join(_FILLING.sub(" ", passage.casefold()).split())
     if not (_READINGS.search(passage) or (is_whole_line and "ompens" in remaining)):
@@ -462,9 +473,10 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
 def unknown_length(lines: Lines) -> str:
     """Return a note on the first line with a length that may be the radius of the circle.
 
-    An example is ``Reach: 100 mm``. Such a length has a unit and is as large as the radius of a
-    circle, or it follows a letter for radius or diameter. A line with words for the circle counts
-    too. The note is empty if there is no such line, or if any line states the radius.
+    An example is ``Reach: 100 mm``. The line has one of the following: a length with its unit that
+    is as large as the radius of a circle; a number behind a letter for radius or diameter; a number
+    together with words for a circle or bar; G-code for an arc. The note is empty if there is no
+    such line, or if any line states the radius.
     """
     statements = statements_in(lines)
     if "radius_mm" in statements or "programmed_radius_mm" in statements:
@@ -535,8 +547,9 @@ def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
     """Return the directions of travel, CW and CCW, that names and lines above a table state.
 
     ``names`` are the names of test, column, sheet and file; only the first name that contains a
-    direction counts. In a line, a direction counts if it follows a word such as "direction", if the
-    line also has a word such as "run" or "measured", or if the line is nothing but the direction.
+    direction is used. In a line, a direction is accepted if it follows a word such as "direction",
+    if the line also has a word such as "run" or "measured", or if the line is nothing but the
+    direction.
     """
     directions: set[str] = set()
     for name in names:

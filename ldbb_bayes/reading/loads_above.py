@@ -1,4 +1,4 @@
-"""Loads in a line above the header: ``Force [N],100,300,600`` above one reading for each force."""
+"""Loads in a line above the header, such as ``Force [N],100,300,600`` above three columns."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ __all__ = ["with_loads_in_header"]
 def with_loads_in_header(sheet: Sheet) -> Sheet:
     """Return a sheet whose header names the loads that the line above the header states.
 
-    The line must state a load, such as ``100 N``, for each column but the first. If the first cell
-    of the line names force or pressure with a unit, numbers alone also count as loads. For example,
-    the header ``Deviation [um]`` below 100 N is changed to ``100 N Deviation [um]``. A sheet
-    without such a line is returned unchanged.
+    Loads are forces and pressures. The line must state a load, such as ``100 N``, for each column
+    except the first. If the first cell of the line names force or pressure with a unit, the other
+    cells may be numbers without units. For example, the header ``Deviation [um]`` below 100 N is
+    changed to ``100 N Deviation [um]``. A sheet without such a line is returned unchanged.
     """
     header = first_header(sheet.rows)
     if not header:

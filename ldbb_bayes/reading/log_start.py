@@ -1,4 +1,4 @@
-"""Start of the circle and shares of the feed, as lines above a log over time state them.
+"""Start of the circle, and reduced feed, as lines above a log over time state them.
 
 A log over time is a table that holds times instead of angles.
 """
@@ -14,18 +14,18 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
 __all__ = ["check_feed_is_whole", "start_at_axis"]
 
-# Pattern of a line that says at which axis a circle starts, such as "Start point: Y+".
+# Regular expression for a line that says at which axis a circle starts, such as "Start point: Y+".
 _START = re.compile(
     rf"(?:{WORDS['angle_convention']['start']})[^XYZ+\-−]*(?P<sign>[+\-−]?)(?P<axis>[XYZ])"
     r"(?P<behind>[+\-−]?)(?!\w|\s*[:=]?\s*[+\-−]?\d)",
     re.IGNORECASE,
 )
-# Pattern of a line that says at which coordinates a circle starts.
+# Regular expression for a line that says at which coordinates a circle starts.
 _COORDINATES = re.compile(
     rf"(?:{WORDS['angle_convention']['start']}).*?(?<![A-Za-z])[XYZ]\s*[:=]?\s*[+\-−]?\d",
     re.IGNORECASE,
 )
-# Pattern of a share of the feed in percent.
+# Regular expression for a share of the feed in percent.
 _SHARE = re.compile(
     r"(?:override|feed|vorschub|avance|avanzamento)\w*\D*(?:.*\D)?(?P<percent>\d+(?:[.,]\d+)?)\s?%",
     re.IGNORECASE,
@@ -36,7 +36,7 @@ _TEXT_SHOWN = 60
 
 
 def check_feed_is_whole(recording: Recording) -> None:
-    """Raise an error if a line states that only a share of the feed was run, such as 50 %.
+    """Raise an error if a line states that the machine ran at a share of the feed, such as 50 %.
 
     ``recording`` is the test as its file holds it. Nothing is raised if the user states the feed,
     or if the table has angles.
@@ -66,8 +66,8 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
     ------
     InputError
         For lines that name different axes, for an axis outside the plane, and for lines that state
-        the coordinates of the start. Also for lines that say where angles begin, because a log
-        holds no angles.
+        the coordinates of the start. Also for lines that say where angles begin, because a table
+        with times holds no angles.
     """
     axes: dict[str, str] = {}
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):

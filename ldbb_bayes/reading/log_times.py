@@ -16,8 +16,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["times_of_log"]
 
-# Numbers are taken as times since 1970 if the times then lie in the years 2000 to 2100, that is,
-# between these limits [s].
+# Earliest (``_FIRST_STAMP_S``) and latest time since 1970 [s] at which readings may have been
+# recorded: the years 2000 to 2100. Numbers that lie between these limits in one of ``_STAMP_UNITS``
+# are taken as times since 1970.
 _FIRST_STAMP_S = 946_684_800.0
 _LAST_STAMP_S = 4_102_444_800.0
 # Units in which programs count the time since 1970.
@@ -32,7 +33,7 @@ _ROWS_SHOWN = 5
 
 
 def times_of_log(recording: Recording) -> Array:
-    """Return the increasing times of all readings of a log, shape (n,) [s].
+    """Return the increasing times of all readings of a table with times, shape (n,) [s].
 
     If the clock was set back, the times are corrected, provided that all other readings are evenly
     spaced in time; the correction is noted. For gaps, the user must state whether the machine stood
@@ -63,9 +64,10 @@ def times_of_log(recording: Recording) -> Array:
 
 
 def _usual_unit(raw: Array) -> tuple[str, str]:
-    """Return the unit assumed for times if neither user nor file states one, and the reason.
+    """Return the unit that is assumed for times of unknown unit, and the reason for it.
 
-    ``raw`` are the numbers in the column of times, shape (n,).
+    It is assumed if neither the user nor the file states a unit. ``raw`` are the numbers in the
+    column of times, shape (n,).
     """
     for unit in _STAMP_UNITS:
         if _FIRST_STAMP_S <= raw[0] * UNITS["time"][unit] <= _LAST_STAMP_S:

@@ -16,20 +16,21 @@ __all__ = [
 ]
 
 _WORDS = WORDS["diameters"]
-# Pattern of a header or text that names a diameter.
+# Regular expression for a header or text that names a diameter.
 _DIAMETER = re.compile(rf"(?<![a-zäöüéèáâ])(?:{_WORDS['header']})")
-# Pattern of a diameter inside a longer word, such as Kreisdurchmesser.
+# Regular expression for a diameter inside a longer word, such as Kreisdurchmesser.
 _LONG_WORD = re.compile("durchmesser|diamet")
-# Pattern of the letter D alone in a header.
+# Regular expression for the letter D alone in a header.
 _LETTER = re.compile(_WORDS["letter"])
 _RADIAL = re.compile(_WORDS["radial"])
-# Pattern of a line that is about the readings.
+# Regular expression for a line that is about the readings.
 _READINGS = re.compile(_WORDS["line"])
-# Pattern of words which show that a diameter in a text is not the length that readings measure.
+# Regular expression for words which show that a diameter in a text is not the length that readings
+# measure.
 _OTHER = re.compile(_WORDS["other"])
-# Pattern of words for readings that are doubled.
+# Regular expression for words for readings that are doubled.
 _DOUBLED = re.compile(_WORDS["doubled"])
-# Pattern of the number of a column, as in "Column 2: diameter deviation".
+# Regular expression for the number of a column, as in "Column 2: diameter deviation".
 _NUMBER_OF_COLUMN = re.compile(r"\b(?:col(?:umn)?|spalte|channel|kanal|ch)\.? ?\d+")
 
 

@@ -23,15 +23,16 @@ __all__ = [
     "unknown_length_in_name",
 ]
 
-# Pattern of a number with a unit of force or pressure in a name, such as 238N or 2.5 bar.
+# Regular expression for a number with a unit of force or pressure in a name, such as 238N or 2.5
+# bar.
 LOAD_IN_NAME = re.compile(
     rf"(?<![\d.,A-Za-z])({NUMBER_IN_TEXT})[ _-]?"
     r"(kN|daN|N|newton|lbf|kgf|kp|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
     re.IGNORECASE,
 )
-# Pattern of a load (force or pressure) that can be read in two ways. An underscore, a hyphen or a p
-# may replace a decimal point (3_5bar), and a blank may separate thousands (1 238 N). Forces above
-# 5999 N are not expected.
+# Regular expression for a load (force or pressure) that can be read in two ways. An underscore, a
+# hyphen or a p may replace a decimal point (3_5bar), and a blank may separate thousands (1 238 N).
+# Forces above 5999 N are not expected.
 _AMBIGUOUS_LOAD = re.compile(
     r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)"
     r"|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])"
@@ -39,24 +40,26 @@ _AMBIGUOUS_LOAD = re.compile(
     r"|(?<![a-zA-Z\d])[1-5][ ']\d{3}[ _]?k?N(?![a-z])",
     re.IGNORECASE,
 )
-# Pattern of a force of two or three digits without a unit in a name, such as F238. Longer numbers
-# after F, such as F2000, are feeds.
+# Regular expression for a force of two or three digits without a unit in a name, such as F238.
+# Longer numbers after F, such as F2000, are feeds.
 _FORCE_AFTER_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
-# Pattern of a radius of at least 50 mm in a name, such as R100. A smaller number after R is the
-# number of a run.
+# Regular expression for a radius of at least 50 mm in a name, such as R100. A smaller number after
+# R is the number of a run.
 _RADIUS_AFTER_R = re.compile(
     r"(?<![a-zA-Z0-9])(?:R|[Rr]adius)[ _=\-]?([5-9]\d(?:\.\d+)?|[1-9]\d{2,3}(?:\.\d+)?)"
     r"(?:[ _]?mm)?(?![a-zA-Z\d.,])(?![ _](?:N|kN|daN|lbf|kgf|bar|psi)(?![^\W_]))"
 )
-# Pattern of a length in a name that may be the radius or the diameter of the circle. The length is
-# a number in mm, or a number behind a letter or word for a radius, diameter, length or bar.
+# Regular expression for a length in a name that may be the radius or the diameter of the circle.
+# The length is a number in mm, or a number behind a letter or word for a radius, diameter, length
+# or bar.
 _LENGTH_IN_NAME = re.compile(
     r"(?<![\d.,])(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?[ _\-]?mm(?![/\w])"
     r"|(?<![^\W_])(?:[RrDdLØø]|[Bb]ar|[Dd]ia(?:meter)?|[Dd]urchmesser|[Rr]ad(?:ius)?)[ _=\-]?"
     r"(?:0\.\d+[ _]?m(?![^\W_])"
     r"|(?:[5-9]\d|[1-9]\d\d)(?![.\d])(?![ _]?(?:k?N|daN|lbf|kgf|bar|psi)(?![^\W_])))"
 )
-# Pattern of the place in a name at which a word begins with a capital, as in "anglesCW".
+# Regular expression for the place in a name at which a word begins with a capital, as in
+# "anglesCW".
 _CAPITAL_WITHIN = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ)(?![a-zA-Z])")
 # Usual name of each plane whose letters are written in the other order.
@@ -82,7 +85,7 @@ class _WrittenLoad(NamedTuple):
 def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
     """Return the force or pressure that names state, such as ``238N``, ``2.5 bar`` or ``f238``.
 
-    The first name that contains exactly one load counts. Return None if there is no such name.
+    The first name that contains exactly one load is used. Return None if there is no such name.
 
     Parameters
     ----------
@@ -135,7 +138,7 @@ def load_is_ambiguous(names: Sequence[str]) -> bool:
 def radius_in_name(names: Sequence[str]) -> float | None:
     """Return the radius [mm] that names of test, column, sheet or file state, such as ``R100``.
 
-    The first name that contains exactly one radius counts. Return None if there is no such name.
+    The first name that contains exactly one radius is used. Return None if there is no such name.
     """
     for name in names:
         radii = set(_RADIUS_AFTER_R.findall(name[:LONGEST_TEXT]))
@@ -164,8 +167,8 @@ def name_as_words(name: str) -> str:
 def plane_in_name(names: Sequence[str]) -> str | None:
     """Return the plane (XY, YZ or ZX) that names of test, column, sheet or file state.
 
-    The first name that contains exactly one plane counts. A plane in the other order, such as XZ,
-    is returned in the usual order, ZX. Return None if there is no such name.
+    The first name that contains exactly one plane is used. A plane with its letters in the other
+    order, such as XZ, is returned under its usual name, ZX. Return None if there is no such name.
     """
     for name in names:
         planes = set()

@@ -31,30 +31,32 @@ __all__ = [
     "seconds_of",
 ]
 
-# Pattern of a sign that separates thousands: a blank of any width, an apostrophe or an underscore.
+# Regular expression for a sign that separates thousands: a blank of any width, an apostrophe or an
+# underscore.
 _GAP = r"[ '’_\u00a0\u202f\u2009]"
 _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
-# Pattern of a cell that is a number, with a decimal point or a decimal comma.
+# Regular expression for a cell that is a number, with a decimal point or a decimal comma.
 _NUMBER_CELL = re.compile(
     rf"[+\-−–]?(?:\d{{1,3}}(?:{_GAP}\d{{3}})+(?:[.,]\d+)?|\d[\d.,]*{_EXPONENT}|[.,]\d+{_EXPONENT})"
 )
-# Pattern of a number inside a text, to be used in larger patterns.
+# Regular expression for a number inside a text, to be used in larger expressions.
 NUMBER_IN_TEXT = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
 # Translation of minus signs and dashes to the hyphen, which Python reads as minus.
 _MINUS_SIGNS = str.maketrans("−–", "--")
-# Pattern of a date before a time of day, such as 2026-03-04T.
+# Regular expression for a date in front of a time of day, such as "2026-03-04T" in
+# 2026-03-04T12:00:01.
 _DATE = r"(?:(?P<date>\d{4}-\d\d-\d\d)|\d{1,2}[./]\d{1,2}[./]\d{4})[T ]"
-# Pattern of a time zone, or of AM or PM, after a time of day.
+# Regular expression for a time zone, or for AM or PM, after a time of day.
 _ZONE = r"\s?(?P<zone>Z|[+-]\d\d:?\d\d)|\s?(?P<half_day>[AaPp])\.?[Mm]\.?"
-# Pattern of a time of day, with or without date, such as 12:00:01.250, 12:00:01 PM or 00:01,25
-# (minutes and seconds).
+# Regular expression for a time of day, with or without date, such as 12:00:01.250, 12:00:01 PM or
+# 00:01,25 (minutes and seconds).
 _CLOCK = re.compile(
     rf"(?:{_DATE})?(?:(?P<hours>\d{{1,2}}):)?(?P<minutes>\d{{1,2}}):"
     rf"(?P<seconds>\d{{1,2}}(?:[.,]\d{{1,9}})?)(?:{_ZONE})?"
 )
 _DAY_S = 86_400.0
 _HOUR_S = 3_600.0
-# Texts by which a cell states that its number is missing.
+# Texts with which a cell states that its number is missing.
 _MISSING = (
     "-",
     "--",
@@ -69,7 +71,7 @@ _MISSING = (
     "null",
     "none",
 )
-# Mark that may separate thousands, for each decimal mark.
+# Mark that may separate thousands in a number; the key is the decimal mark of the number.
 OTHER_MARK = {".": ",", ",": "."}
 # Largest value of each quantity in which a mark before three digits may separate thousands: 1,000 N
 # may be 1000 N, but 150.000 mm cannot be 150 000 mm.
@@ -79,8 +81,8 @@ _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min":
 def looks_like_number(cell: str) -> bool:
     """Return whether a cell is a number, with decimal point or comma, or a time of day.
 
-    A number with misplaced marks, such as 1,234.5,6, counts too: its row belongs to the table, and
-    `numbers_in` raises an error that names the line.
+    A number with misplaced marks, such as 1,234.5,6, is accepted too: its row belongs to the table,
+    and `numbers_in` raises an error that names the line.
     """
     return _NUMBER_CELL.fullmatch(cell) is not None or is_clock(cell)
 
@@ -123,7 +125,7 @@ def may_be_thousands(key: str, text: str) -> bool:
 def _is_grouped(text: str, mark: str) -> bool:
     """Return whether a whole number has a mark before each group of three digits: 1,000,000.
 
-    ``mark`` is the regular expression of this mark. The number must not begin with a zero, so that
+    ``mark`` is the regular expression for this mark. The number must not begin with a zero, so that
     0.310 is not a whole number with a mark between thousands.
     """
     return re.fullmatch(rf"[+\-]?[1-9]\d{{0,2}}(?:{mark}\d{{3}})+", text) is not None
@@ -138,8 +140,8 @@ def number(cell: str, decimal: str = ".") -> float:
     Raises
     ------
     ValueError
-        For a text that is no number, such as nan, for a number that is too large for the computer,
-        such as 1e999, and for a misplaced mark, as in 1,23.4.
+        For a text that is no number, such as nan; for a number that is too large for the computer,
+        such as 1e999; for a number with a misplaced mark, such as 1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
     if not has_digit:  # Python would read nan as a number
@@ -279,8 +281,8 @@ def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
 
     If the cells state time zones, all times are converted to the zone of the first cell, so that a
     change of the clocks leaves no jump. If all cells state a date such as 2026-10-25, the days are
-    included. If they do not, times that start again after midnight continue to increase; times of
-    minutes and seconds alone continue to increase after each full hour.
+    included. Without dates, the seconds continue to increase after midnight. If the cells state
+    only minutes and seconds, the seconds continue to increase after each full hour.
 
     Parameters
     ----------

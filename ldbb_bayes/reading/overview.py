@@ -65,8 +65,8 @@ def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
 
     The row does so if one of its cells is among ``wanted``, the ways in which the name of the test
     may be written. But if the row starts with a label such as ``Operator:``, a name after the label
-    is the value of the label, and does not count. ``filled`` are the cells of the row that are not
-    empty.
+    is the value of the label, and not the name of the test. ``filled`` are the cells of the row
+    that are not empty.
     """
     named = wanted & {comparable(cell) for cell in filled}
     if not named:

@@ -97,7 +97,7 @@ def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
 
 
 def _of_columns(units: Mapping[tuple[int, int], str], columns: range) -> dict[tuple[int, int], str]:
-    """Return the units of the cells in the given columns, which are one table.
+    """Return the units of the cells in the given columns, which form one table.
 
     Each key is a pair of line number and index of the column. The indices of ``units`` are counted
     in the sheet, and those of the result in the table.

@@ -15,25 +15,26 @@ from ldbb_bayes.reading.words import LONGEST_TEXT
 __all__ = ["ProgrammedArc", "programmed_arcs", "programs_arc"]
 
 _NUMBER = r"[+\-]?(?:\d+\.?\d*|\.\d+)"
-# Pattern of the word that begins an arc, G2 or G3, if a word for an axis, the centre or the radius
-# follows in the line.
+# Regular expression for the word that begins an arc, G2 or G3, if a word for an axis, the centre or
+# the radius follows in the line.
 _ARC = re.compile(
     r"(?<![A-Za-z\d])G0?(?P<sense>[23])(?![\d.])"
     rf"(?=.*?[^A-Za-z]?(?:[XYZIJK]\s?{_NUMBER}|C?R\s?=?\s?{_NUMBER}))",
     re.IGNORECASE,
 )
-# Pattern of a line that is nothing but the word G2 or G3.
+# Regular expression for a line that is nothing but the word G2 or G3.
 _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
-# Pattern of the coordinates of the centre, counted from the start of the arc.
+# Regular expression for the coordinates of the centre, counted from the start of the arc.
 _CENTRE = re.compile(rf"(?<![A-Za-z])[IJK]\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
-# Pattern of the radius of an arc.
+# Regular expression for the radius of an arc.
 _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
-# Pattern of a word after which the coordinates of centres are counted from the programme's zero.
+# Regular expression for a word after which the coordinates of centres are counted from the zero
+# point of the programme.
 _ABSOLUTE_CENTRE = re.compile(r"(?<![A-Za-z\d])G90\.1(?!\d)", re.IGNORECASE)
-# Pattern of a word after which lengths are in inches.
+# Regular expression for a word after which lengths are in inches.
 _INCHES = re.compile(r"(?<![A-Za-z\d])G(?:20|70)(?![\d.])", re.IGNORECASE)
-# Pattern of the sense of an arc in programmes for Heidenhain controls. The radius of such an arc is
-# in other blocks.
+# Regular expression for the sense of an arc in programmes for Heidenhain controls. The radius of
+# such an arc is in other blocks.
 _ARC_AROUND_POLE = re.compile(r"(?<![A-Za-z])DR\s?[+\-](?!\d)")
 _MM_PER_INCH = 25.4
 # Senses of the words G2 and G3.

@@ -17,35 +17,38 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
 __all__ = ["sign_of_readings"]
 
 _WORDS = WORDS["reading_sign"]
-# Pattern of a word for the sign of a reading, or for a shorter or longer bar.
+# Regular expression for a word for the sign of a reading, or for a shorter or longer bar.
 _WORD = re.compile(
     rf"(?P<shorter>{_WORDS['shorter']})|(?P<longer>{_WORDS['longer']})"
     rf"|(?P<positive>{_WORDS['positive']})|(?P<negative>{_WORDS['negative']})",
     re.IGNORECASE,
 )
 _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
-# Pattern of words in a line that is about readings or their sign.
+# Regular expression for words which show that a line is about readings or their sign.
 _SUBJECT = re.compile(_WORDS["subject"], re.IGNORECASE)
-# Pattern of words of denial, such as "not".
+# Regular expression for words of denial, such as "not".
 _DENIED = re.compile(_WORDS["denied"], re.IGNORECASE)
-# Pattern of words which say that the sign of readings is reversed.
+# Regular expression for words which say that the sign of readings is reversed.
 _TURNED = re.compile(_WORDS["turned"], re.IGNORECASE)
-# Pattern of a number other than −1. A line with such a number states a value and not a sign.
+# Regular expression for a number other than −1. A line with such a number states a value and not a
+# sign.
 _OTHER_NUMBER = re.compile(r"(?<![^\W_])\d(?<![-−]1)(?<![-−] 1)|(?<![^\W_])\d{2}")
-# Pattern of a unit in brackets at the beginning of a header.
+# Regular expression for a unit in brackets at the beginning of a header.
 _UNIT_IN_FRONT = re.compile(r"^\s*[\[(<{][^\])>}]*[\])>}]\s*(?=[-−–\w])")
-# Pattern of a header which shows that the sign of its readings is or may be reversed.
+# Regular expression for a header which shows that the sign of its readings is or may be reversed.
 _TURNED_HEADER = re.compile(_WORDS["header"])
-# Pattern of a word in the name of a file which shows that the sign of readings is reversed.
+# Regular expression for a word in the name of a file which shows that the sign of readings is
+# reversed.
 _TURNED_NAME = re.compile(r"(?<![^\W\d_])(?:invert\w*|negated?|reversed|flipped)", re.IGNORECASE)
-# Pattern of a line that says what a sign of readings means.
+# Regular expression for a line that says what a sign of readings means.
 _MEANING = re.compile(_WORDS["meaning"], re.IGNORECASE)
-# Pattern of a text that defines the reading as nominal radius minus actual radius.
+# Regular expression for a text that defines the reading as nominal radius minus actual radius.
 _NOMINAL_LESS_ACTUAL = re.compile(_WORDS["nominal_less_actual"])
-# Pattern of a header with a minus sign before the name of the reading.
+# Regular expression for a header with a minus sign before the name of the reading.
 _MINUS = re.compile(_WORDS["minus"])
-# Sign of the readings for each pair of the sign of a number and the state of the bar that the
-# number means, longer or shorter.
+# Sign of the readings that a statement such as "positive means longer" defines. Each key is a pair
+# of words, such as positive and longer: the sign of a reading, and whether the bar is then longer
+# or shorter.
 _SIGNS = {
     frozenset({"positive", "longer"}): 1,
     frozenset({"negative", "shorter"}): 1,
@@ -57,7 +60,7 @@ _TEXT_SHOWN = 60
 
 
 def sign_of_readings(recording: Recording) -> int:
-    """Return the sign with which readings are multiplied: −1 if a longer bar reads less, else 1.
+    """Return the factor for the readings: −1 if a longer bar gives a smaller reading, else 1.
 
     The sign that the user states takes precedence over the words of the file, which are noted.
 
@@ -93,11 +96,11 @@ def sign_of_readings(recording: Recording) -> int:
 
 
 def _stated_signs(recording: Recording) -> dict[int, str]:
-    """Return a dict with the sources of the signs that header and lines state; keys are the signs.
+    """Return the signs of readings that header and lines state, each with the places that state it.
 
-    The header is that of the readings; the lines are those above the table and those that concern
-    all tests. Raise an `OpenQuestionError` for words whose meaning is not clear, if the user states
-    no sign.
+    The signs are the keys of the returned dict. The header is that of the readings; the lines are
+    those above the table and those that concern all tests. Raise an `OpenQuestionError` for words
+    whose meaning is not clear, if the user states no sign.
     """
     header = recording.heading.headers[recording.heading.roles["reading"]]
     texts = {f"the header {header!r}": header}
@@ -165,8 +168,8 @@ def _note_unread(recording: Recording, source: str, text: str) -> None:
 def _is_turned_header(source: str, text: str) -> bool:
     """Return whether a text is a header of readings whose sign may be reversed.
 
-    An example is ``Shortening [um]``. Headers with a minus sign in front do not count, because
-    their sign is clear. ``source`` is the place of the text in words, such as "line 3".
+    An example is ``Shortening [um]``. A header that begins with a minus sign is not such a header,
+    because its sign is clear. ``source`` is the place of the text in words, such as "line 3".
     """
     words = _words_of_header(text)
     is_understood = _MINUS.search(words) is not None

@@ -80,8 +80,8 @@ class Recording:
     #: numbers of the test's n rows in the columns that have a role, in the units of the file, shape
     #: (n,) each; the keys are the roles (angle, reading, …)
     numbers: dict[str, Array]
-    #: units that sources such as a column of units state row by row; the keys are the roles of the
-    #: columns to which the units belong
+    #: units that sources such as a column of units state row by row; the keys are the roles (angle,
+    #: reading, …) of the columns to which the units belong
     row_units: Mapping[str, Sequence[RowUnits]]
     #: text of every cell in the first row of the test; the keys are the headers of the columns
     first_cells: Mapping[str, str]
@@ -98,10 +98,12 @@ class Recording:
     #: place (line number and sheet) and text of each line that concerns all tests, from sheets
     #: without a table
     lines_of_all_tests: Sequence[tuple[str, str]]
-    #: columns without a role whose cells are equal in all rows of the test; each column is given as
-    #: a place and a line of text with its header and cell, such as "R [mm]: 100"
+    #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
+    #: each column is given as a place and a line of text with its header and cell, such as "R [mm]:
+    #: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
-    #: units that are assumed for columns without a unit; the keys are the roles of the columns
+    #: units that are assumed for columns without a unit; the keys are the roles (angle, reading, …)
+    #: of the columns
     assumed_units: dict[str, AssumedUnit] = field(default_factory=dict)
 
     @property
@@ -154,10 +156,10 @@ class Recording:
         self.log.add(self.place, subject, value, reason, option)
 
     def stated_value(self, key: str) -> Any:
-        """Return the value that the user states for the field ``key``; None if there is none.
+        """Return the user's value for the field ``key`` of the test; None if the user states none.
 
-        The entry [[test]] of the layout for this test counts first, then the layout, then an option
-        for the campaign.
+        The entry [[test]] of the layout for this test takes precedence over the other fields of the
+        layout, and these over options for the campaign.
         """
         value = self.stated.get(key)
         if value is None:
@@ -170,8 +172,8 @@ class Recording:
         """Return a name for the test that can be the name of a file, made from ``title``.
 
         Characters other than letters, digits, blanks and ``_+-.`` are replaced by underscores, and
-        only the first 100 characters are kept. If this changes the title, the name is noted as an
-        assumption.
+        only the first 100 characters are kept. If the name differs from ``title``, it is noted as
+        an assumption.
         """
         name = re.sub(r"^[^\w+\-]|[^\w+\-. ]", "_", title)[:_LONGEST_TEST_NAME]
         if name != title:

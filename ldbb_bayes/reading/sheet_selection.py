@@ -44,8 +44,8 @@ def select_sheets(
 ) -> SheetSelection:
     """Return the sheets with a table of angles and readings, and the sheets that are left out.
 
-    A sheet without such a table is left out in two cases: if it is one of several in a workbook, or
-    if its file was found by a pattern with ``*`` or ``?``. Each sheet that is left out is noted. An
+    A sheet without such a table is left out in two cases: if its workbook has several sheets, or if
+    its file was found by a pattern with ``*`` or ``?``. Each sheet that is left out is noted. An
     `InputError` is raised for any other sheet without a table, and if no file has a table.
 
     Parameters
@@ -159,8 +159,8 @@ def _is_complete(heading: Heading) -> bool:
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
     """Return the selection of sheets with ``is_only_table`` set for the only table of a file.
 
-    ``tables`` are the sheets with a table; they become the tables of the returned selection. Its
-    list of sheets that are left out is that of ``selection``.
+    ``tables`` are the sheets with a table. They become the tables of the returned selection; the
+    sheets without a table are taken from ``selection``.
     """
     paths = [table.sheet.path for table in tables]
     marked = []

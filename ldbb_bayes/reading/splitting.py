@@ -38,12 +38,12 @@ __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 # Roles of the columns whose numbers are not shared by the tests of a sheet: the columns that name
 # tests and directions hold words, and each column of readings may be a separate test.
 _NOT_SHARED = ("test", "direction", "reading")
-# Pattern of a cell that begins with a number, as in "0.9 x 10 um".
+# Regular expression for the beginning of a cell that begins with a number, as in "0.9 x 10 um".
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
-# Fewest numbers with a decimal mark in a column for which it is checked whether the mark may
-# separate thousands.
+# A column is checked for a decimal mark that may separate thousands only if at least this many of
+# its numbers have the mark.
 _FEWEST_MARKED = 5
-# Fields of a test or campaign that a column without a role may state.
+# Fields of a test or campaign that a column may state if it has no role (angle, reading, …).
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
 # Fields of a test or campaign that lines in a sheet without a table may state for all tests.
 FIELDS_OF_ALL_TESTS = {
@@ -66,7 +66,7 @@ class _SheetColumns:
     heading: Heading
     lines: list[int]  # line number of each row in the file
     cells: list[list[str]]  # cells of each column
-    clock_column: int | None  # index of the column with times of day, if there is one
+    clock_column: int | None  # index of the column with times of day; None if there is none
     decimal: str | None  # decimal mark of the table; None if no number has one
     # indices of the columns of units; the keys are the indices of the columns of numbers to which
     # the units belong
@@ -75,8 +75,8 @@ class _SheetColumns:
     def row_units(self, roles: Mapping[str, int], rows: Sequence[int]) -> dict[str, list[RowUnits]]:
         """Return a dict with the units that sources state row by row; its keys are the roles.
 
-        ``roles`` holds the index of the column for each role, and ``rows`` the indices of the rows
-        of a test.
+        ``roles`` holds the index of the column for each role, such as reading, and ``rows`` the
+        indices of the rows of a test.
         """
         units = {}
         for role, column in roles.items():
@@ -97,10 +97,10 @@ class _SheetColumns:
         yield RowUnits([format_units.get(place, "") for place in places], source)
 
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
-        """Return the cells of a column in given rows, with the units that stood behind numbers.
+        """Return cells of a column for given rows, each with the unit that stood behind its number.
 
-        In a column of units, such a cell is a unit with a factor, such as 0.1 µm. ``column`` and
-        ``rows`` are the indices of the column and of the rows.
+        If the column holds units, a number with a unit, such as 0.1 µm, is a unit with a factor.
+        ``column`` and ``rows`` are the indices of the column and of the rows.
         """
         texts = []
         for row in rows:
@@ -111,7 +111,8 @@ class _SheetColumns:
     def numbers(self, role: str, column: int) -> Array:
         """Return the numbers in a column as an array, one for each of the n rows, shape (n,).
 
-        ``column`` is the index of the column from 0; ``role`` names it in error messages.
+        ``column`` is the index of the column from 0; ``role`` is the role of the column, which
+        error messages name.
         """
         title = self.heading.column_title(role, column)
         place = self.sheet.place
@@ -150,10 +151,11 @@ class _SheetColumns:
         return texts
 
     def constant_lines(self, rows: Sequence[int]) -> list[tuple[int | str, str]]:
-        """Return columns without a role whose cells are equal in all rows of a test, as lines.
+        """Return as lines the columns without a role whose cells are equal in all rows of a test.
 
-        Each line is a pair of its place and its text. For a column ``R [mm]`` whose cells are all
-        100, the text is ``R [mm]: 100``. ``rows`` are the indices of the rows of the test.
+        Columns without a role hold no angle, reading or other quantity that the package reads. Each
+        line is a pair of its place and its text. For a column ``R [mm]`` whose cells are all 100,
+        the text is ``R [mm]: 100``. ``rows`` are the indices of the rows of the test.
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
@@ -167,9 +169,10 @@ class _SheetColumns:
     def constant_statements(self, rows: Sequence[int]) -> dict[str, list[LineStatement]]:
         """Return a dict with what columns without a role state about a test; its keys are fields.
 
-        Such a column states a field only if its cells are equal in all rows of the test. For
-        example, a column ``R [mm]`` whose cells are all 100 states the radius. ``rows`` are the
-        indices of the rows of the test.
+        Columns without a role hold no angle, reading or other quantity that the package reads. Such
+        a column states a field only if its cells are equal in all rows of the test. For example, a
+        column ``R [mm]`` whose cells are all 100 states the radius. ``rows`` are the indices of the
+        rows of the test.
         """
         statements = {}
         for key, statements_of_field in statements_in(self.constant_lines(rows)).items():
@@ -342,7 +345,8 @@ def _check_formulas(
 def _numeric_columns(heading: Heading) -> list[int]:
     """Return the indices of the columns that hold numbers.
 
-    These are all columns with a role, except the columns that name tests or directions.
+    These are all columns with a role (angle, reading, …), except the columns that name tests or
+    directions.
     """
     columns = []
     for role, column in heading.roles.items():
@@ -462,10 +466,10 @@ def _note_stated_mark(
 
 
 def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
-    """Return a dict with the numbers of all columns with a role; its keys are the roles.
+    """Return a dict with the numbers of the columns with a role; its keys are the roles.
 
-    Columns of readings and columns of words (test, direction) are left out. Times of day are
-    converted to seconds.
+    A role is what a column holds, such as angle or time. Columns of readings, and columns of words
+    (test, direction), are left out. Times of day are converted to seconds.
     """
     numbers = {}
     for role, column in columns.heading.roles.items():
@@ -516,7 +520,7 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
     """Return the fields that entries [[test]] of the layout state for one test.
 
     An entry may name the test by its label, or by the name of its sheet or file. If several entries
-    state a field, the one with the most specific name counts.
+    state a field, the entry with the most specific name is used.
 
     Parameters
     ----------
@@ -527,7 +531,8 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
     layout
         Layout with the entries.
     holds_several
-        Whether the file holds several tests; an entry for the file must then state no load.
+        Whether the file holds several tests; an entry for the file must then state no force or
+        pressure.
     """
     entries = {entry.file: entry for entry in layout.test}
     fields: dict[str, Any] = {}

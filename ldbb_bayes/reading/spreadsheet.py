@@ -32,7 +32,7 @@ _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Characters that are seldom part of a cell.
 _SURE = (";", "\t", "|")
-# If one of these characters splits the lines with a score larger than this, the blank is not
+# If a character of ``_SURE`` splits the lines with a score larger than this, the blank is not
 # considered as a separator.
 _SURE_SCORE = 1.3
 # Number of lines that are used to compare the possible separators of cells.

@@ -17,7 +17,8 @@ from ldbb_bayes.reading.words import comparable
 
 __all__ = ["first_header", "split_tables"]
 
-# Pattern of a cell that is empty or holds only the number of a printed page, as "Page 2 of 3".
+# Regular expression for a cell that is empty or holds only the number of a printed page, as "Page 2
+# of 3".
 _PAGE = re.compile(
     r"\W*(?:page|seite|blatt|pagina|página|стр\.?|第)?\W*\d*"
     r"\W*(?:of|von|de|di|/|из)?\W*\d*\W*(?:页|頁)?",
@@ -31,7 +32,7 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
     A repeated header begins a further table in two cases: if a line such as ``Direction: CCW``
     stands directly above the header, or if the first cell below the header is the same as in the
     first table, such as 0°. Any other repeated header is removed, together with a page number above
-    it, and the table continues below the header. A line above the first table also counts for a
+    it, and the table continues below the header. A line above the first table also applies to a
     further table, unless the lines above the further table state the same field.
     """
     header = first_header(sheet.rows)
@@ -73,8 +74,8 @@ def _repeated_headers(rows: Sequence[Row], header: int) -> list[int]:
 def _end_of_numbers(rows: Sequence[Row], start: int, header: int) -> int:
     """Return the index that follows the last row of numbers between two rows.
 
-    ``start`` is the index of the first row that is examined, and ``header`` that of the header at
-    which the examined rows end. Without a row of numbers, the result is ``start``.
+    ``start`` is the index of the first row that is examined, and ``header`` the index of the header
+    at which the search ends. Without a row of numbers, the result is ``start``.
     """
     end = header
     while end > start and count_numbers(rows[end - 1].cells) < 2:
@@ -134,7 +135,8 @@ def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
 def _named_sheets(sheet: Sheet, tables: Sequence[list[Row]]) -> list[Sheet]:
     """Return a sheet for each table, named after the file or sheet and the table's direction.
 
-    If the directions do not distinguish the tables, their numbers take the place of the directions.
+    If the directions do not distinguish the tables, the numbers of the tables are used in place of
+    the directions.
     """
     names = []
     for number, rows in enumerate(tables, start=1):

@@ -27,8 +27,8 @@ from ldbb_bayes.results import Array
 __all__ = ["take_start_times"]
 
 _DAY_S = 86_400.0
-# If times of day without dates span more than this [s], the tests are taken to have run across
-# midnight, provided that the campaign then lasts at most ``_NIGHT_S``.
+# Times of day without dates that span more than this [s] are taken to run across midnight, provided
+# that the campaign then lasts at most ``_NIGHT_S``.
 _LONG_CAMPAIGN_S = 12 * 3_600.0
 # Longest campaign that may have run over midnight, if no dates are stated [s].
 _NIGHT_S = 6 * 3_600.0
@@ -58,7 +58,8 @@ class _Times(NamedTuple):
 
     # time from the earliest start of all tests to the start of each test [s], shape (tests,)
     seconds: Array | None
-    # why the times are not known; if they are known, how an ambiguous date was read, or empty
+    # reason why the times are not known; for known times, a note on how an ambiguous date was read,
+    # or an empty text
     reason: str
 
 
@@ -67,11 +68,11 @@ def take_start_times(
 ) -> None:
     """Set the field ``time_s`` of every test to its start time [s], counted from the first start.
 
-    Start times are the dates and times that columns, lines above the tables, and names state. They
-    are used only if they are known for all tests and no test states the field ``time_s``; the times
-    used are noted. If they are not used, the tests are assumed to have been run in the order in
-    which they are listed. This is noted with the reason, unless options state another order or
-    state that there is no drift.
+    Start times are the dates and times that columns, lines above the tables, and names of files
+    state. They are used only if they are known for all tests and no test states the field
+    ``time_s``; the times used are noted. If they are not used, the tests are assumed to have been
+    run in the order in which they are listed. This is noted with the reason, unless options state
+    another order or state that there is no drift.
 
     Parameters
     ----------
@@ -124,7 +125,8 @@ def _states_time(recording: Recording) -> bool:
 def _start_of(recording: Recording) -> _Start | None:
     """Return the start of a test from its most reliable source; None if no source states a time.
 
-    A time of day without a date gets the date that another column, line or name states.
+    Sources are columns, lines above the table, and names of test and file. A time of day without a
+    date gets the date that another source states.
     """
     starts = _statements(recording)
     timed = [start for start in starts if start.stamp.seconds is not None]
@@ -144,7 +146,7 @@ def _rank(start: _Start) -> Rank:
 
 
 def _statements(recording: Recording) -> list[_Start]:
-    """Return all dates and times that columns, lines and names state for a test."""
+    """Return all dates and times that columns, lines and file names state for a test."""
     title = recording.title
     starts = []
     for header, cell in recording.first_cells.items():
@@ -161,7 +163,7 @@ def _statements(recording: Recording) -> list[_Start]:
 
 
 def _stamps_of_cell(header: str, cell: str) -> list[Timestamp]:
-    """Return the dates and times in a cell, if the header of its column names a time."""
+    """Return the dates and times in a cell if the header of its column is about time."""
     since_epoch = epoch_stamp(header, cell)
     if since_epoch is not None:
         return [since_epoch]
@@ -171,8 +173,8 @@ def _stamps_of_cell(header: str, cell: str) -> list[Timestamp]:
 def _times_of(stamps: Sequence[Timestamp]) -> _Times:
     """Return the times [s] from the earliest start to the start of each test.
 
-    ``stamps`` holds one timestamp with a time of day for each test. If the stamps do not determine
-    the times, the result states the reason instead.
+    ``stamps`` holds one timestamp with a time of day for each test. If the timestamps do not
+    determine the times, the result states the reason instead.
     """
     seconds = _seconds_of_day(stamps)
     dated = [stamp for stamp in stamps if stamp.has_date]
@@ -192,7 +194,7 @@ def _times_of(stamps: Sequence[Timestamp]) -> _Times:
 
 
 def _seconds_of_day(stamps: Sequence[Timestamp]) -> Array:
-    """Return the time of day of each stamp [s], in UTC if all stamps state their time zone."""
+    """Return the time of day of each timestamp [s], in UTC if all of them state a time zone."""
     seconds = np.array([stamp.seconds for stamp in stamps], dtype=float)
     zones = [stamp.zone_s for stamp in stamps]
     if None not in zones:
@@ -208,9 +210,9 @@ def _is_one_day(stamps: Sequence[Timestamp]) -> bool:
 def _across_midnight(seconds: Array) -> Array:
     """Return times [s] since the earliest start from times of day for which no dates are stated.
 
-    The times may run across midnight. This is assumed if they span more than twelve hours, but span
-    at most six hours if the times of day before the largest gap are those of the next day.
-    ``seconds`` are the times of day [s], shape (tests,).
+    The times may run across midnight. This is assumed if the times span more than twelve hours, but
+    at most six hours after all times before the largest gap are moved to the next day. ``seconds``
+    are the times of day [s], shape (tests,).
     """
     span = np.ptp(seconds)
     if span > _LONG_CAMPAIGN_S:
@@ -224,7 +226,7 @@ def _across_midnight(seconds: Array) -> Array:
 
 
 def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
-    """Return the times [s] from the earliest start to the start of each test, from dated stamps.
+    """Return the times [s] from the earliest start to each start, from timestamps with dates.
 
     Dates such as 03/04/2026 may have the day or the month first. If both orders are possible and
     lead to different times, the order is used with which all tests lie within one day. If this
@@ -250,10 +252,10 @@ def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
 
 
 def _possible_days(stamps: Sequence[Timestamp]) -> Mapping[str, list[date]]:
-    """Return a dict with the dates of all stamps for each possible order of day and month.
+    """Return a dict with the dates of all timestamps for each possible order of day and month.
 
     The keys are "day" for dates with the day first, and "month" for dates with the month first. An
-    order is left out if it gives no valid date for one of the stamps.
+    order is left out if it gives no valid date for one of the timestamps.
     """
     days_by_order = {
         "day": [stamp.day_first for stamp in stamps],
@@ -268,7 +270,7 @@ def _possible_days(stamps: Sequence[Timestamp]) -> Mapping[str, list[date]]:
 
 
 def _first_open(stamps: Sequence[Timestamp]) -> str:
-    """Return the text of the first stamp whose date depends on the order of day and month."""
+    """Return the text of the first timestamp whose date depends on the order of day and month."""
     for stamp in stamps:
         if stamp.day_first != stamp.month_first:
             return stamp.text

@@ -1,8 +1,8 @@
 """Load, radius, feed and direction of a test, from all sources that state them.
 
 Values that a user or a column states are certain; a source that contradicts them is noted. Lines
-above a table and names of files are uncertain: their use is noted, and an `InputError` is raised if
-they contradict each other.
+above a table and names of files are uncertain: the use of these values is noted, and an
+`InputError` is raised if they contradict each other.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ __all__ = ["direction_of", "loads_of", "quantity_of"]
 
 # Two values of a quantity agree if their relative difference is at most this.
 _ROUNDED_IN_LINE = 1e-3
-# If one of two values is from the name of a file, sheet or test, they agree up to this relative
-# difference, because values in names are often rounded.
+# Two values of a quantity, one of them from the name of a file, sheet or test, agree if their
+# relative difference is at most this, because values in names are often rounded.
 _ROUNDED_IN_NAME = 0.02
 # Relative tolerance within which the forces, or the pressures, in all rows of a test count as
 # equal.
@@ -56,7 +56,8 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     """Return a quantity of a test, such as its radius; None if nothing states it.
 
     The quantity is in the unit at the end of its field's name, such as mm. Values that the user or
-    a column of the table states take precedence over those in lines above the table and in names.
+    a column of the table states take precedence over those in lines above the table and in names of
+    files.
 
     Parameters
     ----------
@@ -144,12 +145,13 @@ def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
 
 
 def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
-    """Return the values that lines above the table and names state for a quantity of a test.
+    """Return the values that lines above the table and file names state for a quantity.
 
     Such values are used only if neither the user nor a column states the quantity. ``key`` is the
-    field of the quantity, such as force_N. The list begins with the values in lines, of which those
-    with a doubt are last. Values in the names of test, column, sheet and file follow, and for a
-    radius also the radii of arcs in G-code. ``recording`` is the test as its file holds it.
+    field of the quantity, such as force_N. The list begins with the values in lines; those whose
+    number is uncertain are last among them. Values in the names of test, column, sheet and file
+    follow, and for a radius also the radii of arcs in G-code. ``recording`` is the test as its file
+    holds it.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):
@@ -169,7 +171,7 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 
 
 def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) -> list[_Evidence]:
-    """Return the radii of arcs in G-code above the table.
+    """Return the radii of arcs that G-code in lines above the table programs.
 
     The list is empty if one of these radii agrees with a radius in ``evidence``: all other arcs are
     then paths to the circle and away from it.
@@ -268,9 +270,9 @@ class _StatedSenses(NamedTuple):
 def _directions_above(recording: Recording) -> _StatedSenses:
     """Return the directions from the first source outside the table that states a direction.
 
-    The sources are, in this order, lines above the table together with names, G-code in these
-    lines, and sheets without a table. If G-code or such sheets state both directions, these belong
-    to different circles and do not count.
+    The sources are, in this order, lines above the table together with names of files, G-code in
+    these lines, and sheets without a table. If G-code or such sheets state both directions, the two
+    directions belong to different circles and are not used.
     """
     lines_above = recording.heading.lines_above
     names = [name for name in recording.names() if not name_is_about_angles(name)]
@@ -290,10 +292,10 @@ def _directions_above(recording: Recording) -> _StatedSenses:
 def direction_of(recording: Recording) -> str | None:
     """Return the direction of travel of a test, CW or CCW; None if nothing states it.
 
-    The first source that states a direction counts, in this order: the user, the column of
-    directions, lines above the table and names, G-code in these lines, sheets without a table.
-    Raise an `InputError` if this source states both directions, or if a word in the column means
-    neither. G-code, and sheets without a table, that state both directions do not count.
+    The first source that states a direction is used, in this order: the user, the column of
+    directions, lines above the table and names of files, G-code in these lines, sheets without a
+    table. Raise an `InputError` if this source states both directions, or if a word in the column
+    means neither. G-code and sheets without a table are not used if they state both directions.
     ``recording`` is the test as its file holds it.
     """
     column_senses: dict[str, int] = {}

@@ -17,40 +17,44 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
 __all__ = ["Rank", "Timestamp", "epoch_stamp", "stamp_in_name", "stamps_in"]
 
-# Words that precede a timestamp in a line.
+# Regular expressions for words that precede a timestamp in a line; the keys are kinds of words,
+# such as "start".
 _WORDS = {kind: re.compile(words, re.IGNORECASE) for kind, words in WORDS["stamps"].items()}
 _MONTH = WORDS["parts"]["month"]
-# Pattern of a date. Its year has four digits, or two after points or slashes.
+# Regular expression for a date. The year has four digits; after points or slashes it may also have
+# two digits.
 _DATE = (
     r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?"
     rf"|\d\d?\.\s?(?:\d\d?\.|{_MONTH})\s?(?:\d{{4}}|\d\d)(?!\d)"
     rf"|\d\d?[- ]{_MONTH}[- ]?\d{{4}}|{_MONTH} \d\d?,\s?\d{{4}}"
     r"|\d\d?/\d\d?/(?:\d{4}|\d\d)(?!\d)|\d\d?-\d\d?-\d{4})"
 )
-# Pattern of a time of day, with or without seconds, AM or PM, and time zone.
+# Regular expression for a time of day, with or without seconds, AM or PM, and time zone.
 _TIME = (
     r"(?P<hours>\d{1,2}):(?P<minutes>\d\d)(?::(?P<seconds>\d\d(?:[.,]\d{1,9})?))?(?![\d:])"
     r"(?:\s?(?P<half_day>[AaPp])\.?[Mm]\b\.?)?"
     r"(?P<zone>Z\b|\s?(?:UTC|GMT)(?!\s?[+-])|\s?(?:UTC|GMT)?\s?[+-]\d\d:?\d\d)?"
 )
-# Pattern of a date and a time of day in either order, of a date alone, or of a time of day alone.
+# Regular expression for a date and a time of day in either order, for a date alone, or for a time
+# of day alone.
 _STAMP = re.compile(
     rf"(?<![\d:.,/+-])(?:(?P<date>{_DATE})(?:(?:T|[ ,;|\t]{{1,3}}|\s+(?:at|um)\s+){_TIME})?"
     rf"|{_TIME.replace('?P<', '?P<only_')}(?:[ ,;|\t]{{1,3}}(?:on |am )?(?P<date_after>{_DATE}))?)",
     re.IGNORECASE,
 )
-# Pattern of a timestamp in the name of a file, such as 2026-11-20_14-03-12 or 20261120T1403.
+# Regular expression for a timestamp in the name of a file, such as 2026-11-20_14-03-12 or
+# 20261120T1403.
 _STAMP_IN_NAME = re.compile(
     r"(?<!\d)(?P<year>20\d\d)[-_.]?(?P<month>[01]\d)[-_.]?(?P<day>[0-3]\d)[-_ T]{1,2}"
     r"(?P<hours>[0-2]\d)(?P<mark>[-_.:h]?)(?P<minutes>[0-5]\d)"
     r"(?:(?:(?P=mark)|m)(?P<seconds>[0-5]\d))?(?!\d)"
 )
-# Pattern of a date whose first two numbers may be day and month, or month and day.
+# Regular expression for a date whose first two numbers may be day and month, or month and day.
 _OPEN_DATE = re.compile(r"(\d\d?)[/-](\d\d?)[/-](\d{4}|\d\d)")
 _CENTURY = 2000
 _HOUR_S = 3_600.0
 _MINUTE_S = 60.0
-# Seconds since 1970 that may be the time of a test: the years 2000 to 2100.
+# Earliest and latest time of a test, in seconds since 1970: the years 2000 and 2100.
 _EPOCH_S = (946_684_800.0, 4_102_444_800.0)
 
 
@@ -69,27 +73,28 @@ class Timestamp:
     """Date, time of day, or both, as a file states them for a test."""
 
     rank: Rank
-    text: str  #: the stamp as the file writes it
+    text: str  #: the timestamp as the file writes it
     #: date if the day stands before the month; None without a date, or if there is no such date
     day_first: date | None = None
-    #: date if the month stands before the day; the same date if the file leaves no choice
+    #: date if the month stands before the day; equal to ``day_first`` if the text can be read only
+    #: in one way; None without a date, or if there is no such date
     month_first: date | None = None
     seconds: float | None = None  #: seconds since midnight; None for a date alone
     zone_s: float | None = None  #: local time minus UTC [s]; None if no time zone is stated
 
     @property
     def has_date(self) -> bool:
-        """Whether the stamp states a date."""
+        """Whether the timestamp states a date."""
         return self.day_first is not None or self.month_first is not None
 
 
 def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
-    """Return the timestamps in a line at which a test may have been run, in the order of the line.
+    """Return those timestamps of a line that may be the time of a test, in the order of the line.
 
-    A timestamp is a date, a time of day, or both. It counts if the words before it say that the
-    test was run, started or recorded at this time. Without words before it, it counts if it has
-    both date and time. Durations do not count, nor do dates and times of something else, such as a
-    calibration or the end of the test.
+    A timestamp is a date, a time of day, or both. A timestamp is returned if the words before it
+    say that the test was run, started or recorded at this time. A timestamp without words before it
+    is returned if it has both date and time. Durations are left out, and so are the times of other
+    events, such as a calibration or the end of the test.
 
     Parameters
     ----------
@@ -115,10 +120,10 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
 
 
 def _rank_of(words: str) -> Rank | None:
-    """Return the kind of a timestamp from the words before it; None if it is not that of a test.
+    """Return the kind of a timestamp from the words before it.
 
-    ``words`` is the text before the timestamp, from the previous timestamp or else from the
-    beginning of the line.
+    The result is None if the timestamp is not the time of a test. ``words`` is the text before the
+    timestamp, from the previous timestamp or else from the beginning of the line.
     """
     if _WORDS["other"].search(words):
         return None
@@ -132,15 +137,15 @@ def _rank_of(words: str) -> Rank | None:
 
 
 def _is_whole(match: re.Match[str]) -> bool:
-    """Return whether a matched stamp states both a date and a time of day."""
+    """Return whether a matched timestamp states both a date and a time of day."""
     return all(_parts_of(match).get(part) for part in ("date", "hours"))
 
 
 def _is_duration(words: str, match: re.Match[str]) -> bool:
-    """Return whether a stamp may be a duration, such as ``Time: 00:01:28``.
+    """Return whether a timestamp may be a duration, such as ``Time: 00:01:28``.
 
-    A stamp may be a duration if it has no date and its hour is zero, unless the ``words`` before it
-    are about a start or a clock.
+    A timestamp may be a duration if it has no date and its hour is zero, unless the ``words``
+    before it are about a start or a clock.
     """
     parts = _parts_of(match)
     if "date" in parts or int(parts["hours"]) > 0:
@@ -149,9 +154,9 @@ def _is_duration(words: str, match: re.Match[str]) -> bool:
 
 
 def _parts_of(match: re.Match[str]) -> dict[str, str]:
-    """Return a dict with the parts of a matched stamp; its keys are names, such as date or hours.
+    """Return a dict with the parts of a matched timestamp, such as date and hours.
 
-    Parts that the stamp does not state are left out.
+    The keys are the names of the parts. Parts that the timestamp does not state are left out.
     """
     parts = {}
     for name, part in match.groupdict().items():
@@ -228,7 +233,7 @@ def _date_or_none(year: int, month: int, day: int) -> date | None:
 
 
 def _seconds_of(parts: dict[str, str]) -> float | None:
-    """Return the time of day in seconds since midnight; None if there is no such time."""
+    """Return the time of day in seconds since midnight; None for a time that does not exist."""
     hours = int(parts["hours"])
     minutes = int(parts["minutes"])
     seconds = float(parts.get("seconds", "0").replace(",", "."))

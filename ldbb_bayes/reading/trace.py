@@ -40,12 +40,12 @@ _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation from the median is below this
 # share of the median.
 _SMALLEST_SCATTER = 0.01
-# Placeholders for the assumed unit of a column whose unit the user or the file states. The stated
-# unit is then used instead.
+# Placeholders for the assumed unit of angles (degrees) and of readings (micrometres). They are
+# passed where the user or the file states the unit; the stated unit is then used.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
-# Fewest readings in one turn of a log. If a turn has fewer, the times are probably in another unit
-# than was assumed.
+# Fewest readings in one turn of a test whose table has times instead of angles. If a turn has
+# fewer, the times are probably in another unit than was assumed.
 _FEWEST_READINGS_OF_TURN = 9
 # A test whose angles cover more than this number of turns holds several laps, or a run-in and
 # run-out in addition to its circle.
@@ -154,10 +154,10 @@ def _plane_of(recording: Recording) -> str:
 
 
 def _start_of_circle(recording: Recording) -> float:
-    """Return the angle [deg] at which the circle of a log starts.
+    """Return the angle [deg] at which the circle of a test with times instead of angles starts.
 
-    The angle is the number that is stated for ``start_deg``, or else that of the axis at which a
-    line says that the circle starts, or else zero.
+    The angle is the value that is stated for ``start_deg``. If none is stated, it is the angle of
+    the axis that a line names for the start of the circle. If no line names an axis, it is zero.
     """
     if quantity_of(recording, "start_deg") is None:
         at_axis = start_at_axis(recording, _plane_of(recording))
@@ -206,7 +206,7 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
 
 def _check_readings_of_turn(recording: Recording, angle_deg: Array) -> None:
-    """Raise an error for a log that has too few readings in one turn for a circular test."""
+    """Raise an error for a table with times that has too few readings in one turn."""
     n_turns = float(np.ptp(angle_deg)) / TURN_DEG
     n_readings = len(angle_deg) / max(n_turns, 1.0)
     require(
@@ -250,12 +250,12 @@ def _deviations(recording: Recording, raw: Array) -> Array:
 
 
 def _zero_of(recording: Recording, reading_um: Array) -> str:
-    """Return "deviation" or "distance", which is what the readings of a test are.
+    """Return the kind of a test's readings: "deviation" or "distance".
 
-    Readings are deviations from the nominal radius or distances between the balls. Which they are
-    is stated by the user or else found from the median of the readings. Raise an `InputError` if
-    the readings seem to be distances on a circle of another radius, or contradict what the user
-    states. ``recording`` is the test as its file holds it; ``reading_um`` are its readings.
+    Readings are deviations from the nominal radius or distances between the balls. The kind is
+    stated by the user or else found from the median of the readings. Raise an `InputError` if the
+    readings seem to be distances on a circle of another radius, or contradict what the user states.
+    ``recording`` is the test as its file holds it; ``reading_um`` are its readings.
     """
     radius_mm = recording.radius_mm
     # Distances between the balls on a circle of another radius must not be taken for deviations.
@@ -308,7 +308,8 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
             f"the angles run {run}: taken as sorted",
             "--direction",
         )
-    # Add one step: the last reading of a full circle is usually one step before the first.
+    # Add one step of the angles: the last reading of a full circle is usually one step before the
+    # first.
     step = np.median(np.abs(np.diff(angle)))
     n_laps = float(abs(angle[-1] - angle[0]) + step) / TURN_DEG
     if n_laps < _MORE_THAN_A_TURN or recording.layout.laps == "keep":

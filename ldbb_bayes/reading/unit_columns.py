@@ -33,7 +33,7 @@ def unit_columns(
     cells
         Cells of each column.
     numeric
-        Indices of the columns of numbers that have a role.
+        Indices of the columns of numbers that have a role, such as angle.
     """
     pairs: dict[int, int] = {}
     for column, header in enumerate(headers):

@@ -30,8 +30,8 @@ from ldbb_bayes.reading.words import UNITS
 
 __all__ = ["assume_units"]
 
-# Readings are taken as distances between the balls in mm if their median then differs from the
-# radius by less than this share of the radius.
+# Readings are taken as distances between the balls in mm if their median, as a number of mm,
+# differs from the radius by less than this share of the radius.
 _NEAR_RADIUS = 0.05
 # Readings may be distances between the balls if their median absolute deviation is below this share
 # of the median.
@@ -44,14 +44,15 @@ _LARGEST_DEVIATION_UM = 1500.0
 _STIFFEST_UM_PER_N = 0.003
 # Largest change of the readings with the force [µm/N]: no machine is softer.
 _SOFTEST_UM_PER_N = 1.0
-# Smallest value of the largest force of a campaign [N]: loaded bars exert larger forces.
+# If the largest force of all tests is below this number, forces without a unit are not taken as
+# newtons, because loaded bars exert larger forces.
 _SMALLEST_LOAD_N = 5.0
 # Units that are tried for readings without a unit.
 _USUAL_UNITS = ("um", "mm")
 # Angles without a unit are taken as degrees if their range is larger than this number, and as
 # radians if the range is smaller.
 _LARGEST_SPAN_RAD = 7.0
-# Pattern of a word for counts, or of a unit with a factor, in the name of a file.
+# Regular expression for a word for counts, or for a unit with a factor, in the name of a file.
 _COUNTS = re.compile(
     r"(?<![^\W\d_])counts?(?![^\W_])|(?<!\d)(?:0[.,]\d+|10)[ _]?[uµμn]m", re.IGNORECASE
 )
@@ -66,11 +67,11 @@ _LARGEST_STEP_DEG = 45.0
 
 
 class _ReadingSize(NamedTuple):
-    """Size of the readings of tests whose unit is not stated, as numbers in the files."""
+    """Size of readings whose unit is not stated, computed from the numbers in the files."""
 
-    largest: float  # largest absolute value
-    change: float  # change of the median from the smallest force to the largest
-    forces_N: tuple[float, float]  # smallest and largest force
+    largest: float  # largest absolute value of the readings
+    change: float  # change of their median from the smallest force to the largest
+    forces_N: tuple[float, float]  # smallest and largest force of the tests [N]
 
 
 def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
@@ -84,8 +85,8 @@ def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -
     Raises
     ------
     OpenQuestionError
-        If several units fit or none does, if forces are too small to be in newtons, and for headers
-        or lines that multiply readings.
+        If several units fit or none does, if forces are too small to be in newtons, and if a header
+        or line says that readings are multiplied by a number.
     """
     for recording in recordings:
         _check_factors(recording)
@@ -184,7 +185,7 @@ def _lines_of(recording: Recording) -> Lines:
 
 
 def _check_factors(recording: Recording) -> None:
-    """Raise an error if the header of readings or a line multiplies the readings by a number.
+    """Raise an error if a header or a line says that readings are multiplied by a number.
 
     If the header states a unit, a line that mentions a scale or another unit is noted. Nothing is
     raised or noted if the user states the unit of the readings.
@@ -194,7 +195,7 @@ def _check_factors(recording: Recording) -> None:
     column = recording.heading.roles["reading"]
     header = recording.heading.headers[column]
     unit = recording.heading.units[column]
-    # If the unit itself has a factor, the code that reads the unit raises the error.
+    # If the unit itself has a factor, the code that reads the unit raises an error for this factor.
     is_unit_plain = re.search(r"\d", unit) is None
     if is_unit_plain and header_has_factor(header) and not may_be_diameter(header):
         raise _unread_factor(recording, f"the header {header[:_TEXT_SHOWN]!r}")
@@ -219,7 +220,7 @@ def _unread_factor(recording: Recording, shown: str) -> OpenQuestionError:
 def _mentions_other(line: int | str, text: str, unit: str) -> bool:
     """Return whether a line mentions another unit of readings than ``unit``.
 
-    A line that states a value of any field does not count.
+    The result is False for a line that states a value of any field.
     """
     if statements_in([(line, text)]):
         return False
@@ -257,7 +258,7 @@ def _check_mentions(recording: Recording, unit: str) -> str:
 
 
 def _um_per_N(size: _ReadingSize, unit: str) -> float:
-    """Return the change of the readings per newton [µm/N] if they are in ``unit``.
+    """Return the change of the readings per newton [µm/N], for readings in the unit ``unit``.
 
     If the readings do not change with the force, or if all tests have the same force, return the
     largest reading divided by the largest force.

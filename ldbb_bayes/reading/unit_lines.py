@@ -32,14 +32,15 @@ _WORDS = WORDS["unit_lines"]
 # Keys of the dict with the units that a line states: one for each role of a column, and one for the
 # size of a count.
 UNIT_KEYS = (*(f"{role}_unit" for role in UNITS), "reading_scale")
-# Pattern of a line that states units: a label with a word such as "unit", a separator, and the
-# units.
+# Regular expression for a line that states units: a label with a word such as "unit", a separator,
+# and the units.
 _LINE = re.compile(
     rf"(?:^|[;,|\t])\s*(?P<label>[^:=;,|\t]*?(?<!\w)(?:{_WORDS['label']})(?!\w)[^:=;,|\t]*)"
     r"[:=;,|\t]\s*(?P<units>.+)",
     re.IGNORECASE,
 )
-# Patterns of a line such as "All readings are in mm"; the keys are the roles reading and angle.
+# Regular expressions for a line such as "All readings are in mm"; the keys are the roles reading
+# and angle.
 _STATED_IN = {
     role: re.compile(
         rf"(?<!\w){_WORDS[words]}(?: (?:are|is|sind|given|stated|angegeben))* in"
@@ -48,46 +49,46 @@ _STATED_IN = {
     )
     for role, words in {"reading": "readings_in", "angle": "angles_in"}.items()
 }
-# Pattern of one unit in the part of a line that states units.
+# Regular expression for one unit in the part of a line that states units.
 _UNIT = re.compile(r"[^\s;,|:=()\[\]/]+")
-# Pattern of words for a share of a unit, such as thousandths.
+# Regular expression for words for a share of a unit, such as thousandths.
 _SHARE = re.compile(rf"(?<!\w)(?:{_WORDS['share']})(?!\w)", re.IGNORECASE)
-# Pattern of a line that is nothing but a label and a unit, such as "Units - mm".
+# Regular expression for a line that is nothing but a label and a unit, such as "Units - mm".
 _BARE_LINE = re.compile(
     rf"\W*(?:(?:{_WORDS['filling']})\s)*(?:{_WORDS['label']})\s*[-–(\[]?\s*"
     r"(?P<unit>(?:[\d.,]+\s)?[^\s;|()\[\]]+)[\])\s;,|\t]*",
     re.IGNORECASE,
 )
-# Pattern of a line that is a unit, alone or in brackets behind a word for readings.
+# Regular expression for a line that is a unit, alone or in brackets behind a word for readings.
 _UNIT_ALONE = re.compile(
     rf"\W*(?:{_WORDS['bracketed']})\s*[\[(](?P<bracketed>[^\])]+)[\])]\W*|\W*"
     r"(?P<unit>(?:(?:0[.,]0*1|1/10+)\s?)?[^\W\d]+)\W*",
     re.IGNORECASE,
 )
-# Pattern of a unit of readings that is no length.
+# Regular expression for a unit of readings that is no length.
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
-# Pattern of a line that multiplies or divides readings by a number.
+# Regular expression for words which say that readings are multiplied or divided by a number.
 _MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)
-# Pattern of a factor in the header of readings, outside the brackets of its unit.
+# Regular expression for a factor in the header of readings, outside the brackets of its unit.
 _FACTOR_OF_HEADER = re.compile(_WORDS["factor_of_header"], re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"\[[^\]]*\]|\([^)]*(?:m|in|inch|mil|\")\)|\{[^}]*\}")
-# Pattern of a word that may be a unit, with the number before it if there is one. Words beside a
-# slash, such as mm/min, do not match.
+# Regular expression for a word that may be a unit, with the number before it if there is one. Words
+# beside a slash, such as mm/min, do not match.
 _MENTIONED = re.compile(
     r"(?<![\w.,/])(?P<number>\d[\d.,]*\s?)?(?P<unit>[^\W\d_]+)(?![\w/])", re.IGNORECASE
 )
-# Pattern of a factor in front of a unit.
+# Regular expression for a factor in front of a unit.
 _FACTOR = re.compile(r"[x×*]\s*\d|\d")
 _UNREAD_FACTOR = re.compile(r"(?<!\d)(?<!\d )[x×*]\s*\d\S*\s*[^\W\d_]+", re.IGNORECASE)
 _LABEL_WORD = re.compile(r"[^\W\d_]+")
 _UNIT_WORD = re.compile(_WORDS["label"], re.IGNORECASE)
 _FILLING = re.compile(_WORDS["filling"], re.IGNORECASE)
 _OTHER = re.compile(rf"\b(?:{_WORDS['other']})\b", re.IGNORECASE)
-# Pattern of a word for one count of an instrument, such as "digit".
+# Regular expression for a word for one count of an instrument, such as "digit".
 COUNT = re.compile(_WORDS["count"], re.IGNORECASE)
-# Pattern of the header of a column that holds the unit of each row.
+# Regular expression for the header of a column that holds the unit of each row.
 UNIT_COLUMN = re.compile(_WORDS["column"], re.IGNORECASE)
-# Patterns of the size of one count: "0.1 µm per count", "1 count = 0.1 µm".
+# Regular expressions for the size of one count: "0.1 µm per count", "1 count = 0.1 µm".
 _SIZE = rf"(?P<size>{NUMBER_IN_TEXT}[\s;|]*[^\W\d]+)"
 _SCALES = (
     re.compile(rf"{_SIZE}\s*(?:{_WORDS['per']})\s*(?:{_WORDS['count']})(?!\w)", re.IGNORECASE),
@@ -96,16 +97,17 @@ _SCALES = (
     ),
 )
 _SCALE = re.compile(rf"(?<!\w)(?:{_WORDS['scale']})(?!\w)", re.IGNORECASE)
-# Units that are also words of running text. They do not count if the text has another unit for the
-# same role.
+# Units that are also ordinary words, such as "in". They are not taken as units if the text has
+# another unit for the same role of a column.
 _ALSO_WORDS = ("in",)
 
 
 def units_stated(text: str) -> dict[str, str]:
-    """Return a dict with the units that a line states; its keys are ``reading_unit`` and the like.
+    """Return a dict with the units that a line states.
 
-    The key ``reading_scale`` holds the size of one count, such as ``0.1 um``. A unit that is not
-    known is returned as written, and several units for one role are returned as one text. Both lead
+    The keys are ``reading_unit``, ``angle_unit`` and so on. The key ``reading_scale`` holds the
+    size of one count, such as ``0.1 um``. A unit that is not known is returned as written, and
+    several units for one role of a column (angle, reading, …) are returned as one text. Both lead
     to an error only if the table itself does not state the unit.
     """
     text = text[:LONGEST_TEXT]
@@ -137,7 +139,7 @@ def units_stated(text: str) -> dict[str, str]:
 def _units_of_bare_line(text: str) -> dict[str, str]:
     """Return a dict with the units of a line that is nothing but a label and a known unit.
 
-    The keys are ``reading_unit`` and the like. The dict is empty for any other line.
+    The keys are ``reading_unit``, ``angle_unit`` and so on. The dict is empty for any other line.
     """
     match = _BARE_LINE.fullmatch(text)
     if match is None:
@@ -198,7 +200,7 @@ def _units_stated_in(text: str) -> dict[str, str]:
 
 
 def _unit_after_in(unit: str, text: str, role: str) -> str:
-    """Return the unit that a line such as "Winkel in Grad" states for a role.
+    """Return the unit that a line such as "Winkel in Grad" states for a role of a column.
 
     ``unit`` is the text after "in", and ``text`` the whole line. An unknown unit is returned as
     written. The result is empty if the text after "in" has several words and none of them is a
@@ -217,10 +219,10 @@ def _unit_after_in(unit: str, text: str, role: str) -> str:
 
 
 def _scaled_units(unit: str, role: str) -> dict[str, str]:
-    """Return a dict with a unit that has a factor, such as 10 nm, under the key of its role.
+    """Return a dict with a unit that has a factor, such as 10 nm.
 
-    The keys are ``reading_unit`` and the like. If ``role`` is not empty and the unit is not one for
-    this role, the dict is empty.
+    Its key is that of the unit's role: ``reading_unit`` for 10 nm. If ``role`` is not empty and the
+    unit does not belong to this role of a column, the dict is empty.
     """
     name = unit.split()[-1]
     roles = [role] if role else list(UNITS)
@@ -228,7 +230,10 @@ def _scaled_units(unit: str, role: str) -> dict[str, str]:
 
 
 def _size_of_count(text: str) -> str:
-    """Return the size of one count that a line states, such as ``0.1 um``; empty if it has none."""
+    """Return the size of one count that a line states, such as ``0.1 um``.
+
+    The result is an empty string if the line states no such size.
+    """
     for pattern in _SCALES:
         match = pattern.search(text)
         if match is not None:
@@ -237,7 +242,7 @@ def _size_of_count(text: str) -> str:
 
 
 def _role_of_label(label: str) -> str | None:
-    """Return the role whose unit a label such as ``Force unit`` announces.
+    """Return the role of a column whose unit a label announces, such as force for ``Force unit``.
 
     The result is an empty string for a label such as ``Units``, which announces the units of all
     roles, and None for a label with words for something other than a role.
@@ -255,11 +260,12 @@ def _role_of_label(label: str) -> str | None:
 
 
 def _units_of_roles(text: str, role: str) -> dict[str, str]:
-    """Return a dict with the units in a text; its keys are ``reading_unit`` and the like.
+    """Return a dict with the units in a text.
 
-    If ``role`` is not empty, only units for this role count. Several units for one role are joined
-    by "and". If the text has no such unit, the dict holds the whole text as the unit of ``role``,
-    or of the readings.
+    The keys are ``reading_unit``, ``angle_unit`` and so on. If ``role`` is not empty, only units
+    for this role of a column are returned. Several units for one role are joined by "and". If the
+    text has no such unit, the dict holds the whole text as the unit of ``role``, or of the
+    readings.
     """
     roles = [role] if role else list(UNITS)
     names: dict[str, list[str]] = {}
@@ -290,7 +296,7 @@ def mentions_scale(text: str) -> bool:
 
 
 def multiplies_readings(text: str) -> bool:
-    """Return whether a line says that readings are multiplied or divided, as ``Values x 10``."""
+    """Return whether a line says that readings are multiplied or divided: ``Values x 10``."""
     return _MULTIPLIED.search(text[:LONGEST_TEXT]) is not None
 
 

@@ -32,7 +32,7 @@ LONGEST_TEXT = 300
 LONGEST_NAME = 200
 # Longest unit [characters]; a longer text is no unit.
 _LONGEST_UNIT = 40
-# Pattern of a unit with a factor, such as 0.1 µm for readings in counts of 0.1 µm.
+# Regular expression for a unit with a factor, such as 0.1 µm for readings in counts of 0.1 µm.
 _SCALED_UNIT = re.compile(
     r"(?P<inverse>1/)?(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
 )
@@ -46,7 +46,7 @@ WORDS: Mapping[str, Any] = tomllib.loads(
 def _role_words() -> dict[str, list[str]]:
     """Return a dict with the words that column headers use for each role.
 
-    The keys are the roles.
+    The keys are the roles, such as angle and reading.
     """
     role_words = {}
     for role, words in WORDS["roles"].items():
@@ -55,10 +55,10 @@ def _role_words() -> dict[str, list[str]]:
 
 
 # Words that column headers use for each role; the keys are the roles, such as angle. If a header
-# fits several roles, the first of these roles in the order of the keys counts.
+# fits several roles, the first of these roles in the order of the keys is used.
 ROLES: Mapping[str, Sequence[str]] = _role_words()
-# Pattern of words for quantities that are neither load nor radius of a test, such as a maximum or
-# an ambient pressure.
+# Regular expression for words for quantities that are neither load nor radius of a test, such as a
+# maximum or an ambient pressure.
 OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
 
 

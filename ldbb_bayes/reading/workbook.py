@@ -29,11 +29,11 @@ _MEGABYTE = 2**20
 _LARGEST_UNPACKED = 256 * _MEGABYTE
 # Largest ratio of unpacked to packed size of a workbook.
 _LARGEST_RATIO = 200.0
-# A workbook may unpack to this many bytes more than the largest ratio permits, because small files
-# may be packed more tightly.
+# A workbook may unpack to this many bytes in addition to ``_LARGEST_RATIO`` times its size, because
+# small files may be packed more tightly.
 _SMALL_ARCHIVE = _MEGABYTE
-# Pattern of a cell with a very high row or column number: a table that extends to this cell does
-# not fit into memory.
+# Regular expression for a cell with a very high row or column number: a table that extends to this
+# cell does not fit into memory.
 _DISTANT_CELL = re.compile(rb'\br="([A-Z]{3,}\d+|[A-Z]+\d{6,})"')
 # Size [bytes] of one sector of a compound file, the format of XLS. A complete file consists of
 # whole sectors.
@@ -109,8 +109,8 @@ def _sheets_of(
     """Return the wanted sheets of a workbook that are not empty, without hidden rows.
 
     ``wanted`` are the names of these sheets. If there are none, all sheets that are not hidden are
-    returned, or all sheets if every sheet is hidden. ``parts`` holds hidden rows, units in number
-    formats and formulas without a value for each name of a sheet.
+    returned, or all sheets if every sheet is hidden. ``parts`` holds the hidden rows, units in
+    number formats and formulas without a value of each sheet; its keys are the names of the sheets.
     """
     check_known(f"{path}: sheet", wanted, book.sheet_names)
     hidden = _hidden_sheets(book)

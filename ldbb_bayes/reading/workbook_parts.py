@@ -24,7 +24,7 @@ _PACKAGE = "{http://schemas.openxmlformats.org/package/2006/relationships}"
 _TEXT_IN_FORMAT = re.compile(r'"([^"]*)"|\\(.)')
 _CELL_NAME = re.compile(r"([A-Z]+)(\d+)")
 _LETTERS = 26
-# Largest size [bytes] of a part that is examined.
+# Largest size [bytes] of a file inside the workbook that is examined.
 _LARGEST_PART = 64 * 2**20
 
 
@@ -44,7 +44,7 @@ def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
     """Return a dict with hidden rows, units and formulas without a value for each XLSX sheet.
 
     The keys are the names of the sheets. The dict is empty for a workbook of another format, and
-    for a workbook whose parts cannot be read. ``raw`` is the content of the file.
+    for a workbook whose contents cannot be read. ``raw`` is the content of the file.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
