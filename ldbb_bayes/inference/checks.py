@@ -155,7 +155,7 @@ def _surprise(check: Check) -> float:
 
 
 def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
-    """Return the checks that fail.
+    """Return the posterior predictive checks that fail.
 
     A check fails if its p-value, times the number of checks (Bonferroni), is below 1 %.
     """

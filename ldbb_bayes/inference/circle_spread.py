@@ -28,8 +28,8 @@ from ldbb_bayes.results import Array
 __all__ = ["draw_new_noise_factors", "shape_probabilities"]
 
 # The squared noise factor λ² of a circle has the density InvGamma(a, a). These values of the shape
-# a are considered; the first one is that of the model's prior. A large a means that circles scatter
-# alike.
+# a are considered; the first value is that of the model's prior. A large a means that circles
+# scatter alike.
 _SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
 # Prior probability of the first shape in ``_SHAPES``; the other shapes have equal prior
 # probabilities. The first shape gives heavy tails. Its probability is large, so that a few circles

@@ -150,9 +150,10 @@ def _polynomials(leading: Array, weight: Array) -> _Polynomials:
 
 
 def fit_dependence(u: Array, weight: Array) -> Dependence:
-    """Fit to n points how mean and width of h coordinates depend on the first k coordinates.
+    """Return how mean and width of h coordinates depend on the first k coordinates.
 
-    A coefficient is set to zero unless it exceeds three standard errors. The standard error is
+    Mean and logarithm of the width are polynomials, whose coefficients are fitted to n points. A
+    coefficient is set to zero unless it exceeds three standard errors. The standard error is
     computed as if the number of points were the effective sample size of the weights.
 
     Parameters

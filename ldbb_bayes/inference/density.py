@@ -35,8 +35,8 @@ _START_TEMPERATURE = 1.5
 # Number of random points drawn for each starting point that a sampler needs. More than one point is
 # drawn, because points with a negative compliance are dropped.
 _DRAWS_PER_START = 2
-# Cumulative prior probabilities are kept at least this far from 0 and from 1, where the quantiles
-# of the prior are infinite.
+# Cumulative prior probabilities are kept at least this far from 0 and from 1, so that quantiles of
+# the prior are finite.
 _SMALLEST_PROBABILITY = 1e-15
 
 

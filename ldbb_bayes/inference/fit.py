@@ -257,10 +257,11 @@ def assess_fit(
     rng : Generator
         Generator of the random draws of new circles.
     prior_level : float or array
-        Expected value, under the prior, of the log prior density of the parameters. It is an array,
-        shape (chains, draws), with the value for the model of each draw, or one number for all
-        draws. It is subtracted from the log prior density, so that a difference of the expected
-        value between models is not mistaken for sensitivity to the prior.
+        Expected value, under the prior, of the log prior density of the parameters. The argument is
+        an array, shape (chains, draws), with the value for the model of each draw, or one number
+        for all draws. The expected value is subtracted from the log prior density, so that a
+        difference of the expected value between models is not mistaken for sensitivity to the
+        prior.
 
     Returns
     -------

@@ -3,8 +3,8 @@
 The integral of a density f over h dimensions is the mean of the weights f / proposal at points
 drawn from the proposal. Points are quasi-random: a Sobol sequence, randomised independently several
 times (scrambles). The proposal is a mixture of split Student-t distributions, whose two sides
-differ (Geweke, Econometrica 57, 1317-1339, 1989). In every round it is fitted to the weighted
-points of the rounds before.
+differ (Geweke, Econometrica 57, 1317-1339, 1989). In every round after the first, the proposal is
+fitted to the weighted points of the rounds before.
 
 The weights of a round use the proposal from which its points were drawn. If the weights used a
 proposal fitted to the same points, ln ∫ f would be too small, by 0.1 nat in 45 dimensions.

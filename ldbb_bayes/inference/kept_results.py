@@ -44,8 +44,8 @@ def kept(work: F) -> F:
     @functools.wraps(work)
     def work_once(posterior: xr.DataTree, *args: Any, **kwargs: Any) -> Any:
         if not isinstance(posterior, xr.DataTree) or "provenance" not in posterior.children:
-            # Call ``work`` without the cache: it raises an error for an argument that is no
-            # posterior.
+            # Call ``work`` without the cache, so that ``work`` raises its error for an argument
+            # that is no posterior.
             return work(posterior, *args, **kwargs)
         key = (work, _fingerprint(posterior), args, tuple(sorted(kwargs.items())))
         if key not in _RESULTS:

@@ -221,9 +221,9 @@ def _first_front(starts: Sequence[Array], offset: float) -> Array:
     """Return the grid points next to the starting points of a grid's growth, shape (n, h).
 
     There are h dimensions. Starting points and grid points are in multiples of the grid's steps.
-    ``offset`` is the part of a step by which the grid is moved; the grid points are stated without
-    ``offset``. If ``offset`` is zero, the grid point nearest to each starting point is returned. If
-    ``offset`` is 0.5, the 2^h grid points around each starting point are returned.
+    ``offset`` is the part of a step by which the grid is moved; the positions returned do not
+    include ``offset``. If ``offset`` is zero, the grid point nearest to each starting point is
+    returned. If ``offset`` is 0.5, the 2^h grid points around each starting point are returned.
     """
     along_axis = [0.0]
     if offset:

@@ -3,14 +3,14 @@
 β are the p parameters: compliances, their slopes and geometric errors. φ are the hyper-parameters,
 the scales of the noise and of other effects. Given φ and the readings, β is Gaussian with a mean m
 and a covariance V. The marginal density of a parameter is therefore a mixture of Gaussians, one for
-every draw of φ. Its quantiles scatter less from seed to seed than those of the draws of β
-themselves (Rao-Blackwell theorem).
+every draw of φ. The quantiles of the mixture scatter less from seed to seed than those of the draws
+of β themselves (Rao-Blackwell theorem).
 
 Truncation, if it is active, restricts β to A β ≥ 0: compliances that are not negative. Parameter j
-is then no longer Gaussian. But each draw of β can be moved along the column V_j of V. This changes
-β_j, but not the combinations of parameters that are independent of β_j. Given these combinations,
-β_j has the density N(m_j, V_jj) between the two values beyond which an element of A β is negative.
-These truncated Gaussians are the components of the mixture.
+is then no longer Gaussian. But each draw of β can be moved along the column V_j of V. Such a move
+changes β_j, but not the combinations of parameters that are independent of β_j. Given these
+combinations, β_j has the density N(m_j, V_jj) between the two values beyond which an element of A β
+is negative. These truncated Gaussians are the components of the mixture.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["MarginalMixtures", "marginal_mixtures"]
 
-# Largest number of posterior draws that are used. Each draw gives one component of the mixture for
-# every parameter.
+# Largest number of posterior draws from which marginal densities of the parameters are computed.
+# Each draw gives one component of the mixture that represents the density of a parameter.
 _COMPONENTS = 8192
 # Number of bisections in the search for a quantile. The bisections determine the quantile to less
 # than 1e-12 of the range of the draws.
@@ -59,8 +59,8 @@ class MarginalMixtures(NamedTuple):
             low = (self.low - self.mean) / self.sd
             high = (self.high - self.mean) / self.sd
             z = np.clip((x - self.mean) / self.sd, low, high)
-            # Probabilities in the upper tail are computed from the mirrored density, because a
-            # small difference from one would lose digits.
+            # Mirror the density if the interval lies in its upper tail: probabilities there differ
+            # so little from one that digits would be lost.
             sign = np.where(low > 0.0, -1.0, 1.0)
             at_low = ndtr(sign * low)
             total = ndtr(sign * high) - at_low
@@ -96,10 +96,10 @@ class MarginalMixtures(NamedTuple):
 
 
 def marginal_mixtures(posterior: xr.DataTree) -> MarginalMixtures:
-    """Return the marginal densities of all parameters of a posterior, with at most 8192 components.
+    """Return the marginal densities of all parameters, as mixtures of at most 8192 components.
 
-    In an average over models, every model has its share of the components. A parameter that a model
-    lacks is zero in the components of this model.
+    If the posterior is an average over models, every model has its share of the components. A
+    parameter that a model lacks is zero in the components of this model.
     """
     models = averaged_models(posterior)
     total = sum(len(model.phi) for model in models)
@@ -113,7 +113,7 @@ def marginal_mixtures(posterior: xr.DataTree) -> MarginalMixtures:
 
 
 def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
-    """Return the mixtures for p parameters from some draws of one model.
+    """Return the mixtures that represent the densities of p parameters in draws of one model.
 
     ``draws`` holds the indices of the draws. Parameters that the model lacks are zero, with a
     standard deviation of zero.

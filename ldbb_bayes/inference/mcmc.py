@@ -235,7 +235,8 @@ def run_ensembles(
         Starting points of the walkers.
     rule : StoppingRule
         Rule that decides when to stop. Most assessments consider only the coordinate that had the
-        smallest effective sample size before; all coordinates are considered before the run ends.
+        smallest effective sample size in an earlier assessment; all coordinates are considered
+        before the run ends.
     seed : SeedSequence
         Seed of the random numbers.
     progress : callable, optional
@@ -378,7 +379,7 @@ def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Arra
     ensembles, steps, walkers, dimensions = after_burn_in.shape
     most_draws = max(_MOST_DRAWS, int(2.0 * rule.ess / ensembles))
     stride = -(-steps * walkers // most_draws)
-    # Thin the draws so that the last step of the walkers is always among them.
+    # Thin the draws so that those of the walkers' last step are always kept.
     thinned = after_burn_in[:, (steps - 1) % stride :: stride]
     return np.swapaxes(thinned, 1, 2).reshape(ensembles, -1, dimensions)
 

@@ -80,8 +80,8 @@ class SplitT:
     #: degrees of freedom of the distribution along each of h directions; first below the centre,
     #: then above it, shape (2, h)
     freedom: Array
-    #: how mean and width of each coordinate in z depend on the first coordinates; None if the
-    #: coordinates are independent
+    #: how mean and width of each element of z depend on the first elements; None if the elements
+    #: are independent
     dependence: Dependence | None = None
 
     def log_density(self, points: Array) -> Array:

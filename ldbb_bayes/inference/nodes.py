@@ -115,16 +115,16 @@ _SPARE = 1e-7
 # Quantiles of parameters are computed from a mixture of this number of Gaussians. Each Gaussian
 # belongs to one value of the hyper-parameters.
 _COMPONENTS = 8192
-# Quantiles of parameters are those of a mixture of Gaussians. This is the smallest standard
-# deviation of a Gaussian, as a share of the standard deviation of the means of all Gaussians.
-# Narrower Gaussians are widened to this limit.
+# Quantiles of parameters are those of a mixture of Gaussians. ``_LEAST_SD_SHARE`` is the smallest
+# standard deviation of a Gaussian, as a share of the standard deviation of the means of all
+# Gaussians. Narrower Gaussians are widened to this limit.
 _LEAST_SD_SHARE = 1e-6
 
 
 class ProbabilityInside(NamedTuple):
     """Log posterior probability that no compliance is negative, and its error."""
 
-    log_value: float  #: logarithm of the probability
+    log_value: float  #: log posterior probability that no compliance is negative
     error: float  #: error of ``log_value`` [nat]
 
 
@@ -219,10 +219,10 @@ class HyperPosterior:
         """Return the joint log density of readings and hyper-parameters at w points, shape (w,).
 
         ``free``, shape (w, h), holds w values of the hyper-parameters φ (scales of the noise and of
-        other effects) in unbounded coordinates. If this density is ``truncated``, the log
+        other effects) in unbounded coordinates. If this object is ``truncated``, the log
         probability that no compliance is negative, given φ and the readings, is added. If
-        ``smooth``, an upper bound of this probability is used instead, which is cheaper to compute
-        and a smooth function of φ.
+        ``smooth`` is True, an upper bound of this probability is used instead, which is cheaper to
+        compute and is a smooth function of φ.
         """
         log_density = self.bound.hyper_prior.log_density_of_free(free)
         finite = np.isfinite(log_density)
@@ -241,16 +241,17 @@ class HyperPosterior:
         return np.asarray(log_density)
 
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
-        """Return weighted values of the hyper-parameters φ (nodes) that represent this density.
+        """Return weighted values of the hyper-parameters φ (nodes) that represent their posterior.
 
         φ are the scales of the noise and of other effects. ``tolerance`` is the error allowed in
         the logarithm of the integral of the density [nat], which is the log evidence. If the nodes
         do not reach this tolerance, their ``error`` is larger.
 
-        If this density is ``truncated``, the nodes are first those of the density that allows
-        negative compliances, with weights multiplied by the probability, given φ, that no
-        compliance is negative. If these nodes miss the tolerance, further nodes are computed where
-        the truncated density is large. The nodes with the smaller error are returned.
+        If the posterior density contains the probability that no compliance is negative
+        (``truncated``), the nodes are first those of the density that allows negative compliances,
+        with weights multiplied by the probability, given φ, that no compliance is negative. If
+        these nodes miss the tolerance, further nodes are computed where the truncated density is
+        large. The nodes with the smaller error are returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -395,7 +396,7 @@ class HyperPosterior:
 
     @cached_property
     def plain(self) -> HyperPosterior:
-        """The same density of the hyper-parameters, but with negative compliances allowed."""
+        """Posterior density of the hyper-parameters if negative compliances are allowed."""
         if not self.truncated:
             return self
         return HyperPosterior(self.bound, truncated=False, seed=self._seed, near=self._near)
@@ -520,7 +521,7 @@ class HyperPosterior:
         return corners
 
     def _derivatives_at_fixed(self, axis: int) -> Callable[[Array], tuple[Array, Array]]:
-        """Return a function that gives gradient and Hessian at a point, with zeros along one axis.
+        """Return a function that gives gradient and Hessian, with zeros for one coordinate.
 
         Both are derivatives of the log posterior density of the hyper-parameters. ``axis`` is the
         index of the coordinate that the search for a maximum must not change.
@@ -556,7 +557,7 @@ class HyperPosterior:
 
 
 def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogProbability:
-    """Return ln P(T | y, φ) at some nodes φ, with errors.
+    """Return ln P(T | y, φ) at nodes φ (values of the hyper-parameters), with errors.
 
     P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ of a node, that
     no compliance is negative; it is an integral of the Gaussian density of the parameters.
@@ -777,8 +778,9 @@ class Nodes:
         ``free``, shape (w, h), holds the hyper-parameters in unbounded coordinates. Standard
         coordinates are those in which the Gaussian density of the parameters given the
         hyper-parameters is N(0, I). If compliances must not be negative, this condition restricts
-        the standard coordinates along d directions. ``along_axes`` then returns the mean, shape (w,
-        d), and the covariance, shape (w, d, d), of the coordinates along these directions.
+        the standard coordinates along d directions. ``along_axes`` is then a function that returns
+        the mean, shape (w, d), and the covariance, shape (w, d, d), of the coordinates along these
+        directions.
         """
         means = []
         variances = []

@@ -50,7 +50,10 @@ class GaussianFactor:
     sd: float  #: standard deviation of the coordinate about its mean
 
     def log_density(self, free: Array) -> Array:
-        """Return the log density of the coordinate at w points of shape (w, h), shape (w,)."""
+        """Return the log density of the coordinate given all other coordinates, shape (w,).
+
+        ``free``, shape (w, h), holds all h coordinates of w points.
+        """
         mean = self.intercept + np.delete(free, self.axis, axis=1) @ self.slopes
         z = (free[:, self.axis] - mean) / self.sd
         return np.asarray(-0.5 * z**2 - np.log(self.sd * np.sqrt(2.0 * np.pi)))

@@ -363,7 +363,7 @@ def _require_record(posterior: xr.DataTree) -> None:
 
 
 def record_of(posterior: xr.DataTree) -> dict[str, Any]:
-    """Return the record of a posterior, which states what was fitted, how, and how well.
+    """Return the record that states what was fitted to obtain a posterior, how, and how well.
 
     The record is kept as JSON in the group ``provenance``. Raise an `InputError` for a posterior
     from `to_units`, which has no record.

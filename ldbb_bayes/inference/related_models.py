@@ -55,8 +55,8 @@ class RelatedModels:
         ``posterior`` is the posterior of the hyper-parameters under that model. The nodes are those
         of the given model with other weights. If possible, the density of the other model is
         evaluated at some of the nodes only (`density_ratio`). The nodes are computed anew if the
-        other model has other hyper-parameters, or if the error of its log evidence from the given
-        nodes would exceed the tolerance.
+        other model has other hyper-parameters, or if the error of that model's log evidence from
+        the given nodes would exceed the tolerance.
         """
         if posterior.bound.hyper_prior.names != self._names:
             return posterior.nodes(self._tolerance)
@@ -73,7 +73,7 @@ class RelatedModels:
         return posterior.nodes(self._tolerance)
 
     def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
-        """Return the given nodes, weighted with the density of another model at all nodes."""
+        """Return the given nodes with new weights: the density of another model at all nodes."""
         plain = replace(
             self._integral,
             log_density=in_chunks(posterior.plain.log_density, self._integral.free),

@@ -183,9 +183,9 @@ def sampler_named(name: str, *, stacklevel: int = 5) -> str:
     """Return the present name of a sampler, "joint" or "independent".
 
     ``name`` is the present name or a former name; a former name gives a FutureWarning.
-    ``stacklevel`` is the number of calls from `renamed` to the line that the warning names: 5 if
-    the public function that calls `sampler_named` has a decorator, 4 if it has none. Raise an
-    `InputError` for an unknown name.
+    ``stacklevel`` is the number of calls between the function `renamed`, which gives the warning,
+    and the line that the warning names: 5 if the public function that calls `sampler_named` has a
+    decorator, 4 if it has none. Raise an `InputError` for an unknown name.
     """
     require(
         name != "emcee",

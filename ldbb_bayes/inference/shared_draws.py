@@ -3,8 +3,8 @@
 β are the p parameters: compliances, their slopes and geometric errors. φ are the hyper-parameters,
 the scales of the noise and of other effects. Nuisances are effects that are modelled but not of
 interest; u are the q coefficients of the nuisances that tests share. Given φ and the readings y,
-the joint density p(u, β | y, φ) is Gaussian, so that several draws cost little more than one.
-Truncation restricts β to compliances that are not negative.
+the joint density p(u, β | y, φ) is Gaussian, so that several draws cost little more than a single
+draw. Truncation restricts β to compliances that are not negative.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ def draw_with_shared(
 ) -> SharedDraws:
     """Return ``repeats`` random draws of nuisances and parameters for each of w values of φ.
 
-    Nuisances are effects that are modelled but not of interest. φ are the hyper-parameters;
-    ``free``, shape (w, h), holds their values in unbounded coordinates. ``bound`` is the model,
-    applied to its campaign. There are w × ``repeats`` draws; the draws for one value of φ follow
-    each other. Raise an `InputError` if the model allows no negative compliances and no draw
-    without negative compliances is found.
+    Nuisances are effects that are modelled but not of interest. φ are the hyper-parameters (scales
+    of the noise and of other effects); ``free``, shape (w, h), holds their values in unbounded
+    coordinates. ``bound`` is the model, applied to its campaign. There are w × ``repeats`` draws;
+    the draws for one value of φ follow each other. Raise an `InputError` if the model allows no
+    negative compliances and no draw without negative compliances is found.
     """
     p = len(bound.names)
     phi = bound.hyper_prior.phi(free)
@@ -70,8 +70,8 @@ def _draw_standard(
     """Return random draws of the parameters in standard coordinates, shape (w, repeats, p).
 
     In standard coordinates the density of the parameters given each of w values of the
-    hyper-parameters is N(0, I). No compliance that ``conditional.physical`` restricts is negative
-    in any draw.
+    hyper-parameters is N(0, I). If the model allows no negative compliances, no compliance is
+    negative in any draw. ``conditional`` holds the densities of the parameters.
     """
     w, p = conditional.mean.shape
     standard = rng.standard_normal((w * repeats, p))

@@ -57,12 +57,13 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
     -------
     DataFrame
         Table with the columns unit, mean, sd, median, ci_low, ci_high, prior_mean, prior_sd,
-        ess_bulk, ess_tail (effective sample sizes) and rhat. The prior columns are filled for
-        proper priors only; for parameters they state the prior without the condition that no
-        compliance is negative. ``attrs["fit"]`` says how well the model fits, with warnings and
-        whether the numbers can be used (``state``). When the table is printed, units are easy to
-        read, such as nm/N, and slopes such as C_XXX_1 are replaced by the change of each compliance
-        C(F) over the tested forces. The method ``details`` of the table prints the slopes.
+        ess_bulk, ess_tail (effective sample sizes) and rhat. The columns prior_mean and prior_sd
+        are filled for proper priors only; for parameters they state the prior without the condition
+        that no compliance is negative. ``attrs["fit"]`` says how well the model fits, with warnings
+        and whether the numbers can be used (``state``). When the table is printed, units are easy
+        to read, such as nm/N, and slopes such as C_XXX_1 are replaced by the change of each
+        compliance C(F) over the tested forces. The method ``details`` of the table prints the
+        slopes.
 
     Raises
     ------
