@@ -122,12 +122,12 @@ class _ModelBudget:
     p parameters, in internal units. ``phi`` are the mean hyper-parameters, by name. ``covariance``,
     shape (m, m), is the posterior covariance of all m coefficients (parameters and nuisances) at
     these hyper-parameters, in units of the prior standard deviations; ``information`` is the
-    information of the bound model at the same hyper-parameters. ``shares`` holds, for the names of
-    a source and of its model term, the share of the source in the variance of each parameter, shape
-    (p,). ``ratio_if_known`` holds, for the name of a model term, the variance that each parameter
-    would have if the term were known exactly, divided by the present variance of the parameter,
-    shape (p,). ``origins`` states for each source whether its size is measured here, stated or
-    assumed.
+    `Information` of the bound model at the same hyper-parameters. ``shares`` holds, for the names
+    of a source and of its model term, the share of the source in the variance of each parameter,
+    shape (p,). ``ratio_if_known`` holds, for the name of a model term, the variance that each
+    parameter would have if the term were known exactly, divided by the present variance of the
+    parameter, shape (p,). ``origins`` states for each source whether its size is measured here,
+    stated or assumed.
     """
 
     model: AveragedModel
@@ -162,7 +162,7 @@ class _ParameterVariance:
 
     @property
     def total(self) -> float:
-        """The averaged variance, by which shares are divided. A variance of zero counts as one."""
+        """The averaged variance, the divisor of all shares. A variance of zero counts as one."""
         return (sum(self.weights) + (self.spread or 0.0)) or 1.0
 
 

@@ -164,7 +164,7 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     """
     information = information_of(bound, phi)
     # The error of the bar's length is common to both campaigns only if their radii are the same.
-    # The radius is therefore part of its name here.
+    # The radius is therefore part of the name of this error.
     bar_length = f"bar_length_{bound.setting.radii_mm[0]:g}"
     names = []
     for name in information.names:

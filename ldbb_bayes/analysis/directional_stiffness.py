@@ -130,7 +130,8 @@ class PlaneStiffness(Result):
     True
     """
 
-    plane: str  #: plane of the circle, such as XY; angles are measured from its first axis
+    #: plane of the circle, such as XY; angles are measured from the first axis of the plane
+    plane: str
     radius_mm: float  #: radius of the first circle tested in the plane [mm]
     force_N: float  #: force of the bar [N]
     angle_deg: Numbers  #: angles θ of the bar, shape (n,) [°]

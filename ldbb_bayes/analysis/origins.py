@@ -154,7 +154,7 @@ def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
 
 
 def edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
-    """Return the nuisance terms of the preset from which a model was made; the keys are classes.
+    """Return the nuisance terms of the preset from which a model was made; keys are their classes.
 
     A nuisance is an effect that is modelled but not of interest. The terms have the package's own
     values, even where the user has changed these values in the model.
@@ -205,7 +205,7 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
 
 
 def _noises_of(bound: BoundModel) -> Mapping[str, tuple[Columns | BasisNoise, ...]]:
-    """Return the design-matrix columns that act as noise of single tests; keys name the terms."""
+    """Return the columns of the design matrix that act as noise of single tests, by term."""
     noises = {}
     for kind, columns in bound.columns_of.items():
         noises[kind.__name__] = tuple(

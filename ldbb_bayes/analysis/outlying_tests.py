@@ -338,10 +338,10 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # For each Fourier order, ``nearer_counts`` holds the number of replicates that deviate less
-    # than the circle; ``most_nearer`` is the largest of these numbers. In each order, all but the
-    # ``most_nearer`` smallest deviations count as large. The p-value follows from the number of
-    # replicates with a large deviation in at least one order.
+    # For each Fourier order, ``nearer_counts`` holds the number of replicates (simulated circles)
+    # that deviate less than the circle; ``most_nearer`` is the largest of these numbers. In each
+    # order, all but the ``most_nearer`` smallest deviations count as large. The p-value follows
+    # from the number of replicates with a large deviation in at least one order.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

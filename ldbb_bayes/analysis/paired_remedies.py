@@ -31,8 +31,10 @@ class PairedRemedy(Result):
     parameter is confounded if assumed effects cause more than half of its variance.
     """
 
-    first: CureStep  #: cheapest remedy, if only one remedy is used
-    #: remedy that, added to the first, reduces the parameter's standard uncertainty most
+    #: first remedy, a change of the plan or a certificate: the cheapest if only one remedy is used
+    first: CureStep
+    #: second remedy, a change of the plan or a certificate: of all remedies, that which reduces the
+    #: parameter's standard uncertainty most if it is added to the first remedy
     second: CureStep
     circles: int  #: number of circles that both remedies together add to the campaign
     sd: float  #: standard uncertainty of the parameter after both remedies, in internal units
@@ -57,7 +59,7 @@ def paired_remedies(
     Parameters
     ----------
     tried
-        The campaign, with its uncertainties after each remedy.
+        The campaign, with its standard uncertainties after each remedy.
     chosen
         The cheapest remedy for every parameter, from `remedies`. The keys are names of parameters.
     sd
@@ -95,8 +97,8 @@ def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> Pair
     before = tried.sd_with()[name]
     ratio_of: dict[CureStep, float] = {}
     for step in tried.steps:
-        # All remedies are tried, because a remedy that has no effect by itself may have an effect
-        # together with the first remedy.
+        # All changes of the plan and all certificates are tried, because a remedy that has no
+        # effect by itself may have an effect together with the first remedy.
         if step == first:
             continue
         after = tried.sd_with(first, step)

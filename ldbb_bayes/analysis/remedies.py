@@ -10,9 +10,9 @@ hyper-parameters φ (the scales of the noise and of other effects) keep their va
 Changes of a plan that add circles double the number of circles. To take all readings twice under
 the same conditions would also reduce the uncertainty. Circles in another order, in the other
 direction of travel, with turned balls or at another radius are therefore a remedy only if they
-reduce the uncertainty more than that. More circles are advised only if sources that are measured
-here, such as scatter between readings and circles, have most of the variance. An assumed effect is
-the same in every circle, and does not average out.
+reduce the uncertainty more than such a repetition. More circles are advised only if sources that
+the readings measure, such as scatter between readings and circles, have most of the variance. An
+effect whose size is assumed is the same in every circle, and does not average out.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 # the remedy, divided by that without the remedy, is at most this number. At least half of the
 # variance is then removed.
 CURED_RATIO = 0.5**0.5
-# A change of the plan, or a certificate, counts as a remedy only if the standard uncertainty after
-# the change, divided by that before the change, is less than this number.
+# A change of the plan, or a certificate, counts as a remedy for a large uncertainty only if the
+# standard uncertainty with the remedy, divided by that without the remedy, is less than this
+# number.
 NARROWER = 0.9
 # A change of the plan that adds circles counts as a remedy for a large uncertainty only if it is
 # better than taking all readings twice: the standard uncertainty with the change, divided by that
@@ -86,7 +87,7 @@ def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, R
     Parameters
     ----------
     tried
-        The campaign, with its uncertainties after each remedy.
+        The campaign, with its standard uncertainties after each remedy.
     sd
         Standard uncertainties of the p parameters and changes without any remedy, shape (p,), in
         internal units.

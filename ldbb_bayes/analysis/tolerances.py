@@ -248,8 +248,8 @@ def _read_range(subject: str, text: str, lower: str, upper: str, inside_unit: st
     """Return the tolerance whose limits are the texts ``lower`` and ``upper``.
 
     A lower limit without a unit has the unit of the upper limit. ``inside_unit`` is the internal
-    unit of the result (of mm, N, rad). Error messages name ``subject`` and quote ``text``, the
-    whole tolerance as the user wrote it.
+    unit of the result (composed of mm, N and rad). Error messages name ``subject`` and quote
+    ``text``, the whole tolerance as the user wrote it.
     """
     if not _UNIT_CHARACTER.search(_EXPONENT.sub("", lower)):
         lower += _NUMBER.sub("", upper)

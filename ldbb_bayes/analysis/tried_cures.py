@@ -36,7 +36,7 @@ __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 # because this angle turns the phase of a ball's form error by 90° at order 2, by 135° at order 3
 # and by 180° at order 4.
 _TURN_DEG = 45.0
-# Number of random orders of the circles that are tried. The order that is least correlated with
+# Number of random orders in which the circles might be run. The order that is least correlated with
 # force is taken.
 _ORDERS_TRIED = 200
 
@@ -54,7 +54,7 @@ class RemedyKind(StrEnum):
 
 @dataclass(frozen=True)
 class CureStep(Result):
-    """A remedy, given by its kind and, if it is a certificate, by the name of the certificate."""
+    """A remedy for a large uncertainty: a change of the plan, or a certificate."""
 
     kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
     #: certificate, as a key of ``CERTIFICATES`` such as "mount ± 2 %"; empty for a change of the
@@ -82,14 +82,17 @@ class TriedCures:
 
     @cached_property
     def steps(self) -> tuple[CureStep, ...]:
-        """All single remedies that can be tried, the cheapest first."""
+        """All single remedies that can be tried, the cheapest first.
+
+        A remedy is a change of the plan or a certificate of the instrument.
+        """
         steps = [CureStep(kind, "") for kind in longer_plans(self.bound)]
         for name in missing_certificates(self.bound.campaign.instrument):
             steps.append(CureStep(RemedyKind.CERTIFICATE, name))
         return tuple(steps)
 
     def bound_with(self, *steps: CureStep) -> BoundModel | None:
-        """Return the model bound to the campaign after these remedies, applied one after the other.
+        """Return the model bound to the campaign after the remedies ``steps``, applied in turn.
 
         A remedy is a change of the plan or a certificate of the instrument. Return None if a remedy
         cannot be applied after the earlier remedies, for example because the instrument already has
@@ -104,11 +107,11 @@ class TriedCures:
         return self._bound_with[steps]
 
     def sd_with(self, *steps: CureStep) -> dict[str, float]:
-        """Return standard uncertainties of parameters and changes after these remedies, by name.
+        """Return standard uncertainties of parameters and changes after the remedies ``steps``.
 
         A remedy is a change of the plan or a certificate of the instrument. Changes are those of
-        compliances with force. The names are those of `sd_by_name`. The result is empty if the
-        remedies cannot be applied one after the other.
+        compliances with force. The keys are the names that `sd_by_name` uses. The result is empty
+        if the remedies cannot be applied one after the other.
         """
         if steps not in self._sd_with:
             changed = self.bound_with(*steps)
@@ -118,7 +121,11 @@ class TriedCures:
         return self._sd_with[steps]
 
     def confounded_with(self, *steps: CureStep) -> set[str]:
-        """Return the names of the parameters that stay confounded after these remedies."""
+        """Return the names of the parameters that stay confounded after the remedies ``steps``.
+
+        A remedy is a change of the plan or a certificate of the instrument. A parameter is
+        confounded if assumed effects cause more than half of its variance.
+        """
         if steps not in self._confounded_with:
             names = set()
             changed = self.bound_with(*steps)
@@ -131,7 +138,10 @@ class TriedCures:
         return self._confounded_with[steps]
 
     def circles_with(self, *steps: CureStep) -> int:
-        """Return the number of circles that these remedies add to the campaign."""
+        """Return the number of circles that the remedies ``steps`` add to the campaign.
+
+        A remedy is a change of the plan or a certificate of the instrument.
+        """
         changed = self.bound_with(*steps)
         if changed is None:
             return 0

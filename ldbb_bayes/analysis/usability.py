@@ -79,7 +79,7 @@ def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) ->
     Parameters
     ----------
     verdicts : mapping of str to ParameterIdentifiability
-        Verdict on each parameter, by name.
+        Verdict on each parameter (identified, prior-limited or confounded), by name.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def state_of(
     fit : Fit
         How well the model fits the readings.
     verdicts : mapping of str to ParameterIdentifiability
-        Verdict on each parameter, by name.
+        Verdict on each parameter (identified, prior-limited or confounded), by name.
     stated : collection of str
         Names of the parameters on the certificate.
     comparison : Comparison, optional

@@ -310,7 +310,7 @@ def weights_of_parameters(information: Information) -> Array:
 
 
 def _without_noise(information: Information, known: Sequence[str]) -> Information:
-    """Return the information that the readings would have if some terms caused no noise.
+    """Return the information that the readings would give if some terms caused no noise.
 
     ``known`` are the class names of these terms.
     """

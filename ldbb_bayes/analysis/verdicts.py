@@ -117,8 +117,8 @@ class Verdict(StrEnum):
     2. *prior-limited*, if the posterior sd is more than half of the prior sd.
     3. *identified*, if neither of these rules applies.
 
-    Shares within 1e-6 of one half count as one half, which is no majority. Effects whose shares
-    agree within 1e-6 are ranked in the order of the model's terms.
+    Shares within 1e-6 of one half count as one half, and therefore not as more than half. Effects
+    whose shares agree within 1e-6 are ranked in the order of the model's terms.
     """
 
     IDENTIFIED = "identified"
@@ -162,7 +162,7 @@ class ParameterIdentifiability(Result):
     #: confounded after ``remedy`` alone; None if the parameter does not stay confounded, or if no
     #: second remedy reduces the standard uncertainty by a further 10 %
     paired_remedy: PairedRemedy | None
-    unit: str  #: internal unit of the parameter (of mm, N, rad)
+    unit: str  #: internal unit of the parameter, composed of mm, N and rad
     prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
     #: prior standard deviation of the parameter; infinite for a flat prior
     prior_sd: Finite
@@ -303,8 +303,8 @@ def _relative_to(
 
     ``certificates`` holds standard uncertainties by certificate, then by parameter. The first key
     stands for no further certificate. The standard uncertainties of each parameter are all
-    multiplied by the same factor, which makes that under the first key equal to the forecast
-    ``expected``.
+    multiplied by the same factor. With this factor, the standard uncertainty without a further
+    certificate equals the forecast ``expected``.
     """
     without = next(iter(certificates.values()))
     scaled = {}
@@ -505,7 +505,7 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 
 
 class JudgedQuantities(NamedTuple):
-    """Verdicts on all parameters, and on all changes of compliances with force, by name."""
+    """How well all parameters, and all changes of compliances with force, are known, by name."""
 
     parameters: dict[str, ParameterIdentifiability]
     changes: dict[str, ChangeIdentifiability]
@@ -514,12 +514,13 @@ class JudgedQuantities(NamedTuple):
 @kept
 @one_blas_thread
 def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
-    """Return the verdicts on the parameters of a posterior, and on the changes with force.
+    """Return how well the parameters of a posterior, and changes with force, are known.
 
-    The verdicts on the parameters are those of `judge_posterior`. The verdicts on the changes
-    C(F_max) − C(F_min) follow by the same rules from posterior draws of the curves C(F). In an
-    average over models, the prior variance of a change is the mean of its prior variances under all
-    models that have draws.
+    A verdict calls each of them identified, prior-limited or confounded. The verdicts on the
+    parameters are those of `judge_posterior`. The verdicts on the changes C(F_max) − C(F_min) of
+    compliances follow by the same rules from posterior draws of the curves C(F). In an average over
+    models, the prior variance of a change is the mean of its prior variances under all models that
+    have draws.
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
@@ -596,8 +597,9 @@ def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVar
 def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
     """Return for each confounded parameter the effects with which it is confounded.
 
-    Parameters that are not confounded are left out. The effects are those in the verdicts of
-    `judge_posterior`, but this function takes less time.
+    A parameter is confounded if effects that nobody measured or stated cause most of its variance.
+    Parameters that are not confounded are left out. The effects are those that `judge_posterior`
+    returns, but this function takes less time.
 
     Parameters
     ----------
@@ -617,9 +619,9 @@ def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str,
 def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
     """Return for each confounded parameter of a posterior the effects with which it is confounded.
 
-    Parameters that are not confounded are left out. The effects are those in the verdicts of
-    `judge_posterior`, also if the posterior is an average over models, but this function takes less
-    time.
+    A parameter is confounded if effects that nobody measured or stated cause most of its variance.
+    Parameters that are not confounded are left out. The effects are those that `judge_posterior`
+    returns, but this function takes less time. The posterior may be an average over models.
     """
     names = bound_of(posterior).names
     variances = [_variance_of_model(model, {}) for model in averaged_models(posterior)]
@@ -679,7 +681,7 @@ def judge(
     contraction: float,
     likeness: Mapping[tuple[str, str], float] | None = None,
 ) -> PartneredVerdict:
-    """Return the verdict on a parameter by the rules of `Verdict`.
+    """Return the verdict on a parameter: identified, prior-limited or confounded; see `Verdict`.
 
     Parameters
     ----------
@@ -706,7 +708,7 @@ def judge_parameters(
     mean: Array,
     sampled_sd: SampledSd | None = None,
 ) -> dict[str, ParameterIdentifiability]:
-    """Return the verdict on every parameter of a model; remedies are not looked for.
+    """Return for every parameter of a model whether it is identified, prior-limited or confounded.
 
     Parameters
     ----------
@@ -736,7 +738,7 @@ def judge_parameters(
 def _judge_average(
     variance: AveragedVariance, bound: BoundModel, sampled_sd: SampledSd
 ) -> dict[str, ParameterIdentifiability]:
-    """Return the verdict on every parameter of one model, or of an average over models.
+    """Return how well every parameter of one model, or of an average over models, is known.
 
     ``bound`` is the model with all parameters. ``variance`` holds the variances of the parameters
     under each model. ``sampled_sd`` are the prior and posterior standard deviations for the
@@ -782,7 +784,7 @@ def _judge_average(
 def _judge_changes(
     variance: AveragedVariance, changes: Mapping[str, CurveChange], prior_sd: Array
 ) -> dict[str, ChangeIdentifiability]:
-    """Return the verdict on every change of a compliance with force; remedies are not looked for.
+    """Return how well every change of a compliance with force is known, but no remedies.
 
     ``variance`` holds the variances of all parameters, then of the changes, under each model.
     ``prior_sd`` are the prior standard deviations of the changes, one for each of ``changes``.

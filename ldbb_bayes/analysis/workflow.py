@@ -37,14 +37,16 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["LeftOutCircle", "PriorRange", "Workflow", "check_workflow"]
 
-# Number of circles drawn from the prior. Their ranges are compared with the measured ranges.
+# Number of circles drawn from the prior. The ranges (largest minus smallest reading) of these
+# circles are compared with the measured ranges.
 _PRIOR_CIRCLES = 2000
-# Probability of the interval in which the prior expects the range of a circle.
+# Probability of the interval in which the prior expects the range (largest minus smallest reading)
+# of a circle.
 _PRIOR_PROB = 0.95
 # Error allowed in every log evidence [nat].
 _TOLERANCE = 1e-2
-# If the p-value of all circles left out together is below this number, the circles do not scatter
-# as predicted.
+# Each circle left out has a p-value. If the p-value of the hypothesis that these p-values are
+# uniform is below this number, the circles do not scatter as predicted.
 _UNIFORM = 0.05
 # Number of steps of the EM algorithm that finds the weights of stacking (the mixture of models that
 # predicts circles left out best).
@@ -56,8 +58,10 @@ class PriorRange:
     """Range (largest minus smallest reading) of one circle, measured and expected by the prior."""
 
     measured_um: float
-    low_um: float  #: lower end of the interval of ranges of circles drawn from the prior
-    high_um: float  #: upper end of the interval of ranges of circles drawn from the prior
+    #: lower end of the interval of ranges (largest minus smallest reading) that the prior expects
+    low_um: float
+    #: upper end of the interval of ranges (largest minus smallest reading) that the prior expects
+    high_um: float
     #: probability, under the prior, of a range at least as large as the measured range, not
     #: adjusted for the number of circles; a small value means that the prior is too narrow for this
     #: machine
@@ -87,7 +91,8 @@ class Workflow(Result):
     """
 
     campaign: str  #: name of the campaign
-    prior_ranges: dict[str, PriorRange]  #: range of every circle, by name of the test
+    #: range (largest minus smallest reading) of every circle, by name of the test
+    prior_ranges: dict[str, PriorRange]
     prior_prob: float  #: probability of the intervals in ``prior_ranges``
     rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
     #: smallest effective sample size for the mean of a parameter or hyper-parameter
@@ -111,7 +116,11 @@ class Workflow(Result):
 
     @property
     def surprising_circles(self) -> tuple[str, ...]:
-        """Names of circles whose range is too large for the prior (family-wise p-value < 2 %)."""
+        """Names of circles with a much larger range of readings than the prior expects.
+
+        The range is the largest minus the smallest reading. The family-wise p-value of such a
+        circle is below 2 %.
+        """
         names = list(self.prior_ranges)
         p_values = np.array([entry.p_value for entry in self.prior_ranges.values()])
         adjusted = holm(p_values)
@@ -119,7 +128,7 @@ class Workflow(Result):
 
     @property
     def quiet_circles(self) -> tuple[str, ...]:
-        """Names of the circles whose range is below the interval that the prior expects.
+        """Names of the circles with a smaller range of readings than the prior expects.
 
         For these circles, the prior is wider than this machine needs. This is no fault, because the
         prior is meant for all machines.
@@ -132,7 +141,7 @@ class Workflow(Result):
 
     @property
     def outlying_circles(self) -> tuple[str, ...]:
-        """Names of circles that the other circles do not predict (family-wise p-value < 2 %)."""
+        """Names of circles that do not agree with the other circles (family-wise p-value < 2 %)."""
         names = []
         for name, circle in self.left_out.items():
             if circle.family_wise_p_value < FALSE_ALARMS:
@@ -143,9 +152,9 @@ class Workflow(Result):
     def uniformity_p_value(self) -> float:
         """p-value of the hypothesis that the p-values of all circles left out are uniform.
 
-        The single p-values depend on one another; the test allows for this. A small value with no
-        outlying circle means that many circles deviate a little more, or a little less, than the
-        other circles predict.
+        The p-values of the circles depend on one another, which the test takes into account. If no
+        circle is outlying, a small value means that many circles deviate a little more, or a little
+        less, than the other circles predict.
         """
         p_values = np.array([circle.p_value for circle in self.left_out.values()])
         return float(uniformity_p_value(p_values))
@@ -265,7 +274,7 @@ def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
 
 
 def _prior_ranges(posterior: xr.DataTree, seed: int) -> dict[str, PriorRange]:
-    """Return the range of every circle, and the interval in which the prior expects it."""
+    """Return the range of readings of every circle, and the interval that the prior expects."""
     bound = bound_of(posterior)
     rng = np.random.default_rng(seed)
     ranges = {}
