@@ -26,7 +26,7 @@ from ldbb_bayes.units import ranked
 __all__ = ["Degeneracy", "degeneracies"]
 
 # Largest number of angles of a test at which the effects of coefficients on the readings are
-# computed. This number is enough, because no effect has more than 12 waves per turn.
+# computed. This number suffices, because no effect has more than 12 waves per turn.
 _MOST_ANGLES = 240
 # Angles of readings [rad] that agree to this number of decimals count as one angle.
 _ANGLE_DECIMALS = 9

@@ -133,10 +133,10 @@ def average(
     -------
     DataTree
         Posterior as returned by `sample`, with the parameters of the largest model; a parameter
-        that a model lacks is zero in its draws. The entry ``averaged`` of the record lists the
-        models with rival explanations, log evidence and probability. ``sample_stats.model`` is the
-        index in this list, from 0, of the model that each draw comes from. The prior draws come
-        from all models in equal numbers.
+        that a model lacks is zero in its draws. The posterior also stores a record (a dictionary).
+        Its entry ``averaged`` lists the models with rival explanations, log evidence and
+        probability. ``sample_stats.model`` is the index in this list, from 0, of the model that
+        each draw comes from. The prior draws come from all models in equal numbers.
 
     Raises
     ------

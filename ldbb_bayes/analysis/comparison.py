@@ -306,8 +306,8 @@ class Comparison(Result):
     def within_tolerance(self) -> bool:
         """Return whether the largest error of any log evidence is at most ``tolerance``.
 
-        Evidences under an assumption are ignored if they are at least 10 nat below those under the
-        models' own assumption.
+        Log evidences under another assumption about how circles differ are ignored if they are at
+        least 10 nat below those under the models' own assumption.
         """
         return self.largest_error <= self.tolerance
 
@@ -438,7 +438,8 @@ class _ComparisonPlan:
 class _StepCounter:
     """Counter of the steps of a comparison, called once after every step.
 
-    At every call it passes the number of steps done, and their total, to ``progress``.
+    At every call, the counter passes the number of steps done, and the total number of steps, to
+    ``progress``.
     """
 
     def __init__(self, progress: Callable[[int, int], None], total: int) -> None:

@@ -69,9 +69,11 @@ class ChangeWithForce(Result):
     #: change divided by the compliance C(F0) at the reference force, a pure number; None if the
     #: credible interval of C(F0) contains zero
     relative: DrawnValue | None
-    probability_of_increase: float  #: probability that the change is positive
-    #: probability that the change is negative. In an average over models, some with a constant
-    #: compliance, the probabilities of increase and decrease sum to less than one.
+    #: probability that the compliance at F_max is larger than at F_min
+    probability_of_increase: float
+    #: probability that the compliance at F_max is smaller than at F_min. In an average over models,
+    #: some with a constant compliance, the probabilities of increase and decrease sum to less than
+    #: one.
     probability_of_decrease: float
 
     @property

@@ -322,11 +322,10 @@ def _tail_probability(outside: Array, score: float) -> float:
 
 
 def _probability_of_few_draws(count: int, n: int, normal_tail: float) -> float:
-    """Return the probability of the side of a limit on which too few of the n draws lie.
+    """Return the probability that a quantity lies on that side of a limit where few draws lie.
 
-    The probability is the tail of a normal distribution, ``normal_tail``, but at least the share
-    ``count`` / n of the draws on this side, and at most ``_FEWEST_DRAWS`` / n. If no draw lies on
-    this side, only the normal distribution determines the probability.
+    The probability is ``normal_tail``, the tail of a normal distribution. However, it is at least
+    the share ``count`` / n of the n draws on this side, and at most ``_FEWEST_DRAWS`` / n.
     """
     largest_share = _FEWEST_DRAWS / n
     return max(count / n, min(normal_tail, largest_share))

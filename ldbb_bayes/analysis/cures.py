@@ -116,7 +116,8 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     The pivot of a degeneracy is the coefficient whose effect on the readings the other coefficients
     cancel. Two degeneracies are the same if their pivots are nuisance coefficients of the same
     kind. Two degeneracies with parameters as pivots are the same if they have two parameters in
-    common. One common parameter is enough if the first degeneracy has only one parameter.
+    common. If the first degeneracy has only one parameter, the two degeneracies are the same if the
+    second has this parameter too.
     """
     if degeneracy.term != candidate.term:
         return False

@@ -41,7 +41,8 @@ class _Differences(NamedTuple):
     difference: Array
     sd: Array  #: standard uncertainty of ``difference``, shape (n,)
     interval: Array  #: ends of the equal-tailed interval of the difference, shape (2, n)
-    increase: Array  #: probability that the second campaign's value is larger, shape (n,)
+    #: probability that a parameter is larger in the second campaign than in the first, shape (n,)
+    increase: Array
     #: coefficient of the common instrument about which the campaigns disagree most; None if the
     #: instruments are different, or if the readings of both campaigns are informative about no
     #: coefficient

@@ -54,8 +54,8 @@ _DRAWS = 2000
 # The compliance along the bar and its credible intervals are stated at every angle that is a
 # multiple of this angle [°].
 _STEP_DEG = 5
-# If the credible interval of a compliance begins below this share of its median, only a lower limit
-# of the stiffness is stated.
+# If the lower end of a compliance's credible interval is below this share of the median of the
+# compliance, only a lower limit of the stiffness is stated.
 _HARDLY_POSITIVE = 0.2
 # Draws of a compliance below this share of its median are replaced by this share of the median
 # before they are inverted. Without this replacement, the few draws near zero would dominate the
@@ -158,7 +158,7 @@ class PlaneStiffness(Result):
 class PrincipalAxis(Result):
     """One principal stiffness of a machine in space, and its direction."""
 
-    stiffness: StatedValue  #: stiffness along the axis
+    stiffness: StatedValue  #: stiffness along the principal axis
     direction: tuple[float, float, float]  #: unit vector along X, Y and Z; its sign has no meaning
     #: half angle of a cone about ``direction`` that contains the true axis with the probability of
     #: the credible intervals [°]
@@ -479,9 +479,9 @@ def _cross(
 class _Tensor(NamedTuple):
     """Posterior draws of the elements of a plane's compliance tensor [mm/N], shape (draws,)."""
 
-    first: Array  #: element of the plane's first axis on the diagonal of the tensor
-    second: Array  #: element of the plane's second axis on the diagonal of the tensor
-    cross: Array  #: element that couples the two axes, off the diagonal of the tensor
+    first: Array  #: diagonal element of the compliance tensor for the plane's first axis
+    second: Array  #: diagonal element of the compliance tensor for the plane's second axis
+    cross: Array  #: off-diagonal element of the compliance tensor of a plane
 
 
 def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> _Tensor:

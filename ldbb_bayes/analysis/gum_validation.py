@@ -236,8 +236,8 @@ def numerical_tolerance(u: float, digits: int) -> float:
 def agreeing_digits(distance: float, u: float) -> int:
     """Return within how many significant digits of u two intervals agree, at most two.
 
-    ``distance`` is the distance between the lower ends of the two intervals, or that between their
-    upper ends if it is larger.
+    u is a standard uncertainty. ``distance`` is the larger of two distances: that between the lower
+    ends of the intervals, and that between the upper ends.
     """
     for digits in range(_MOST_DIGITS, 0, -1):
         if distance <= numerical_tolerance(u, digits):

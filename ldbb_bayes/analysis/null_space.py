@@ -18,7 +18,8 @@ __all__ = ["EXACT_SHARE", "NullSpace"]
 # this share of the change that its pivot, the coefficient with the value one, causes alone.
 EXACT_SHARE = 0.05
 # Coefficients are dropped from an unresolved combination if their effect on the readings is below a
-# share of the largest effect of any of its coefficients. These shares are tried in turn.
+# share of the largest effect of any coefficient in the combination. The shares listed here are
+# tried in turn.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # A combination from which coefficients of small effect are dropped may change a reading by at most
 # this share of the limit below which a change cannot be seen.

@@ -49,7 +49,8 @@ class Origin(StrEnum):
     """Where the size of a source of uncertainty comes from."""
 
     MEASURED = "measured here"  #: the readings of this campaign determine the size of the source
-    STATED = "stated"  #: a certificate, or a prior that the user gave, states the size
+    #: a certificate, or a prior that the user gave, states the size of the source
+    STATED = "stated"
     ASSUMED = "assumed"  #: nobody measured the source; the default prior gives its size
 
 

@@ -36,10 +36,13 @@ class PairedRemedy(Result):
     #: second remedy, a change of the plan or a certificate: of all remedies, that which reduces the
     #: parameter's standard uncertainty most if it is added to the first remedy
     second: CureStep
-    circles: int  #: number of circles that both remedies together add to the campaign
-    sd: float  #: standard uncertainty of the parameter after both remedies, in internal units
+    #: number of circles that both remedies (changes of the plan or certificates) add together
+    circles: int
+    #: standard uncertainty of the parameter that remains after both remedies, in internal units
+    sd: float
     ratio: float  #: ``sd`` divided by the standard uncertainty without any remedy
-    is_confounded: bool  #: whether the parameter stays confounded after both remedies
+    #: whether the parameter stays confounded with assumed effects after both remedies
+    is_confounded: bool
 
 
 def paired_remedies(

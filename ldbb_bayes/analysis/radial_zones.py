@@ -35,10 +35,10 @@ class Zone:
 
 
 def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
-    """Return the zone of radial deviations about the centre of the least-squares circle.
+    """Return the range of radial deviations about the centre of the least-squares circle.
 
     ``deviation``, shape (n,), are the radial deviations at the angles ``angle_rad``, shape (n,).
-    The deviations may have any unit; the zone has the same unit.
+    The deviations may have any unit; the result has the same unit.
     """
     columns = _circle_columns(angle_rad, deviation)
     mean, *centre = np.linalg.lstsq(columns, deviation, rcond=None)[0].tolist()
@@ -47,12 +47,12 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
 
 
 def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
-    """Return the width of the narrowest zone of radial deviations about any centre.
+    """Return the width of the narrowest ring, about any centre, that contains a tool path.
 
     ``deviation``, shape (n,), are the radial deviations ρ at the angles θ, ``angle_rad``, shape
-    (n,). A linear programme finds the centre (a, b) and the limits ``lower`` and ``upper`` that
-    make upper − lower smallest subject to lower ≤ ρ − a cos θ − b sin θ ≤ upper. The width has the
-    unit of the deviations.
+    (n,). A linear programme finds the centre (a, b) of the ring and its limits ``lower`` and
+    ``upper`` that make upper − lower smallest subject to lower ≤ ρ − a cos θ − b sin θ ≤ upper. The
+    width has the unit of the deviations.
     """
     columns = _circle_columns(angle_rad, deviation)
     scale = max(float(np.abs(deviation).max()), np.finfo(float).tiny)

@@ -49,11 +49,12 @@ class Remedy(Result):
     """The cheapest remedy for a large uncertainty of a parameter, and the uncertainty after it."""
 
     kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
-    #: certificate, as a key of ``CERTIFICATES`` such as "mount ± 2 %"; empty for a change of the
-    #: plan
+    #: name of the certificate (a key of ``CERTIFICATES``, such as "mount ± 2 %") if the remedy for
+    #: a large uncertainty is a certificate; empty if the remedy is a change of the plan
     certificate: str
-    circles: int  #: number of circles that the remedy adds to the campaign
-    sd: float  #: standard uncertainty of the parameter with the remedy, in internal units
+    circles: int  #: number of circles that the remedy (a change of the plan or a certificate) adds
+    #: standard uncertainty of the parameter that remains after the remedy, in internal units
+    sd: float
     ratio: float  #: ``sd`` divided by the standard uncertainty without the remedy
 
 

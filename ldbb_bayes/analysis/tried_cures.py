@@ -57,13 +57,15 @@ class CureStep(Result):
     """A remedy for a large uncertainty: a change of the plan, or a certificate."""
 
     kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
-    #: certificate, as a key of ``CERTIFICATES`` such as "mount ± 2 %"; empty for a change of the
-    #: plan
+    #: name of the certificate (a key of ``CERTIFICATES``, such as "mount ± 2 %") if the remedy for
+    #: a large uncertainty is a certificate; empty if the remedy is a change of the plan
     certificate: str
 
 
 class TriedCures:
     """A campaign, and its uncertainties after each remedy alone or after several remedies together.
+
+    A remedy for a large uncertainty is a change of the plan or a certificate of the instrument.
 
     Parameters
     ----------
@@ -220,8 +222,8 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
 def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
     """Return the circles of a plan with the times from which drift is computed.
 
-    If not all circles state their times, they are taken to be run as listed, one every six minutes.
-    No circle has a time if the plan states that its order is random.
+    If not all circles state their times, they are taken to be run in the order of the plan, one
+    every six minutes. No circle has a time if the plan states that its order is random.
     """
     if None not in [test.time_s for test in plan.tests]:
         return tuple(plan.tests)
@@ -252,7 +254,8 @@ def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests in an order that is nearly uncorrelated with their forces.
 
     From 200 random orders with a fixed seed, the order is taken that has the smallest correlation
-    between place in the order and force. The k-th test of the new order is run at the k-th time.
+    between the position of a test in the order and the test's force. The k-th test of the new order
+    is run at the k-th time.
     """
     forces = np.array([float(test.force_N or 0.0) for test in tests])
     place = np.arange(len(tests)) - 0.5 * (len(tests) - 1)

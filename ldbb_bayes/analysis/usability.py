@@ -48,7 +48,7 @@ class ReasonKind(StrEnum):
 
 @dataclass(frozen=True)
 class Reason(Result):
-    """One reason why values on a certificate cannot be used, or only with reservation."""
+    """A reason why values on a certificate cannot be used, or can be used only with reservation."""
 
     kind: ReasonKind
     names: tuple[str, ...] = ()  #: names of the parameters or tests that the reason is about

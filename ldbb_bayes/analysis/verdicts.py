@@ -146,7 +146,7 @@ class ParameterIdentifiability(Result):
     verdict: Verdict  #: verdict: identified, prior-limited or confounded
     held_by: VarianceSource  #: source with the largest share of the parameter's variance
     #: assumed effects that a confounded parameter cannot be separated from: model terms, or other
-    #: parameters, sorted by share, the largest first. Empty for other verdicts.
+    #: parameters, sorted by share, the largest first. Empty if the parameter is not confounded.
     partners: Annotated[tuple[str, ...], Field(alias="with")]
     #: for each effect in ``partners``, the share of the parameter's variance that is due to this
     #: effect; the keys are names of effects
@@ -180,8 +180,8 @@ class ParameterIdentifiability(Result):
     #: shares of the parameter's variance that are due to each model term, to reading noise and to
     #: the parameters' own priors, as in `budget_uncertainty`; the shares sum to one
     shares: dict[str, float]
-    #: for each origin, the share of the parameter's variance that is due to the sources of this
-    #: origin; the shares sum to one
+    #: for each origin (measured here, stated or assumed), the share of the parameter's variance
+    #: that is due to the sources of this origin; the shares sum to one
     origin_shares: dict[Origin, float]
 
 
@@ -207,17 +207,20 @@ class ChangeIdentifiability(Result):
     largest_force_N: float  #: largest force tested, F_max [N]
     #: verdict on the change C(F_max) − C(F_min): identified, prior-limited or confounded
     verdict: Verdict
-    held_by: VarianceSource  #: source with the largest share of the change's variance
-    #: for each assumed effect with which the change is confounded, the share of the variance of the
-    #: change that is due to this effect; the keys are names of effects
+    #: source with the largest share of the variance of the compliance's change with force
+    held_by: VarianceSource
+    #: for each assumed effect with which the change of the compliance with force is confounded, the
+    #: share of the variance of the change that is due to this effect; the keys are names of effects
     partner_shares: dict[str, float]
-    #: cheapest remedy for a large uncertainty of the change: a change of the plan or a certificate;
-    #: None if no remedy reduces ``sd`` by more than 10 %
+    #: cheapest remedy (a change of the plan or a certificate) for a large uncertainty of the
+    #: compliance's change with force; None if no remedy reduces ``sd`` by more than 10 %
     remedy: Remedy | None
-    prior_sd: Finite  #: prior standard deviation of the change; infinite for a flat prior
-    sd: float  #: posterior standard deviation of the change
-    #: for each origin, the share of the variance of the change that is due to the sources of this
-    #: origin; the shares sum to one
+    #: prior standard deviation of the compliance's change with force; infinite for a flat prior
+    prior_sd: Finite
+    sd: float  #: posterior standard deviation of the compliance's change with force
+    #: for each origin (measured here, stated or assumed), the share of the variance of the
+    #: compliance's change with force that is due to the sources of this origin; the shares sum to
+    #: one
     origin_shares: dict[Origin, float]
 
 
@@ -467,8 +470,8 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     """Return for every parameter of a posterior whether the readings determine it.
 
     A parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
-    (an effect that nobody measured causes most of its variance). Remedies are not looked for; use
-    `identify` for them.
+    (an effect that nobody measured causes most of its variance). Remedies for large uncertainties
+    are not looked for; `identify` finds these remedies.
 
     If the posterior is an average over models (`average`), the variance of a parameter is the sum
     of two parts: its mean variance within the models, and the variance of its means between them.
@@ -719,8 +722,8 @@ def judge_parameters(
     mean
         Mean of the p parameters, shape (p,), in internal units (mm, N, rad).
     sampled_sd
-        Prior and posterior standard deviations for the results. They come from random draws in
-        which no compliance is negative, or they are averaged over the hyper-parameters. Default:
+        Prior and posterior standard deviations that the results state. They come from random draws
+        in which no compliance is negative, or they are averaged over the hyper-parameters. Default:
         those of the linear Gaussian model, given the hyper-parameters.
 
     Returns
@@ -741,8 +744,8 @@ def _judge_average(
     """Return how well every parameter of one model, or of an average over models, is known.
 
     ``bound`` is the model with all parameters. ``variance`` holds the variances of the parameters
-    under each model. ``sampled_sd`` are the prior and posterior standard deviations for the
-    results.
+    under each model. ``sampled_sd`` are the prior and posterior standard deviations that the
+    results state.
     """
     entries = {}
     for i, parameter in enumerate(bound.parameters):
@@ -784,7 +787,7 @@ def _judge_average(
 def _judge_changes(
     variance: AveragedVariance, changes: Mapping[str, CurveChange], prior_sd: Array
 ) -> dict[str, ChangeIdentifiability]:
-    """Return how well every change of a compliance with force is known, but no remedies.
+    """Return how well the change of every compliance with force is known.
 
     ``variance`` holds the variances of all parameters, then of the changes, under each model.
     ``prior_sd`` are the prior standard deviations of the changes, one for each of ``changes``.
@@ -836,7 +839,10 @@ def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:
 
 
 def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
-    """Return for each origin the share of the variance due to the sources of this origin."""
+    """Return for each origin the share of the variance due to the sources of this origin.
+
+    The origin of a source of uncertainty is measured here, stated or assumed.
+    """
     shares = dict.fromkeys(Origin, 0.0)
     for source in sources:
         shares[source.origin] += source.share

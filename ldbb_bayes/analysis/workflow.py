@@ -99,7 +99,7 @@ class Workflow(Result):
     ess_bulk_min: float
     #: smallest effective sample size for the 5 % or 95 % quantile of a parameter or hyper-parameter
     ess_tail_min: float
-    converged: bool  #: whether the sampler reached its targets
+    converged: bool  #: whether the sampler reached its targets for R-hat and effective sample size
     #: sensitivity to the prior (by power-scaling) of the parameters whose sensitivity is above
     #: 0.05, by name, the most sensitive first
     prior_sensitivity: dict[str, float]
