@@ -270,7 +270,7 @@ def name_is_about_angles(name: str) -> bool:
 
 
 def says_where_angles_begin(text: str) -> bool:
-    """Return whether a line says that angles begin at another axis than +X or run clockwise."""
+    """Return whether a line says that angles run clockwise, or begin at another axis than +X."""
     if not _SUBJECT.search(text) or _OTHER_SUBJECT.search(text):
         return False
     is_turned = _ANGLE.search(text) is not None and "CW" in senses_in(text)
@@ -322,7 +322,7 @@ def _check_announced(recording: Recording, source: str, text: str) -> None:
 def _check_no_axis(recording: Recording, source: str, text: str) -> None:
     """Raise an error if a text about angles names a direction such as north instead of an axis.
 
-    An error is also raised if the text names exactly one axis, because no word such as "from" shows
+    An error is also raised if the text names exactly one axis, but no word such as "from" to show
     that angles begin at this axis.
     """
     if not any(words.search(text) for words in (_ANGLE, _ZERO_DEGREES, _COMPASS)):

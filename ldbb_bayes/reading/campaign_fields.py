@@ -174,8 +174,9 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 def _certain_value(recording: Recording, key: str) -> Any:
     """Return the value that the user or a column of the table states for a field of a test.
 
-    Return None if neither states it. A `MountCompensation` is returned as the text "compensated" or
-    "raw". ``key`` is the name of the field.
+    Return None if neither states it. For the field that says whether readings are compensated for
+    the deflection of the mount, return the text "compensated" or "raw". ``key`` is the name of the
+    field.
     """
     value = recording.stated.get(key)
     if not value:

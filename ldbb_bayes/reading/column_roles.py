@@ -237,7 +237,7 @@ def names_columns(cells: Sequence[str]) -> bool:
 
 
 def heads_loads(cells: Sequence[str]) -> bool:
-    """Return whether a row is a header in which numbers alone name the columns of readings.
+    """Return whether a row is a header that names the columns of readings only by numbers.
 
     An example is ``Angle,100,300,600``, where the numbers are loads.
     """
@@ -262,7 +262,7 @@ def count_numbers(cells: Sequence[str]) -> int:
 class ColumnRoles:
     """Columns of a table by their roles, such as angle, reading or time."""
 
-    #: index of the column (from 0) that has each role
+    #: index (from 0) of the column that has each role, such as angle
     columns: dict[str, int] = field(default_factory=dict)
     #: indices of all columns of readings, from 0; if there are several, each is a separate test
     readings: list[int] = field(default_factory=list)

@@ -49,7 +49,7 @@ class MeasuredArc:
 
     @property
     def is_half_circle(self) -> bool:
-        """Whether the arc is about half a circle, from 150° to 240°."""
+        """Whether the arc is about half a circle: at least 150° and at most 240°."""
         return _SHORTEST_HALF_DEG <= float(np.ptp(self.angle_deg)) <= _LONGEST_HALF_DEG
 
     @property

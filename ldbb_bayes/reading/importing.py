@@ -247,8 +247,9 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
     """Set the fields of a test, such as force, radius and direction, from all sources.
 
-    ``loads`` holds the force or pressure of this test from the layout's lists. These loads, if
-    there are any, replace the loads that an entry [[test]] of the layout states.
+    ``loads`` holds the force or pressure of this test from the lists of forces and pressures in the
+    layout. If it is not empty, it replaces the force and pressure that an entry [[test]] of the
+    layout states for this test.
     """
     if loads:
         for key in LOAD_ROLES:
@@ -346,10 +347,10 @@ def _note_unused_entries(
 
 
 def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
-    """Add to the log the forces and pressures that sheets without a table state for no single test.
+    """Add to the log that forces and pressures in sheets without a table are not used.
 
-    ``lines`` are the lines of these sheets outside lists of tests. The forces and pressures in
-    these lines are not used, because nothing says to which test each of them belongs.
+    ``lines`` are the lines of these sheets outside lists of tests. Nothing says to which test the
+    forces and pressures in these lines belong.
     """
     for key, statements in statements_in(lines).items():
         if key not in LOAD_ROLES:

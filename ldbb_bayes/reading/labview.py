@@ -10,7 +10,8 @@ __all__ = ["is_labview", "rows_of_labview"]
 
 _FIRST_WORDS = "LabVIEW Measurement"
 _END = "***End_of_Header***"
-# Labels of the lines of the first header that state something about the test.
+# Labels of the header's lines that state something about the test. Only lines with one of these
+# labels are kept.
 _KEPT_LABELS = ("Operator", "Date", "Time", "Description", "Project")
 
 

@@ -128,11 +128,11 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: header, or number from 1, of the column that has each role, such as angle; if several columns
     #: of readings are listed, each is a separate test
     columns: dict[str, _Column] = Field(default_factory=dict)
-    #: forces of all tests, in the order of files, sheets and rows; they replace forces that entries
-    #: [[test]] state
+    #: forces of all tests, in the order of files, sheets and rows; they replace the forces that
+    #: entries [[test]] of the layout state
     forces_N: list[Number] = Field(default_factory=list)
-    #: pressures of all tests, in the order of files, sheets and rows; they replace pressures that
-    #: entries [[test]] state
+    #: pressures of all tests, in the order of files, sheets and rows; they replace the pressures
+    #: that entries [[test]] of the layout state
     pressures_bar: list[Number] = Field(default_factory=list)
     #: unit of the readings, such as um or mm; for readings in counts, the size of one count, such
     #: as 0.1 um

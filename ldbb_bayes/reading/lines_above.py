@@ -255,7 +255,7 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 
 
 def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
-    """Yield each radius that is stated before its name, as in ``100 mm bar``.
+    """Yield each radius that stands before its name, such as 100 mm in ``100 mm bar``.
 
     Each item is a pair of the radius [mm] and its unit as the text writes it.
     """

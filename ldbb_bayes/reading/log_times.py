@@ -79,8 +79,8 @@ def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Arr
     """Return the steps of time [s] with each step back replaced by the usual step.
 
     ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the median
-    step [s]. Raise an error for steps back if the other steps are not even, unless the user states
-    that the machine stood still in gaps.
+    step [s]. Raise an error for steps back if the other steps are not of about equal length, unless
+    the user states that the machine stood still in gaps.
     """
     is_back = steps < 0.0
     if not is_back.any():

@@ -268,7 +268,7 @@ def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
 
 
 class _ClockTime(NamedTuple):
-    """Time of day in a cell, with its date and time zone if it states them."""
+    """Time of day in a cell, with its date and time zone if the cell states them."""
 
     seconds: float  # seconds since midnight, or since the full hour if the cell states no hours
     has_hours: bool
@@ -320,7 +320,7 @@ def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
 
 
 def _clock_time(place: str, line: int, cell: str) -> _ClockTime:
-    """Return the time of day in a cell such as 12:00:01, with day and time zone if it states them.
+    """Return the time of day in a cell such as 12:00:01, with day and time zone if stated.
 
     ``place`` is the name of the table, and ``line`` the line of the cell, for the error message.
     """

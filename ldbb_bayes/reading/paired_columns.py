@@ -1,4 +1,4 @@
-"""Several tables beside each other in one sheet: a pair of angle and reading for each test."""
+"""Several tables beside each other in one sheet: a pair of columns for each test."""
 
 from __future__ import annotations
 

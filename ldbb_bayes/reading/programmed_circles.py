@@ -82,7 +82,7 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
 
 
 def _radius_in(block: str, is_absolute: bool) -> float | None:
-    """Return the radius that a block of G-code states, in its unit; None if it states none."""
+    """Return the radius in a block of G-code, in the unit of the block; None if it states none."""
     stated = _RADIUS.search(block)
     if stated is not None:
         return abs(float(stated["number"])) or None

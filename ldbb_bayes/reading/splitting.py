@@ -356,7 +356,7 @@ def _numeric_columns(heading: Heading) -> list[int]:
 
 
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
-    """Return the rows of a table up to its last row of numbers, which may have unknown units."""
+    """Return the rows of a table up to its last row with numbers, even with unknown units."""
     rows = sheet.rows[heading.first_row :]
     while rows and not (_has_number(rows[-1]) or _holds_quantities(rows[-1], heading)):
         rows.pop()
@@ -366,7 +366,7 @@ def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
 def _holds_quantities(row: Row, heading: Heading) -> bool:
     """Return whether every cell of a row of the table begins with a number, as ``0.9 x 10 um``.
 
-    Such a row is no remark below the table. Its units are refused later.
+    Such a row is no remark below the table. Later code raises an error for its units.
     """
     if len(row.cells) != len(heading.headers):
         return False
@@ -495,7 +495,8 @@ def _labels_of(columns: _SheetColumns) -> list[str]:
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     rows = range(len(columns.lines))
-    # In a name such as 100 N, the unit was split from the number.
+    # If tests have names such as 100 N, the unit was split from the number before; it is added
+    # again.
     labels = columns.cells_with_units(columns.heading.roles["test"], rows)
     if "" in labels:
         line = columns.lines[labels.index("")]

@@ -48,7 +48,8 @@ class _Evidence(NamedTuple):
     value: float  # stated value; NaN if the number can be read in two ways
     source: str  # source of the value in words, such as "line 3"
     tolerance: float  # relative difference from another value that rounding may explain
-    # reason why the value is NaN; empty if the reason is a mark that may separate thousands
+    # reason why the value is NaN; empty if the reason is only that a comma or point in the number
+    # may separate thousands
     doubt: str = ""
 
 

@@ -334,7 +334,7 @@ def unit_mentioned(text: str) -> str:
 
 
 def unknown_unit_in(line: str) -> str:
-    """Return the word of a line that is a label and an unknown unit, as V in ``Units (V)``.
+    """Return the unknown unit in a line of a label and a unit, such as V in ``Units (V)``.
 
     The result is empty for any other line.
     """

@@ -44,7 +44,7 @@ WORDS: Mapping[str, Any] = tomllib.loads(
 
 
 def _role_words() -> dict[str, list[str]]:
-    """Return a dict with the words that column headers use for each role.
+    """Return a dict with the words that headers use for each role of a column.
 
     The keys are the roles, such as angle and reading.
     """
