@@ -98,7 +98,7 @@ def joint_difference(
     all_names = [*first.names, *(name for name in second.names if name not in common)]
     size = len(all_names)
     # The prior of the coefficients of the common instrument is in the posteriors of both campaigns.
-    # Subtract it once, because it must count only once.
+    # Subtract this prior once, because it must count only once.
     common_places = np.array([first.names.index(name) for name in common], dtype=int)
     prior_precision = np.zeros((size, size))
     prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0

@@ -119,12 +119,12 @@ def assess_conformity(
     conforms if p is at least ``confidence``. It does not conform if 1 − p is at least
     ``confidence``. In all other cases nothing is decided.
 
-    The probability beyond a limit is the share of the posterior draws beyond it. Where fewer than
-    10 draws lie on one side of the limit, the probability of that side is taken from a normal
-    distribution, but it is at least the share of the draws on that side, and at most 10 / draws. A
-    ``confidence`` above 1 − 10 / draws, which is 0.995 for 2000 draws, may therefore rest on a
-    normal distribution, and the tail of this distribution may be too thin for a skewed posterior.
-    Take more draws for such a confidence.
+    The probability that a quantity lies beyond a limit is the share of the posterior draws beyond
+    the limit. Where fewer than 10 draws lie on one side of the limit, the probability of that side
+    is taken from a normal distribution, but it is at least the share of the draws on that side, and
+    at most 10 / draws. With a ``confidence`` above 1 − 10 / draws, which is 0.995 for 2000 draws, a
+    decision may therefore rest on a normal distribution. The tail of this distribution may be too
+    thin for a skewed posterior. Take more draws for such a confidence.
 
     Parameters
     ----------

@@ -136,7 +136,7 @@ def _pattern(nuisance: str) -> str:
 
 
 def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
-    """Return, for each remedy, the tests that the remedy would add to a plan.
+    """Return the tests that each remedy for a degeneracy would add to a plan.
 
     ``directed`` holds the circles of the plan, and further circles in the other direction of
     travel.

@@ -41,8 +41,8 @@ _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
 # are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
-# A factor in the formula of a parameter's pattern is a rounding error if it is below this number
-# times max(v, 1), where v is the largest value of the pattern.
+# A factor in the formula for a parameter's effect on the readings is a rounding error if the factor
+# is below this number times max(v, 1), where v is the largest value of the effect.
 _ROUNDING = 1e-9
 # Decimals to which a factor of a formula is rounded before it is printed.
 _FACTOR_DECIMALS = 9

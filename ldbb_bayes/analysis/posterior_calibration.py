@@ -6,9 +6,9 @@ Schmitt, Bürkner and Vehtari, Posterior SBC, 2025). With y the readings measure
 
 1. A true θ' is drawn from the posterior p(θ | y).
 2. Readings y' of a repetition of the same tests are simulated from θ'.
-3. The posterior p(θ | y, y') of both campaigns together is computed. If it is computed correctly,
-   θ' is a draw from this posterior as well, and its ranks among other draws from this posterior are
-   uniformly distributed.
+3. The posterior p(θ | y, y') of the measured and the simulated campaign together is computed. If it
+   is computed correctly, θ' is a draw from this posterior as well, and its ranks among other draws
+   from this posterior are uniformly distributed.
 
 Bar, balls, mount and force device are the same in both campaigns; set-up shift, discrepancy, random
 force error and white noise are drawn anew. All effects are linearised at the estimate Ĉ of the
@@ -178,7 +178,7 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 
 
 def _with_times(campaign: Campaign) -> Campaign:
-    """Return a campaign whose tests state their times, if drift is computed from their order.
+    """Return a campaign whose tests state their times, if drift is computed from the tests' order.
 
     If drift is not computed from the order in which the tests are listed, the campaign is returned
     unchanged. A repetition of the tests then has the same times as the tests, and drift is measured

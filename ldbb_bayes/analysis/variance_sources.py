@@ -325,11 +325,11 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
 
 
 def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
-    """Return the squared cosine of the angle between every two patterns of errors.
+    """Return the squared cosine of the angle between every two vectors of errors.
 
-    A pattern, shape (p,), holds the errors of all p parameters that one source causes together with
-    an error of the quantity considered. The keys of the result are pairs of names of sources. For a
-    pattern of zeros the result is zero.
+    A vector, shape (p,), holds the errors of all p parameters that one source causes together with
+    an error of the quantity considered. The keys of the result are pairs of names of sources. If a
+    vector is zero, its squared cosines are zero.
     """
     if not patterns:
         return {}

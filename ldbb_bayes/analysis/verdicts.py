@@ -205,7 +205,8 @@ class ChangeIdentifiability(Result):
     unit: str  #: internal unit of the compliance and of its change
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
-    #: verdict on the change C(F_max) − C(F_min): identified, prior-limited or confounded
+    #: verdict on the change C(F_max) − C(F_min) of the compliance: identified, prior-limited or
+    #: confounded
     verdict: Verdict
     #: source with the largest share of the variance of the compliance's change with force
     held_by: VarianceSource
