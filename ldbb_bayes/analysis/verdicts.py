@@ -107,13 +107,13 @@ class Verdict(StrEnum):
 
     1. *confounded*, if one assumed effect has more than half of the parameter's variance, or if
        several assumed effects that act on the same combination of parameters have more than half
-       together. The effects with the largest shares are named, but no effect with a share below 5
-       %. An effect is a term of the model, or another parameter through its prior. Together with an
-       error of this parameter, an effect causes errors of all parameters. Two effects act on the
-       same combination if the vectors of these errors, in units of posterior sds, are nearly
-       proportional: the squared cosine of the angle between the vectors is at least 0.95. Knowing
-       the effects would remove at least their share of the variance, and so reduce the parameter's
-       standard uncertainty by 30 % or more.
+       together. The effects with the largest shares are named, but no effect with a share below
+       5 %. An effect is a term of the model, or another parameter through its prior.
+       Together with an error of this parameter, an effect causes errors of all parameters. Two
+       effects act on the same combination if the vectors of these errors, in units of posterior
+       sds, are nearly proportional: the squared cosine of the angle between the vectors is at least
+       0.95. Knowing the effects would remove at least their share of the variance, and so reduce
+       the parameter's standard uncertainty by 30 % or more.
     2. *prior-limited*, if the posterior sd is more than half of the prior sd.
     3. *identified*, if neither of these rules applies.
 
