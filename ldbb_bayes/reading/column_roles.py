@@ -113,7 +113,7 @@ def _name_and_unit(header: str) -> Header:
         return Header(header, "")
     name = BRACKET.split(header)[0].strip(" _")
     if not name:  # the unit precedes the name, as in "[mm] Reading"
-        name = re.split(r"[\])}>]", header)[-1].strip(" _")
+        name = re.sub(r"[\[({<][^\])}>]*[\])}>]", "", header).strip(" _")
     before_brackets = _unit_before_remark(header, name)
     if before_brackets is not None:
         return before_brackets

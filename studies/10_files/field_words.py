@@ -25,6 +25,7 @@ def word_cases() -> dict[str, FieldCase]:
     return {
         **sense_cases(),
         **zero_cases(),
+        **short_zero_cases(),
         **turned_sign_cases(),
         **open_diameter_cases(),
         **programmed_cases(),
@@ -126,6 +127,19 @@ def zero_cases() -> dict[str, FieldCase]:
         field.texts(HEADER, above="Start point: +Y"),
         told="line 1 says 'Start point: +Y', not understood",
     )
+    return cases
+
+
+def short_zero_cases() -> dict[str, FieldCase]:
+    """Return headers of angles from Y, clockwise, in short."""
+    cases = {}
+    for number, header in enumerate(("Angle (0=Y; CW) [deg]", "[°] Winkel (0=Y; CW)")):
+        cases[f"zero_in_short_{number}"] = FieldCase(
+            "zero of angles in words",
+            f"a header '{header}'",
+            field.texts(f"{header}|Reading [um]", field.turned(90.0, -1), separator="|"),
+            told="angle: from +Y, CW",
+        )
     return cases
 
 
