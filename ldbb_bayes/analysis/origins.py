@@ -55,7 +55,10 @@ class Origin(StrEnum):
 
 
 def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str], Origin]:
-    """Return the origin (measured here, stated or assumed) of each source of uncertainty.
+    """Return the origin of each source of uncertainty.
+
+    The size of a source is measured by the readings of this campaign, stated by the user, or
+    assumed by the model.
 
     The sources are those of the uncertainty of a model's parameters. The keys are those of
     `Information.shares`: the name of the coefficient or noise, and the name of the model term to

@@ -2,19 +2,20 @@
 
 A verdict states how far the readings determine a parameter. It follows from the sources of the
 parameter's uncertainty. Each source has a share in the variance of the parameter
-(`Information.shares`; the shares sum to one), and an origin: it is measured here, stated or assumed
-(`origins`). A parameter is confounded with an effect that nobody measured or stated if this effect
-has more than half of the variance. In this module, β are the parameters (compliances, their slopes
-and geometric errors) and y the readings. Nuisances are effects that are modelled but not of
-interest.
+(`Information.shares`; the shares sum to one), and an origin: its size is measured by the readings
+of this campaign, stated by the user, or assumed by the model (`origins`). A parameter is confounded
+with an effect that nobody measured or stated if this effect has more than half of the variance. In
+this module, β are the parameters (compliances, their slopes and geometric errors) and y the
+readings. Nuisances are effects that are modelled but not of interest.
 
 Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
 may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
 effects). For a campaign with readings, this value is the posterior mean of φ. For a plan, it is the
 posterior mean given the readings of the plan's pilot (the campaign from which it was designed) or,
 without a pilot, the prior median; a plan can thus be judged before it is run. Standard
-uncertainties, also those with further certificates, are averaged over p(φ | y) instead: the
-variance is the mean of the variances given φ plus the variance of the means given φ. If a posterior
+uncertainties, in contrast, account for the spread of φ: the variance is the mean of the variances
+given φ plus the variance of the means given φ. This also holds for the uncertainties that are
+expected if the user obtains a further certificate. If a posterior
 is judged, standard uncertainties are those of its draws; if a plan is judged, they are those of its
 forecast.
 
@@ -509,7 +510,10 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 
 
 class JudgedQuantities(NamedTuple):
-    """How well all parameters, and all changes of compliances with force, are known, by name."""
+    """Verdicts on all parameters, and on the changes of all compliances with force.
+
+    The keys are the names of the parameters, and of the compliances.
+    """
 
     parameters: dict[str, ParameterIdentifiability]
     changes: dict[str, ChangeIdentifiability]

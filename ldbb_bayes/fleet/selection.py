@@ -29,7 +29,10 @@ _NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELA
 
 
 class CaveatKind(StrEnum):
-    """Kinds of limitations of a trend or a population, or of the campaigns that it uses."""
+    """Kinds of limitations of the analysis of a trend, or of a population of machines.
+
+    A limitation is one of the analysis itself, or of a campaign that the analysis uses.
+    """
 
     EXCLUDED = "excluded"
     BEFORE = "before"

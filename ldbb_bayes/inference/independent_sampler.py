@@ -137,10 +137,11 @@ def _propose_untruncated(
     """Return the accepted draws of one block of draws of hyper-parameters φ and parameters β.
 
     φ is drawn from ``proposal``, and several β are drawn for each φ as if compliances might be
-    negative. φ is accepted in proportion to its weight, the posterior density divided by the
-    proposal. If compliances must not be negative, the weight is multiplied by the share of the β
-    without negative compliances; ``share_inside`` is an estimate of this share. The results have
-    the shapes (accepted, h), with φ in unbounded coordinates, and (accepted, p).
+    negative. φ is accepted with a probability proportional to its weight, the posterior density
+    divided by the proposal. If compliances must not be negative, the weight is multiplied by the
+    share of these draws of β that have no negative compliance; ``share_inside`` is an estimate of
+    this share. Return the accepted φ in unbounded coordinates, shape (accepted, h), and one β
+    without negative compliances for each of them, shape (accepted, p).
     """
     tries = 1
     if posterior.truncated:

@@ -143,7 +143,10 @@ class NormalScores:
         return free
 
     def scores(self, free: Array) -> Array:
-        """Return the normal scores at given unbounded coordinates, both of shape (..., h)."""
+        """Return the normal scores of hyper-parameters given in unbounded coordinates.
+
+        Scores and coordinates have the shape (..., h).
+        """
         scores = np.array(free, dtype=float)
         values = self.prior.phi(free)[..., self._restricted]
         log_probability = self._log_probability_above(values) - self._log_mass

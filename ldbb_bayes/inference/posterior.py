@@ -53,7 +53,7 @@ __all__ = [
     "to_units",
 ]
 
-# Groups of arrays that the tree and the file of a posterior must have.
+# Groups of arrays that a posterior must have, as a DataTree of xarray and as a file.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 # Dimensions of the arrays in the tree of a posterior that are not random draws. The keys are the
 # names of the arrays. ``test`` counts the tests, ``reading`` the readings of all tests.

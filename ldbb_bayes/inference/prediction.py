@@ -41,9 +41,9 @@ __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_lef
 
 # Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
-# To predict the circle of a test from the other tests, the parameters and the nuisances that tests
-# share (effects that are modelled but not of interest) are drawn this many times for each value of
-# the hyper-parameters.
+# Number of draws for each value of the hyper-parameters if the circle of one test is predicted from
+# the other tests. Each is a draw of the parameters and of those nuisances (effects that are
+# modelled but not of interest) that several tests have in common.
 _DRAWS_PER_NODE = 8
 
 

@@ -641,8 +641,8 @@ _KEPT_ESTIMATES = 64
 # Cache of the models that were most recently bound to whole campaigns, the newest last. A bound
 # model can be shared, because nothing changes it after it was made.
 _BOUND_MODELS: list[BoundModel] = []
-# Largest number of bound models that the cache holds. An average over models with constant and
-# linear compliance uses sixteen bound models, and a fit of the same campaign may use others.
+# Largest number of models bound to campaigns that the cache holds. An average over models with
+# constant and linear compliance uses sixteen, and a fit of the same campaign may use further ones.
 _KEPT_BOUND_MODELS = 24
 
 

@@ -46,8 +46,9 @@ class NearUniform(NamedTuple):
     #: Norms of the 25 Fourier functions at uniform angles, the diagonal of S in
     #: RᵀR = S (1 + V λ Vᵀ) S, shape (25,).
     column_norms: Array
-    #: Relative departures λ of RᵀR = S (1 + V λ Vᵀ) S from its value at uniform angles, the largest
-    #: absolute value first, shape (25,); R is the triangular factor of the Fourier functions.
+    #: Relative departures λ of RᵀR = S (1 + V λ Vᵀ) S from S², its value at uniform angles, the
+    #: largest absolute value first, shape (25,). R is the triangular factor in the QR decomposition
+    #: of the Fourier functions at the test's angles.
     departure: Array
     #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25); each column belongs to one
     #: departure λ from uniform angles.

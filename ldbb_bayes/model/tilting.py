@@ -154,8 +154,8 @@ class Tilted(NamedTuple):
     #: Constant terms of the k further constraints, dependent_mean + dependent · x ≥ 0, shape (k, w)
     #: for w problems.
     dependent_mean: Array
-    #: Index of the last element x_j on which each of the k further constraints depends, shape
-    #: (k, w) for w problems.
+    #: For each of the k constraints beyond the independent ones: the index of the last element of
+    #: the vector x on which the constraint depends. The shape is (k, w) for w problems.
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:

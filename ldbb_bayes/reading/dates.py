@@ -49,7 +49,10 @@ def iso_date(text: str) -> str:
 
 
 def _month_number(name: str) -> str:
-    """Return the number of the month with this name, as text; 0 for a word that is no month."""
+    """Return the number of a month as text, such as "3" for March.
+
+    Return "0" if the word is not the name of a month.
+    """
     for k, beginnings in enumerate(_MONTHS, start=1):
         if name[:3] in beginnings:
             return str(k)

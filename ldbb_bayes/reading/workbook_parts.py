@@ -148,7 +148,10 @@ def _elements(stream: IO[bytes]) -> Iterator[ElementTree.Element]:
 
 
 def _place_of(name: str) -> tuple[int, int] | None:
-    """Return line number and index of the column of a cell such as B2; None for another name."""
+    """Return the line number and the column index of a cell from its name, such as B2.
+
+    Return None if the text is not the name of a cell.
+    """
     match = _CELL_NAME.fullmatch(name)
     if match is None:
         return None

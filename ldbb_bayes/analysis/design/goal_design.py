@@ -2,9 +2,9 @@
 
 A goal is the largest expanded uncertainty U (k = 2) that a parameter may have. The pilot is the
 campaign or plan that a design starts from. Possible machines are those that are likely given the
-pilot's readings or, if there are none, under the prior. A campaign reaches its goals if the
-analysis of its readings meets all goals on the share of the possible machines that the user asks
-for.
+pilot's readings or, if there are none, under the prior. The user states a share of these machines,
+such as 90 %. A campaign reaches its goals if the analysis of its readings would meet all goals on
+at least this share of the possible machines.
 """
 
 from __future__ import annotations

@@ -293,8 +293,9 @@ class Angle(Term):
     array([0.1, 0.1])
     """
 
-    #: prior sd of the error of the angle's reference, and of the lag of the trace [deg]; used if no
-    #: certificate states an uncertainty
+    #: prior sd [deg] of each of two errors: of the zero of the measured angles, and of the angle by
+    #: which the recorded readings lag behind the motion; used if no certificate states an
+    #: uncertainty
     sd_deg: float = 0.1
     unit = Unit("rad", np.pi / 180.0, "°")
     calibration = "a check of the angle's reference"
