@@ -41,7 +41,7 @@ Row = dict[str, float]
 
 # Campaigns of each family of study 12, none of which study 12 itself is about.
 CAMPAIGNS = 30
-CAMPAIGNS_OF_AVERAGE = 1
+CAMPAIGNS_OF_AVERAGE = 10
 FIRST_SEED = 1000
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 2}
 # The family whose drives add to the path what looks like geometric errors, and its campaigns.
@@ -292,6 +292,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "pooled": pooled,
         "averaged": {name: of_number(averaged, name) for name in numbers},
         "averaged_total": len(averaged),
+        "averaged_campaigns": CAMPAIGNS_OF_AVERAGE,
         "falls_short": falls_short(families),
         "with_drives": path_with_drives(effort),
         "families": families,
