@@ -122,7 +122,7 @@ _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 class PooledParameter(Result):
     """Distribution of one parameter over the machines of a population.
 
-    Attributes of type `Summary` hold a mean, a standard deviation and a credible interval, in
+    Attributes of type ``Summary`` hold a mean, a standard deviation and a credible interval, in
     internal units (mm, N, rad).
     """
 

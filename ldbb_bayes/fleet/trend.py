@@ -89,7 +89,7 @@ _NOTHING = "–"
 class ParameterChange(Result):
     """Possible step change of one parameter of a machine over time.
 
-    Attributes of type `Summary` hold a mean, a standard deviation and a credible interval. All
+    Attributes of type ``Summary`` hold a mean, a standard deviation and a credible interval. All
     values except ``percent`` are in internal units (mm, N, rad).
     """
 
