@@ -391,7 +391,8 @@ def constant_value(
         if cell != first:
             raise InputError(
                 f"{place}, line {line}: {name} must be the same in all rows of test {test!r}, got"
-                f" {cell[:LONGEST_CELL_SHOWN]!r} after {first[:LONGEST_CELL_SHOWN]!r}. Correct it."
+                f" {cell[:LONGEST_CELL_SHOWN]!r} after {first[:LONGEST_CELL_SHOWN]!r}."
+                " Correct it, or name the test of each row in a column (--test-column)."
             )
     if not first:
         return None

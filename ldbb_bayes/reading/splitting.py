@@ -11,6 +11,12 @@ from ldbb_bayes.campaign.campaign import LABELS, PER_TEST
 from ldbb_bayes.campaign.text_table import Row, columns_of
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.column_contents import (
+    check_angle_columns,
+    check_directions,
+    name_plane_column,
+    plane_named,
+)
 from ldbb_bayes.reading.headers import Heading, note_heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import Lines, LineStatement, statements_in
@@ -137,6 +143,8 @@ class _SheetColumns:
         """
         lines = [self.lines[k] for k in rows]
         cells = [self.cells[column][k] for k in rows]
+        if key == "plane":
+            cells = [plane_named(cell) for cell in cells]
         return constant_value(self.sheet.place, test, key, lines, cells, self.decimal)
 
     def cells_by_header(self, row: int) -> dict[str, str]:
@@ -227,7 +235,7 @@ def split_sheet(
     InputError
         For cells that are no numbers, and for statements that do not fit the tests.
     """
-    columns = _read_columns(sheet, heading, layout, log)
+    columns = _read_columns(sheet, heading, layout, campaign.get("plane"), log)
     shared_numbers = _shared_numbers(columns, layout)
     labels = _labels_of(columns)
     rows_by_label: dict[str, list[int]] = {}
@@ -297,16 +305,20 @@ def _cells_with_units(
 
 
 def _read_columns(
-    sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog
+    sheet: Sheet, heading: Heading, layout: Layout, stated_plane: str | None, log: AssumptionLog
 ) -> _SheetColumns:
     """Return the table of a sheet as columns of cells.
 
-    Assumptions about its header and its decimal mark are added to the log.
+    Assumptions about its header and its decimal mark are added to the log. ``stated_plane`` is the
+    plane that the user states for all tests, or None.
     """
     lines, cells = columns_of(sheet.place, _table_rows(sheet, heading), len(heading.headers))
     cells_with_units = _cells_with_units(sheet, lines, cells)
     columns_of_units = unit_columns(heading.headers, cells_with_units, _numeric_columns(heading))
     heading = replace(heading, unit_columns=frozenset(columns_of_units.values()))
+    check_angle_columns(sheet, heading, cells)
+    heading = name_plane_column(sheet, heading, cells, stated_plane, log)
+    check_directions(sheet, heading, cells, layout)
     note_heading(sheet, heading, layout, log)
     clock_column = None
     if "time" in heading.roles and is_clock(cells[heading.roles["time"]][0]):

@@ -1,0 +1,161 @@
+"""Columns of planes, directions and further angles, known by what their cells hold."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.headers import Heading
+from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.words import LONGEST_NAME
+
+__all__ = ["check_angle_columns", "check_directions", "name_plane_column", "plane_named"]
+
+# Planes by the words of G-code that select them. The keys are in capitals.
+_PLANES_OF_G_CODE = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
+# All words for a plane in capitals, also with the two letters in the other order.
+_PLANE_CELLS = {*_PLANES_OF_G_CODE, "XY", "YX", "YZ", "ZY", "ZX", "XZ"}
+# All words of G-code and short words for a direction of travel in capitals.
+_DIRECTION_CELLS = {"CW", "CCW", "G2", "G02", "G3", "G03"}
+# Regular expression for the words of a header, which may be separated by capitals: PlaneName.
+_WORDS = re.compile(r"[A-Z]+(?![a-zäöüß])|[A-Z]?[a-zäöüß]+")
+# Regular expression for a word for plane.
+_PLANE_WORD = re.compile(r"planes?|plan|plano|piano|\w*ebene", re.IGNORECASE)
+
+
+def plane_named(cell: str) -> str:
+    """Return the plane that a cell names: ``ZX`` for ``G18`` and for ``zx``.
+
+    Any other cell is returned in capitals.
+    """
+    word = cell.strip().upper()
+    return _PLANES_OF_G_CODE.get(word, word)
+
+
+def name_plane_column(
+    sheet: Sheet,
+    heading: Heading,
+    cells: Sequence[Sequence[str]],
+    stated_plane: str | None,
+    log: AssumptionLog,
+) -> Heading:
+    """Return a heading in which the column of planes has the header ``plane``.
+
+    A column without a role is the column of planes if every cell is a plane and its header has a
+    word for plane, as ``PlaneName``. Its use is noted.
+
+    Parameters
+    ----------
+    sheet, heading
+        The sheet and the heading of its table.
+    cells
+        Cells of each column.
+    stated_plane
+        Plane that the user states for all tests; None if the user states none.
+    log
+        Log to which the use of the column is added.
+
+    Raises
+    ------
+    InputError
+        If a column holds planes but its header has no word for plane, or if several columns do.
+    """
+    if "plane" in heading.headers:
+        return heading
+    columns = _columns_of_words(heading, cells, _PLANE_CELLS)
+    if not columns:
+        return heading
+    named = [column for column in columns if _names_plane(heading.headers[column])]
+    if len(named) == 1:
+        headers = list(heading.headers)
+        column = named[0]
+        title = repr(headers[column][:LONGEST_NAME])
+        log.add(sheet.place, "plane", f"column {title}", "its name and its cells", "--plane")
+        headers[column] = "plane"
+        return replace(heading, headers=headers)
+    planes = set()
+    for column in columns:
+        planes |= {plane_named(cell) for cell in cells[column]}
+    if stated_plane is not None and planes == {stated_plane}:
+        return heading
+    titles = " and ".join(repr(_title(heading, column)) for column in columns)
+    raise InputError(
+        f"{sheet.place}: one column must state the plane, got planes in column {titles}. Rename the"
+        " header of the right one to 'plane', and remove any other."
+    )
+
+
+def check_directions(
+    sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]], layout: Layout
+) -> None:
+    """Raise an `InputError` for a column of directions without a role, such as CW and CCW.
+
+    Nothing is raised if the user states directions, or if another column holds them. The arguments
+    are the sheet, the heading of its table, the cells of each column, and the layout.
+    """
+    if "direction" in heading.roles or layout.direction is not None:
+        return
+    if any(entry.direction is not None for entry in layout.test):
+        return
+    for column in _columns_of_words(heading, cells, _DIRECTION_CELLS):
+        title = _title(heading, column)
+        raise InputError(
+            f"{sheet.place}: a column of directions must be used, got directions in column"
+            f" {title!r}, whose name says something else. If it is the direction of travel, give"
+            f" --direction-column '{title}'; otherwise remove it, or give --direction."
+        )
+
+
+def check_angle_columns(sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]]) -> None:
+    """Raise an `InputError` if several columns of readings have angles of their own.
+
+    All tests of a table share one column of angles. A further column of angles is ignored only if
+    its cells are equal to those of that column. The arguments are the sheet, the heading of its
+    table and the cells of each column.
+    """
+    if len(heading.readings) < 2 or "angle" not in heading.roles:
+        return
+    shared = heading.roles["angle"]
+    in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
+    different = []
+    for column, header in enumerate(heading.headers):
+        if column in in_use or not has_role(unit_of(header).name, "angle"):
+            continue
+        if list(cells[column]) != list(cells[shared]):
+            different.append(column)
+    if not different:
+        return
+    titles = ", ".join(f"{_title(heading, column)!r} ({column + 1})" for column in different)
+    raise InputError(
+        f"{sheet.place}: all readings of a table must share one column of angles, got other angles"
+        f" in the columns {titles[:LONGEST_NAME]}. Put each reading with its angles into a file of"
+        " its own, or import one at a time: --angle-column and one --reading-column."
+    )
+
+
+def _columns_of_words(
+    heading: Heading, cells: Sequence[Sequence[str]], words: set[str]
+) -> list[int]:
+    """Return the indices of the columns without a role in which every cell is one of ``words``."""
+    in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
+    columns = []
+    for column, column_cells in enumerate(cells):
+        if column in in_use or not column_cells:
+            continue
+        if {cell.strip().upper() for cell in column_cells} <= words:
+            columns.append(column)
+    return columns
+
+
+def _names_plane(header: str) -> bool:
+    return any(_PLANE_WORD.fullmatch(word) for word in _WORDS.findall(header))
+
+
+def _title(heading: Heading, column: int) -> str:
+    """Return the header of a column, or else its number counted from 1."""
+    return heading.headers[column][:LONGEST_NAME] or str(column + 1)
