@@ -24,6 +24,7 @@ from ldbb_bayes.reading.campaign_fields import (
 )
 from ldbb_bayes.reading.diameters import halve_diameters
 from ldbb_bayes.reading.file_patterns import matching
+from ldbb_bayes.reading.force_laws import check_force_law
 from ldbb_bayes.reading.half_circles import MeasuredArc, join_half_circles
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import (
@@ -149,6 +150,7 @@ def import_campaign(
     recordings = _split_into_tests(selection, layout, campaign, log)
     for recording in recordings:
         check_feed_is_whole(recording)
+    _check_force_laws(recordings, campaign)
     loads = _stated_loads(recordings, layout)
     take_stated_fields(campaign, recordings)
     take_start_times(campaign, recordings, log)
@@ -265,6 +267,18 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
     fields |= loads_of(recording)
     halve_diameters(recording)
     fields["radius_mm"] = quantity_of(recording, "radius_mm", fields.get("radius_mm"))
+
+
+def _check_force_laws(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
+    """Raise an error for a line that states a force law, unless an option states the law.
+
+    ``campaign`` are the fields of the campaign that options state.
+    """
+    if "force_law" in campaign:
+        return
+    for recording in recordings:
+        check_force_law(recording.place, recording.heading.lines_above)
+        check_force_law(recording.place, recording.lines_of_all_tests)
 
 
 def _check_directions(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from ldbb_bayes.reading.bar_extensions import length_of_sum, names_extension
 from ldbb_bayes.reading.column_roles import names_any_role
 from ldbb_bayes.reading.dates import iso_date
+from ldbb_bayes.reading.force_laws import states_force_law
 from ldbb_bayes.reading.measured_length import measured_length_stated
 from ldbb_bayes.reading.numerals import (
     NUMBER_IN_TEXT,
@@ -174,6 +175,16 @@ _BAR_AND_NUMBER = re.compile(
 # Regular expression for words for the ball bar. In these words, "ball" does not name another
 # quantity.
 _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
+# Fields of the loads of a test.
+_LOADS = ("force_N", "pressure_bar")
+# Fields of a test that a line states by one number, and never by a list of numbers.
+_FIELDS_OF_ONE_NUMBER = ("force_N", "pressure_bar", "radius_mm")
+# Regular expression for one more number behind a number, each with or without a unit.
+_FURTHER_NUMBER = rf"[\s;,|]+{NUMBER_IN_TEXT}(?:\s?[^\W\d_]+)?"
+# Regular expression for all further numbers behind a number, up to the end of the line.
+_FURTHER_NUMBERS = re.compile(rf"(?:\s?[^\W\d_]+)?(?:{_FURTHER_NUMBER})+[\s;,|]*")
+# Words with which a message explains why a list of numbers states no value.
+_LIST_OF_NUMBERS = "several numbers"
 # Words with which a message explains why the total length of a bar is not known.
 _WITH_EXTENSION = "a bar and an extension"
 # Smallest and largest length that may be the radius or diameter of a circle [µm].
@@ -233,13 +244,8 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
     is_extended = any(names_extension(text[:LONGEST_TEXT]) for _, text in lines)
     for line, content in lines:
         text = content[:LONGEST_TEXT]
-        for quantity in _QUANTITIES.values():
-            for match in _pattern(quantity.words).finditer(text):
-                statement = _length_with_extension(quantity, match, line, is_extended)
-                if statement is None:
-                    statement = _stated_number(quantity, match, line)
-                if statement is not None:
-                    statements.setdefault(quantity.field, []).append(statement)
+        for field, statement in _numbers_stated(text, line, is_extended):
+            statements.setdefault(field, []).append(statement)
         if "radius_mm" not in statements:
             for radius, unit in _radii_before_words(text):
                 statement = LineStatement(radius, unit, line)
@@ -252,6 +258,26 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
             statement = LineStatement(arc.radius_mm, "mm", arc.line)
             statements.setdefault("programmed_radius_mm", []).append(statement)
     return statements
+
+
+def _numbers_stated(
+    text: str, line: int | str, is_extended: bool
+) -> Iterator[tuple[str, LineStatement]]:
+    """Yield each field that a line states by a number, with its statement.
+
+    A law of force and pressure states neither a force nor a pressure. ``line`` is the number of the
+    line, and ``is_extended`` says whether a line names an extension of the bar.
+    """
+    is_law = states_force_law(text)
+    for quantity in _QUANTITIES.values():
+        if is_law and quantity.field in _LOADS:
+            continue  # the numbers are the terms of the law
+        for match in _pattern(quantity.words).finditer(text):
+            statement = _length_with_extension(quantity, match, line, is_extended)
+            if statement is None:
+                statement = _stated_number(quantity, match, line)
+            if statement is not None:
+                yield quantity.field, statement
 
 
 def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
@@ -317,25 +343,46 @@ def _stated_number(
     """
     if OTHER_QUANTITY.search(_words_before_number(match)):
         return None
-    following = match["following"]
-    if OTHER_QUANTITY.fullmatch(following):
+    if OTHER_QUANTITY.fullmatch(match["following"]):
         return None
-    if match["cell"] and _unit_among(following, quantity.units) is None:
-        following = ""  # the next cell is not the unit of this number
-    named = match["inside"] or match["brackets"] or match["cell_before"] or following
+    named = _unit_beside(quantity, match)
     unit: str | None = quantity.usual_unit
     if not named and quantity.field in ("force_N", "pressure_bar") and _is_in_title(match):
         return None
     if named:
         unit = _unit_among(named, quantity.units)
-    if not unit:
+    value = number_in_text(match["number"])
+    if not unit or value is None:
         return None
     if may_be_thousands(quantity.field, match["number"]):
         return LineStatement(math.nan, named, line)
-    value = number_in_text(match["number"])
-    if value is None:
-        return None
+    if quantity.field in _FIELDS_OF_ONE_NUMBER and _lists_numbers(match, quantity.units):
+        return LineStatement(math.nan, named, line, _LIST_OF_NUMBERS)
     return LineStatement(value * quantity.units[unit], named, line)
+
+
+def _unit_beside(quantity: _Quantity, match: re.Match[str]) -> str:
+    """Return the unit before or behind the number of a quantity; empty if the line states none."""
+    following: str = match["following"]
+    if match["cell"] and _unit_among(following, quantity.units) is None:
+        following = ""  # the next cell is not the unit of this number
+    return match["inside"] or match["brackets"] or match["cell_before"] or following
+
+
+def _lists_numbers(match: re.Match[str], units: Mapping[str, float]) -> bool:
+    """Return whether a list of numbers follows its name, as in ``load [lbf]: 8 8 80 80``.
+
+    The list must reach to the end of the line. A number that is merely repeated is no list, and
+    numbers with a unit of another quantity are none. ``units`` are the units of the quantity.
+    """
+    number = match["number"]
+    behind = match.string[match.end("number") :]
+    if _FURTHER_NUMBERS.fullmatch(behind) is None:
+        return False
+    if any(_unit_among(word, units) is None for word in re.findall(r"[^\W\d_]+", behind)):
+        return False
+    further = re.findall(NUMBER_IN_TEXT, behind)
+    return any(number_in_text(text) != number_in_text(number) for text in further)
 
 
 def _length_with_extension(

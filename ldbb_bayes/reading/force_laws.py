@@ -1,0 +1,58 @@
+"""Lines that state the law between the pressure in the ball bar and its force.
+
+An example is ``F = 118.5 N/bar * p - 9.0 N``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.words import LONGEST_TEXT
+
+__all__ = ["check_force_law", "states_force_law"]
+
+_FORCE = r"(?:kN|daN|N|lbf|lbs?|kgf)"
+_PRESSURE = r"(?:m?[bB]ar|[MkK]?Pa|psi)"
+# Regular expression for a force per pressure, such as N/bar or N per bar.
+_FORCE_PER_PRESSURE = re.compile(
+    rf"(?<![^\W\d_]){_FORCE}[\])]?\s?(?:/|per|pro|je|par)\s?[\[(]?{_PRESSURE}(?!\w)"
+    rf"|(?<![^\W\d_]){_FORCE}\s?[·*⋅.]?\s?{_PRESSURE}\s?(?:\^\s?\(?[-−]1|⁻¹)"
+)
+_NUMBER = r"\d+(?:[.,]\d+)?"
+_PRESSURE_WORD = r"(?:p|P|pressure|Pressure|druck|Druck|pression|pressione)(?![^\W_]|\s?[:=])"
+# Regular expression for a number times the pressure, behind an equals sign.
+_TIMES_PRESSURE = re.compile(
+    rf"=.*?(?:{_NUMBER}\s?(?:[*·×⋅x]\s?)?{_PRESSURE_WORD}"
+    rf"|{_PRESSURE_WORD}\s?(?:[\[(]\w+[\])])?\s?[*·×⋅x]\s?{_NUMBER})"
+)
+# An error message shows at most this number of characters of a line.
+_LINE_SHOWN = 80
+
+
+def states_force_law(text: str) -> bool:
+    """Return whether a line states a law of force and pressure, such as ``F = 118.5 N/bar * p``."""
+    shown = text[:LONGEST_TEXT]
+    return bool(_FORCE_PER_PRESSURE.search(shown) or _TIMES_PRESSURE.search(shown))
+
+
+def check_force_law(place: str, lines: Iterable[tuple[int | str, str]]) -> None:
+    """Raise an `InputError` for a line that states a law of force and pressure.
+
+    The law is not read from the line; the user must state it.
+
+    Parameters
+    ----------
+    place
+        Name of the table in the error message.
+    lines
+        Number (or place) and text of each line.
+    """
+    for line, text in lines:
+        if states_force_law(text):
+            raise InputError(
+                f"{place}: the law of force and pressure must be given by options, got"
+                f" {text.strip()[:_LINE_SHOWN]!r} in line {line}. Give it as --force-slope (N per"
+                " bar) and --force-offset (N at zero pressure)."
+            )
