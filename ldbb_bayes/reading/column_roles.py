@@ -63,6 +63,8 @@ _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
 # Regular expression for a column's number in its header, as in "reading 2 µm": one or two digits.
 # Digits that begin with 10 are a factor and not the number of a column.
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
+# Regular expression for a header in which R has written dots for brackets, as ``force..lbf.``.
+_DOTS_FOR_BRACKETS = re.compile(r"(?P<name>.*?\w)\.\.(?P<unit>[^\W\d_]+)\.")
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 # Entries of ``words.toml`` with the words for the radius of a circle.
@@ -89,13 +91,24 @@ def unit_of(header: str) -> Header:
     the column is used. If a header states two different units of the same quantity, such as mm and
     µm, both are returned as one text, which is then an unknown unit.
     """
-    stated = _name_and_unit(header)
+    stated = _unit_between_dots(header) or _name_and_unit(header)
     behind = re.split(r"[\])}>]", header)[-1]
     for text in (stated.name, behind):
         words = re.split(r"[\s_]+", text.strip())
         if _contradicts(words[-1], stated.unit):
             return Header(stated.name, f"{words[-1]} and {stated.unit}")
     return stated
+
+
+def _unit_between_dots(header: str) -> Header | None:
+    """Return name and unit of a header in which R has written dots for brackets.
+
+    An example is ``force..lbf.`` for ``force [lbf]``. Return None for any other header.
+    """
+    match = _DOTS_FOR_BRACKETS.fullmatch(header.strip()[:LONGEST_NAME])
+    if match is None or not unit_named(match["unit"]):
+        return None
+    return Header(match["name"].replace(".", " "), unit_named(match["unit"]))
 
 
 def _contradicts(word: str, unit: str) -> bool:
