@@ -14,7 +14,7 @@ from ldbb_bayes.reading.column_roles import has_role, names_any_role, names_colu
 from ldbb_bayes.reading.lines_above import is_direction, is_label
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.words import comparable
+from ldbb_bayes.reading.words import WORDS, comparable
 
 __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "overview_lines"]
 
@@ -94,16 +94,18 @@ def _labelled_cells(
 def _has_label(cell: str) -> bool:
     """Return whether a cell contains the label of a value, such as ``Radius`` or ``Place:``."""
     name = unit_of(cell).name.rstrip(" :")
-    return is_label(name) or re.search(r"\D:|:$", cell) is not None
+    is_known = is_label(name) or comparable(name) in WORDS["reading_sign"]["labels"]
+    return is_known or re.search(r"\D:|:$", cell) is not None
 
 
 def _heads_a_list(filled: Sequence[str]) -> bool:
     """Return whether a row is the header of a list of tests.
 
-    A row with a label and its value, such as ``Radius | 100 mm``, is no header. ``filled`` are the
+    A row with a label and its value, such as ``Radius | 100 mm``, is no header, nor is a row of two
+    cells whose second is a statement, such as ``positive reading: bar shorter``. ``filled`` are the
     cells of the row that are not empty.
     """
-    if not names_columns(filled):
+    if _is_statement(filled) or not names_columns(filled):
         return False
     if any(cell.endswith(":") or re.match(NUMBER_IN_TEXT, cell) for cell in filled):
         return False
@@ -114,3 +116,11 @@ def _heads_a_list(filled: Sequence[str]) -> bool:
     if len(filled) == 2 or first_is_label:
         candidates = filled[1:]
     return any(names_any_role(cell) or cell in PER_TEST for cell in candidates)
+
+
+def _is_statement(filled: Sequence[str]) -> bool:
+    """Return whether a row is a label and a statement, such as ``positive reading: bar shorter``.
+
+    ``filled`` are the cells of the row that are not empty.
+    """
+    return len(filled) == 2 and re.search(r"\w: +\w", filled[1]) is not None

@@ -42,6 +42,17 @@ _TURNED_HEADER = re.compile(_WORDS["header"])
 _TURNED_NAME = re.compile(r"(?<![^\W\d_])(?:invert\w*|negated?|reversed|flipped)", re.IGNORECASE)
 # Regular expression for a line that says what a sign of readings means.
 _MEANING = re.compile(_WORDS["meaning"], re.IGNORECASE)
+# Regular expression for the label of a sign with a text behind it, such as "Sign: as drawn".
+_LABEL = re.compile(_WORDS["label"], re.IGNORECASE)
+# Regular expression for readings that a text calls positive or negative.
+_NAMED = re.compile(_WORDS["named"], re.IGNORECASE)
+# Regular expression for a word such as "means", which shows that a text defines something.
+_MEANS = re.compile(_WORDS["means"], re.IGNORECASE)
+# Regular expression for the marks between the statements of a line, such as a semicolon.
+_BETWEEN_STATEMENTS = re.compile(r"[;|\t]|\.(?=\s)|,(?!\d)")
+# Regular expressions for "in" and "out" behind a sign, as in "+ = in", and in front of it.
+_IN_OR_OUT = re.compile(_WORDS["in_or_out"], re.IGNORECASE)
+_IN_OR_OUT_FIRST = re.compile(_WORDS["in_or_out_first"], re.IGNORECASE)
 # Regular expression for a text that defines the reading as nominal radius minus actual radius.
 _NOMINAL_LESS_ACTUAL = re.compile(_WORDS["nominal_less_actual"])
 # Regular expression for a header with a minus sign before the name of the reading.
@@ -103,14 +114,11 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
     whose meaning is not clear, if the user states no sign.
     """
     header = recording.heading.headers[recording.heading.roles["reading"]]
-    texts = {f"the header {header!r}": header}
-    for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
-        texts[f"line {line}"] = text
     sources: dict[int, str] = {}
     _note_names(recording)
     if _MINUS.search(_words_of_header(header)):
         sources[-1] = f"the header {header!r}"
-    for source, text in texts.items():
+    for source, text in _texts_of(recording, header):
         if _NOMINAL_LESS_ACTUAL.search(_words_of_header(text)):
             sources.setdefault(-1, source)
             continue
@@ -118,7 +126,7 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
         sign = None
         if words:
             sign = _sign_of(words)
-        elif not (_turns_sign(text) or _is_turned_header(source, text)):
+        elif not _is_open(source, text):
             _note_unread(recording, source, text)
             continue
         if sign is not None:
@@ -132,6 +140,56 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
                 ("1", "-1"),
             )
     return sources
+
+
+def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:
+    """Return the texts that may state the sign of readings, each after its source in words.
+
+    ``header`` is the header of the readings.
+    """
+    texts = [(f"the header {header!r}", header)]
+    for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+        texts += [(f"line {line}", statement) for statement in _statements(text)]
+    return texts
+
+
+def _is_open(source: str, text: str) -> bool:
+    """Return whether a text concerns the sign of readings, but does not say what it means."""
+    return _turns_sign(text) or _is_turned_header(source, text) or _asks(source, text)
+
+
+def _statements(text: str) -> list[str]:
+    """Return the statements of a line that also states something about angles, loads or the like.
+
+    In ``Angles from Y, clockwise; positive: bar shorter``, the last statement is about the sign of
+    readings. A line that means one sign as a whole is not divided, nor is a line in which no
+    statement alone is about the sign of readings.
+    """
+    text = text[:LONGEST_TEXT]
+    is_about_signs_alone = _OTHER_SUBJECT.search(text) is None
+    if is_about_signs_alone and _sign_of(_words_in(text)) is not None:
+        return [text]
+    statements = _BETWEEN_STATEMENTS.split(text)
+    if any(_words_in(statement) for statement in statements):
+        return statements
+    return [text]
+
+
+def _asks(source: str, text: str) -> bool:
+    """Return whether a line states what the sign of readings means, in words not understood.
+
+    Examples are ``Sign: as on the drawing`` and a line that states the sign of readings and the
+    sense of angles in one sentence. ``source`` is the place of the text in words, such as "line 3".
+    """
+    text = text[:LONGEST_TEXT]
+    if not source.startswith("line") or _DENIED.search(text):
+        return False
+    if _OTHER_NUMBER.search(text):
+        return _LABEL.search(text) is not None and not _OTHER_SUBJECT.search(text)
+    is_named = _NAMED.search(text) is not None and _MEANS.search(text) is not None
+    if _OTHER_SUBJECT.search(text):
+        return is_named and _has_sign_and_length(_kinds_of_words(text))
+    return is_named or _LABEL.search(text) is not None
 
 
 def _words_of_header(header: str) -> str:
@@ -197,12 +255,24 @@ def _words_in(text: str) -> list[str]:
     text = text[:LONGEST_TEXT]
     if _OTHER_SUBJECT.search(text) or names_extension(text):
         return []
-    words = [str(match.lastgroup) for match in _WORD.finditer(text)]
-    has_sign = "positive" in words or "negative" in words
-    has_length = "shorter" in words or "longer" in words
-    if not (has_sign and has_length):
+    words = _kinds_of_words(text)
+    if not _has_sign_and_length(words):
         return []
     return words
+
+
+def _kinds_of_words(text: str) -> list[str]:
+    """Return the kinds of all words for signs and bar lengths in a text, in their order."""
+    text = _IN_OR_OUT_FIRST.sub(r"\g<sign> \g<way>ward", text)
+    text = _IN_OR_OUT.sub(r"\g<sign> = \g<way>ward", text)
+    return [str(match.lastgroup) for match in _WORD.finditer(text)]
+
+
+def _has_sign_and_length(words: list[str]) -> bool:
+    """Return whether the kinds of words include a sign and a longer or shorter bar."""
+    has_sign = "positive" in words or "negative" in words
+    has_length = "shorter" in words or "longer" in words
+    return has_sign and has_length
 
 
 def _sign_of(words: list[str]) -> int | None:

@@ -65,6 +65,9 @@ _UNIT_ALONE = re.compile(
     r"(?P<unit>(?:(?:0[.,]0*1|1/10+)\s?)?[^\W\d]+)\W*",
     re.IGNORECASE,
 )
+# Regular expression for the word "in" beside a sign, as in "+ = in", where it means inward and not
+# inches.
+_SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*", re.IGNORECASE)
 # Regular expression for a unit of readings that is no length.
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 # Regular expression for words which say that readings are multiplied or divided by a number.
@@ -161,7 +164,7 @@ def _unit_alone(text: str) -> str:
     if has_factor(text):
         return text.strip()
     match = _UNIT_ALONE.fullmatch(text)
-    if match is None or comparable(text) in _ALSO_WORDS:
+    if match is None or comparable(text) in _ALSO_WORDS or _SIGN_IN.fullmatch(text):
         return ""
     if match["bracketed"] and _NO_LENGTH.fullmatch(match["bracketed"]):
         return str(match["bracketed"])

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import field_files as field
 import numpy as np
 from field_files import TRUTH, Circle, FieldCase
+from openpyxl import Workbook
 
 __all__ = ["word_cases"]
 
@@ -27,6 +28,7 @@ def word_cases() -> dict[str, FieldCase]:
         **zero_cases(),
         **short_zero_cases(),
         **turned_sign_cases(),
+        **shared_sign_cases(),
         **open_diameter_cases(),
         **programmed_cases(),
         **extension_cases(),
@@ -170,6 +172,91 @@ def turned_sign_cases() -> dict[str, FieldCase]:
         told="line 1 says 'Plus: material', not understood",
     )
     return cases
+
+
+def shared_sign_cases() -> dict[str, FieldCase]:
+    """Return signs of readings that share a line, or an overview, with other statements."""
+    kind = "signs beside other statements"
+    told = "sign of the reading: −1: a longer bar is negative"
+    turned_lines = {
+        "Angle zero: +Y; sense: CW; positive: bar shorter": (90.0, -1),
+        "Winkel ab +Y im Uhrzeigersinn, positiv = kürzer": (90.0, -1),
+        "Angles run clockwise from +X. Positive values: bar shortened.": (0.0, -1),
+        "Angles ccw from the negative X axis. Positive values: bar shortened.": (180.0, 1),
+    }
+    cases = {}
+    for number, (line, convention) in enumerate(turned_lines.items()):
+        cases[f"sign_shared_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, turned_and_negated(*convention), above=line),
+            told=told,
+        )
+    short_lines = ("+ = in", "neg = out", "+ = toward the centre; - = away", "dR > 0: bar shorter")
+    for number, line in enumerate(short_lines):
+        cases[f"sign_short_{number}"] = FieldCase(
+            kind, f"a line '{line}'", field.texts(HEADER, negated, above=line), told=told
+        )
+    cases["sign_closer"] = FieldCase(
+        kind,
+        "a line 'A positive deviation means the balls are closer together'",
+        field.texts(
+            HEADER, negated, above="A positive deviation means the balls are closer together"
+        ),
+        told=told,
+    )
+    asked = (
+        "Sign: as on the drawing",
+        "Sign convention: ISO 230-4",
+        "Positive readings: see drawing",
+        "Angles ccw and positive readings mean a shorter bar",
+    )
+    for number, line in enumerate(asked):
+        cases[f"sign_asked_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, negated, above=line),
+            refusal=WHICH_SIGN,
+            step=("--sign", "-1"),
+        )
+    for label in ("Sign", "Vorzeichen", "Convention"):
+        cases[f"sign_in_overview_{label.lower()}"] = FieldCase(
+            kind,
+            f"an overview with a row '{label} | positive reading: bar shorter'",
+            signed_workbook(label),
+            told=told,
+        )
+    return cases
+
+
+def turned_and_negated(zero_deg: float, sense: int) -> field.Row:
+    turned_row = field.turned(zero_deg, sense)
+
+    def row(circle: Circle, k: int) -> list[object]:
+        angle, _ = turned_row(circle, k)
+        return [angle, negated(circle, k)[1]]
+
+    return row
+
+
+def signed_workbook(label: str) -> dict[str, bytes]:
+    """Return a workbook of negated readings whose first sheet states their sign."""
+
+    def fill(book: Workbook) -> None:
+        overview = book.create_sheet("Index")
+        overview.append(["Serial number", "4711"])
+        overview.append([label, "positive reading: bar shorter"])
+        overview.append([])
+        overview.append(["Sheet", "Setup", "F [N]", "Remark"])
+        for circle in TRUTH:
+            overview.append([f"{circle.force_N:g} N", 1, circle.force_N, "ok"])
+        for circle in TRUTH:
+            sheet = book.create_sheet(f"{circle.force_N:g} N")
+            sheet.append(HEADER.split(","))
+            for k in range(len(circle.angle_deg)):
+                sheet.append([float(circle.angle_deg[k]), -float(circle.reading_um[k])])
+
+    return {"m.xlsx": field.workbook(fill)}
 
 
 def open_diameter_cases() -> dict[str, FieldCase]:
