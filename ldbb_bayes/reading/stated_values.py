@@ -27,6 +27,7 @@ from ldbb_bayes.reading.recording import (
     option_for,
 )
 from ldbb_bayes.reading.words import WORDS
+from ldbb_bayes.results import Array
 
 __all__ = ["direction_of", "loads_of", "quantity_of"]
 
@@ -38,6 +39,14 @@ _ROUNDED_IN_NAME = 0.02
 # Relative tolerance within which the forces, or the pressures, in all rows of a test count as
 # equal.
 _CONSTANT = 1e-9
+# Largest deviation of a measured force or pressure from its mean within a test, as a share of the
+# mean.
+_LARGEST_VARIATION = 0.02
+# A load that varies is taken as measured if it changes at least once in this number of rows. The
+# nominal loads of several tests below each other change less often.
+_ROWS_OF_CHANGE = 20
+# Number of digits to which the mean of a measured load is rounded.
+_DIGITS_OF_MEAN = 6
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60
 
@@ -221,8 +230,10 @@ def loads_of(recording: Recording) -> dict[str, float]:
 def _constant_load(recording: Recording, key: str) -> float | None:
     """Return the force [N] or pressure [bar] of a test from its column; None without such a column.
 
-    ``key`` is force_N or pressure_bar. Raise an `InputError` if the load differs between the rows
-    of the test. ``recording`` is the test as its file holds it.
+    If the load was measured in every row, so that it varies a little, the result is its mean, which
+    is noted. Raise an `InputError` if the load differs more between the rows of the test, or if it
+    changes as the nominal loads of several tests do. ``key`` is force_N or pressure_bar.
+    ``recording`` is the test as its file holds it.
     """
     role = LOAD_ROLES[key]
     unit = UNITS_SHOWN[key]
@@ -231,14 +242,33 @@ def _constant_load(recording: Recording, key: str) -> float | None:
     values = recording.numbers[role] * unit_size(recording, role, unit)
     tolerance = _CONSTANT * max(float(np.abs(values).max()), 1.0)
     different = np.flatnonzero(np.abs(values - values[0]) > tolerance)
-    if different.size:
+    if not different.size:
+        return float(values[0])
+    extremes = f"{values.min():g} to {values.max():g} {unit}"
+    if not _is_measured(values):
         raise InputError(
             f"{recording.place}, line {recording.lines[different[0]]}: {role} must be the same in"
-            f" all rows of a test, got {values.min():g} to {values.max():g} {unit}. Name the test"
-            " of each row in a column (--test-column), or give the nominal value"
-            f" ({option_for(key)})."
+            f" all rows of a test, or vary by at most {100.0 * _LARGEST_VARIATION:g} % around its"
+            f" mean from row to row, got {extremes}. Name the test of each row in a column"
+            f" (--test-column), or give the nominal value ({option_for(key)})."
         )
-    return float(values[0])
+    mean = float(f"{values.mean():.{_DIGITS_OF_MEAN}g}")
+    reason = f"its column varies from {extremes}"
+    recording.note(key, f"{mean:g} {unit}, the mean", reason, option_for(key))
+    return mean
+
+
+def _is_measured(values: Array) -> bool:
+    """Return whether loads [N or bar] of the rows of a test, shape (n,), vary as measured ones do.
+
+    Such loads stay near their mean and change often. Nominal loads of several tests below each
+    other change only where the next test begins.
+    """
+    mean = float(values.mean())
+    largest_deviation = float(np.abs(values - mean).max())
+    n_changes = np.count_nonzero(np.diff(values))
+    is_small = largest_deviation <= _LARGEST_VARIATION * abs(mean)
+    return is_small and n_changes * _ROWS_OF_CHANGE >= len(values)
 
 
 def _senses_by_word() -> dict[str, str]:
