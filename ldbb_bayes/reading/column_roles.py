@@ -13,7 +13,7 @@ from typing import NamedTuple
 from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.errors import InputError, nearest, require
 from ldbb_bayes.reading.layout import Layout
-from ldbb_bayes.reading.names import load_in_name
+from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous
 from ldbb_bayes.reading.numerals import is_missing, looks_like_number
 from ldbb_bayes.reading.unit_lines import COUNT
 from ldbb_bayes.reading.words import (
@@ -469,7 +469,8 @@ def _several_readings(
     """Return the indices of the columns of readings if there are several, each for one test.
 
     The header of such a column states the load of its test, such as ``36 N [mm]``, names a run,
-    such as ``Run 1``, or is only a number. Return an empty list if the table has no such columns.
+    such as ``Run 1``, or is only a number. The load may have a form that can be read in two ways.
+    Return an empty list if the table has no such columns.
 
     Parameters
     ----------
@@ -482,7 +483,11 @@ def _several_readings(
     """
     if heads_loads(headers):
         return list(free)
-    loaded = [column for column in free if load_in_name([headers[column]]) is not None]
+    loaded = []
+    for column in free:
+        names = [headers[column]]
+        if load_in_name(names) is not None or load_is_ambiguous(names):
+            loaded.append(column)
     if len(loaded) > 1 and set(candidates) <= set(loaded):
         return loaded
     if len(candidates) > 1 and _numbered(candidates, headers):

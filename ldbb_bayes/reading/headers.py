@@ -29,7 +29,7 @@ from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, comparable, unit_named
 
-__all__ = ["Heading", "NoTableError", "find_heading", "note_heading"]
+__all__ = ["Heading", "NoTableError", "find_heading", "note_heading", "unused_columns"]
 
 # A table of numbers begins with this many rows that have equally many cells, or with fewer rows if
 # the sheet ends earlier.
@@ -427,24 +427,14 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
     """Add to the log what was assumed about a sheet: its format and the roles of its columns.
 
-    A role is what a column holds, such as angle. Columns that are not used are noted too. Nothing
-    is noted about what the layout states. ``heading`` holds the header and the columns of the
-    table.
+    A role is what a column holds, such as angle. Nothing is noted about what the layout states.
+    ``heading`` holds the header and the columns of the table.
     """
     _note_format(sheet, heading, layout, log)
     _note_columns(sheet, heading, layout, log)
     if _has_numbered_rows(sheet, heading):
         reason = "the header has one name fewer than the table has columns"
         log.add(sheet.place, "column 1", "numbers of the rows, not used", reason, "--header-line")
-    unused = _unused_headers(heading)
-    if unused:
-        log.add(
-            sheet.place,
-            "columns not used",
-            ", ".join(unused)[:LONGEST_NAME],
-            "no role is known for them",
-            "--…-column, or a [[test]] in --layout",
-        )
 
 
 def _has_numbered_rows(sheet: Sheet, heading: Heading) -> bool:
@@ -473,17 +463,16 @@ def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: Assumptio
         log.add(sheet.place, "columns", assignments[:LONGEST_NAME], reason, options)
 
 
-def _unused_headers(heading: Heading) -> list[str]:
-    """Return the headers of the columns of a table that are not used.
+def unused_columns(heading: Heading) -> list[int]:
+    """Return the indices of the columns of a table that have a header but no role, such as angle.
 
-    A column is not used if it has no role, such as angle, and its header is not the name of a field
-    of a test, such as setup.
+    Columns whose header is the name of a field of a test, such as setup, are left out.
     """
     columns_in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
     unused = []
     for column, header in enumerate(heading.headers):
         if header and column not in columns_in_use and header not in PER_TEST:
-            unused.append(header)
+            unused.append(column)
     return unused
 
 

@@ -159,9 +159,10 @@ _LENGTH = re.compile(
 # Regular expression for a unit in brackets, followed by a number.
 _UNIT_AND_NUMBER = re.compile(rf"[\[(]([^\W\d]+)[\])]\s*[:=]?\s*({NUMBER_IN_TEXT})")
 # Regular expression for a letter for radius or diameter with a number directly behind it, such as
-# D200.
+# D200, or with a word for nominal between them, such as Rnom: 100.
 _LETTER_AND_NUMBER = re.compile(
-    r"(?<![\w.])(?:CR|[RrDØø])\s?[:=]?\s?(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?(?![\w.,])"
+    r"(?<![\w.])(?:CR|[RrDØø](?:[_ ]?(?:nom\w*|soll|0(?=\W)))?)\s?[:=]?\s?"
+    r"(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?(?![\w.,])"
 )
 # Regular expression for a word for the circle.
 _CIRCLE = re.compile(rf"(?<![^\W_])(?:{WORDS['circle']['named']})", re.IGNORECASE)

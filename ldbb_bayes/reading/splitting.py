@@ -17,7 +17,8 @@ from ldbb_bayes.reading.column_contents import (
     name_plane_column,
     plane_named,
 )
-from ldbb_bayes.reading.headers import Heading, note_heading
+from ldbb_bayes.reading.column_roles import BRACKET, unit_of
+from ldbb_bayes.reading.headers import Heading, note_heading, unused_columns
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import Lines, LineStatement, statements_in
 from ldbb_bayes.reading.numerals import (
@@ -36,7 +37,7 @@ from ldbb_bayes.reading.recording import Recording, RowUnits
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.unit_columns import unit_columns
 from ldbb_bayes.reading.unit_lines import UNIT_KEYS
-from ldbb_bayes.reading.words import LONGEST_NAME, UNITS
+from ldbb_bayes.reading.words import LONGEST_NAME, UNITS, unit_named
 from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
@@ -162,17 +163,25 @@ class _SheetColumns:
         """Return as lines the columns without a role whose cells are equal in all rows of a test.
 
         Columns without a role hold no angle, reading or other quantity that the package reads. Each
-        line is a pair of its place and its text. For a column ``R [mm]`` whose cells are all 100,
-        the text is ``R [mm]: 100``. ``rows`` are the indices of the rows of the test.
+        line is a pair of its place and its text. For a column ``R [mm]`` or ``R_mm`` whose cells
+        are all 100, the text is ``R [mm]: 100``. ``rows`` are the indices of the rows of the test.
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
         for column, header in enumerate(self.heading.headers):
             cells = set(self.cells_with_units(column, rows))
             if header and column not in in_use and len(cells) == 1 and header not in PER_TEST:
-                place = f"{self.heading.line}, column {header!r}"
-                lines.append((place, f"{header}: {cells.pop()}"))
+                lines.append(
+                    (
+                        self.place_of_column(column),
+                        f"{_with_unit_in_brackets(header)}: {cells.pop()}",
+                    )
+                )
         return lines
+
+    def place_of_column(self, column: int) -> str:
+        """Return the line of the header and the header of a column, for notes and messages."""
+        return f"{self.heading.line}, column {self.heading.headers[column]!r}"
 
     def constant_statements(self, rows: Sequence[int]) -> dict[str, list[LineStatement]]:
         """Return a dict with what columns without a role state about a test; its keys are fields.
@@ -200,6 +209,17 @@ class _SheetColumns:
             for k in rows:
                 words.setdefault(self.cells[column][k], self.lines[k])
         return words
+
+
+def _with_unit_in_brackets(header: str) -> str:
+    """Return a header with its unit in brackets: ``Radius [m]`` for ``Radius_m``.
+
+    A header that has brackets or no known unit is returned unchanged.
+    """
+    stated = unit_of(header)
+    if BRACKET.search(header) or stated.name == header or not unit_named(stated.unit):
+        return header
+    return f"{stated.name.replace('_', ' ')} [{stated.unit}]"
 
 
 def split_sheet(
@@ -242,6 +262,7 @@ def split_sheet(
     for row, label in enumerate(labels):
         rows_by_label.setdefault(label, []).append(row)
     field_columns = _field_columns(columns, labels, log)
+    _note_unused_columns(columns, list(rows_by_label.values()), log)
     holds_several = len(rows_by_label) > 1 or len(heading.readings) > 1 or bool(sheet.name_in_file)
     for test_heading in columns.heading.split_by_readings():
         numbers = dict(shared_numbers)
@@ -562,6 +583,36 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
             )
         fields |= entry.stated()
     return fields
+
+
+def _note_unused_columns(
+    columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int]], log: AssumptionLog
+) -> None:
+    """Add to the log the columns of a table that state nothing that is used.
+
+    A column without a role (angle, reading, …) is used if it states a field such as the radius, in
+    all tests. ``rows_of_tests`` holds the indices of the rows of each test.
+    """
+    used = set()
+    for column in range(len(columns.heading.headers)):
+        used.add(columns.place_of_column(column))
+    for rows in rows_of_tests:
+        places = set()
+        for statements in columns.constant_statements(rows).values():
+            places |= {statement.line for statement in statements}
+        used &= places
+    headers = []
+    for column in unused_columns(columns.heading):
+        if columns.place_of_column(column) not in used:
+            headers.append(columns.heading.headers[column])
+    if headers:
+        log.add(
+            columns.sheet.place,
+            "columns not used",
+            ", ".join(headers)[:LONGEST_NAME],
+            "no role is known for them",
+            "--…-column, or a [[test]] in --layout",
+        )
 
 
 def _field_columns(

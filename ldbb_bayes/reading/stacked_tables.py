@@ -13,6 +13,7 @@ from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.column_roles import count_numbers, names_any_role, names_columns
 from ldbb_bayes.reading.lines_above import directions_stated, statements_in
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.timestamps import stamps_in
 from ldbb_bayes.reading.words import comparable
 
 __all__ = ["first_header", "split_tables"]
@@ -125,10 +126,14 @@ def _lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) -
 
 
 def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
+    """Return the fields that rows of a sheet state, with the direction and the time of a test."""
     texts = list(sheet.texts(rows))
     keys = set(statements_in(texts))
     if directions_stated(texts):
         keys.add("direction")
+    stamps = [stamp for _, text in texts for stamp in stamps_in(text)]
+    if any(stamp.seconds is not None for stamp in stamps):
+        keys.add("time")
     return keys
 
 

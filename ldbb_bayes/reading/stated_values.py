@@ -266,7 +266,7 @@ def _is_measured(values: Array) -> bool:
     """
     mean = float(values.mean())
     largest_deviation = float(np.abs(values - mean).max())
-    n_changes = np.count_nonzero(np.diff(values))
+    n_changes = int(np.count_nonzero(np.diff(values)))
     is_small = largest_deviation <= _LARGEST_VARIATION * abs(mean)
     return is_small and n_changes * _ROWS_OF_CHANGE >= len(values)
 

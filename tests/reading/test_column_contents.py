@@ -146,3 +146,44 @@ def test_columns_that_r_has_named_are_read_in_their_units(tmp_path: Path) -> Non
     path = written(tmp_path, "force..lbf.,theta..deg.,dev..mil.", "8,{a},{r}.25")
     (test,) = imported(path).tests
     assert (round(test.force_N or 0.0, 3), float(test.reading_um[1])) == (35.586, 1.25 * 25.4)
+
+
+@pytest.mark.parametrize(
+    ("header", "cell"),
+    [("Radius_m", "0.1"), ("R_mm", "100"), ("R [mm]", "100"), ("bar_length_in", "3.937008")],
+)
+def test_a_column_of_the_radius_is_used(tmp_path: Path, header: str, cell: str) -> None:
+    path = written(tmp_path, f"angle_deg,dr_um,{header}", f"{{a}},{{r}}.25,{cell}")
+    (test,) = imported(path).tests
+    assert test.radius_mm == pytest.approx(100.0, rel=1e-6)
+
+
+def subjects(path: Path) -> dict[str, str]:
+    """Return the reasons of what was assumed about a file; the keys are the subjects."""
+    return {entry.what: entry.because for entry in lb.import_campaign(path).assumptions}
+
+
+def test_a_column_that_states_the_radius_is_not_called_unused(tmp_path: Path) -> None:
+    path = written(tmp_path, "angle_deg,dr_um,Radius_m", "{a},{r}.25,0.1")
+    assert "columns not used" not in subjects(path)
+
+
+@pytest.mark.parametrize("header", ["Rnom", "R0", "r_soll", "R_nominal"])
+def test_a_column_that_may_be_the_radius_is_named(tmp_path: Path, header: str) -> None:
+    path = written(tmp_path, f"angle_deg,dr_um,{header}", "{a},{r}.25,100")
+    assert f"says {header}: 100, not taken" in subjects(path)["radius_mm"]
+
+
+RUNS = "Angle [deg],run 1 36 N [um],run 2 400 N [um],run 3 400 N [um]"
+
+
+def test_numbers_of_runs_beside_forces_are_asked(tmp_path: Path) -> None:
+    path = written(tmp_path, RUNS, "{a},{r}.25,{r}.5,{r}.75", name="a.csv")
+    with pytest.raises(lb.InputError, match=r"which number does 'run 2 400 N' mean.*--forces-N"):
+        imported(path)
+
+
+def test_runs_beside_forces_are_read_once_the_forces_are_given(tmp_path: Path) -> None:
+    path = written(tmp_path, RUNS, "{a},{r}.25,{r}.5,{r}.75", name="a.csv")
+    tests = imported(path, {"forces_N": [36.0, 400.0, 400.0]}).tests
+    assert [test.force_N for test in tests] == [36.0, 400.0, 400.0]

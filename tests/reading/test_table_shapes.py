@@ -74,6 +74,24 @@ def test_lines_above_the_first_table_hold_for_the_second(tmp_path: Path) -> None
     check_test(tests[1], 300.0)
 
 
+@pytest.mark.parametrize(
+    ("above_all", "start"),
+    [
+        ([], "Start time: 2026-11-20 14:{minute}:12"),
+        (["Date: 2026-11-20"], "Time: 14:{minute}:12"),
+        ([], "20.11.2026 14:{minute}:12"),
+    ],
+)
+def test_tables_below_each_other_have_start_times_of_their_own(
+    above_all: list[str], start: str, tmp_path: Path
+) -> None:
+    lines = list(above_all)
+    for force_N, minute in ((100.0, "03"), (300.0, "11"), (500.0, "20")):
+        lines += [f"Force: {force_N:g} N", start.format(minute=minute), HEADER, *rows(force_N)]
+    tests = read_tests(file(tmp_path, "all.csv", lines))
+    assert [test.time_s for test in tests] == [0.0, 480.0, 1020.0]
+
+
 def test_two_files_copied_together_are_two_tests(tmp_path: Path) -> None:
     path = file(tmp_path, "both.csv", [HEADER, *rows(100.0), HEADER, *rows(300.0)])
     tests = read_tests(path, forces_N=[100.0, 300.0])
