@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from ldbb_bayes.campaign.campaign import LABELS, PER_TEST
 from ldbb_bayes.campaign.text_table import Row, columns_of
 from ldbb_bayes.errors import InputError
@@ -33,6 +35,7 @@ from ldbb_bayes.reading.numerals import (
     seconds_of,
 )
 from ldbb_bayes.reading.overview import overview_lines
+from ldbb_bayes.reading.placeholders import placeholders_in
 from ldbb_bayes.reading.recording import Recording, RowUnits
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.unit_columns import unit_columns
@@ -268,8 +271,9 @@ def split_sheet(
         numbers = dict(shared_numbers)
         for column in test_heading.readings:
             numbers["reading"] = columns.numbers("reading", column)
-        for label, rows in rows_by_label.items():
+        for label, all_rows in rows_by_label.items():
             title = label or test_heading.label
+            rows = _without_placeholders(columns, test_heading, numbers, all_rows, title, log)
             stated = _stated_fields(sheet, title, layout, holds_several)
             fields = {}
             for key, column in field_columns.items():
@@ -298,6 +302,59 @@ def split_sheet(
                 lines_of_all_tests=overview.of_all_tests,
                 constant_columns=columns.constant_lines(rows),
             )
+
+
+def _without_placeholders(
+    columns: _SheetColumns,
+    heading: Heading,
+    numbers: Mapping[str, Array],
+    rows: Sequence[int],
+    title: str,
+    log: AssumptionLog,
+) -> list[int]:
+    """Return the rows of a test without those whose angle or reading is a placeholder.
+
+    A placeholder is a number such as -999 in place of a missing number. The rows that are left out
+    are noted.
+
+    Parameters
+    ----------
+    columns
+        Table of the sheet.
+    heading
+        Heading of the test, which has one column of readings.
+    numbers
+        Numbers of the columns; the keys are the roles.
+    rows
+        Indices of all rows of the test.
+    title
+        Name of the test in its sheet; empty if the whole sheet is one test.
+    log
+        Log to which the note is added.
+    """
+    left_out: dict[int, str] = {}
+    for role in ("angle", "reading"):
+        if role not in numbers or role not in heading.roles:
+            continue
+        cells = [columns.cells[heading.roles[role]][row] for row in rows]
+        for k in np.flatnonzero(placeholders_in(cells, numbers[role][rows])):
+            left_out[rows[k]] = cells[k]
+    if len(left_out) == len(rows):  # no row is left that a later message could name
+        return list(rows)
+    if left_out:
+        count = "1 row left out"
+        if len(left_out) > 1:
+            count = f"{len(left_out)} rows left out"
+        shown = ", ".join(dict.fromkeys(left_out.values()))[:LONGEST_NAME]
+        reason = (
+            f"{shown} from line {columns.lines[min(left_out)]} on, far from all other numbers of"
+            " the column"
+        )
+        place = columns.sheet.place
+        if title:
+            place += f", test {title!r}"
+        log.add(place, "missing readings", count, reason, "other numbers in these cells")
+    return [row for row in rows if row not in left_out]
 
 
 def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
