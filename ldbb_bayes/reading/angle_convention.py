@@ -10,10 +10,12 @@ import re
 from typing import NamedTuple
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.lines_above import senses_in, statements_in
+from ldbb_bayes.reading.line_parts import statements_of_line
+from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import name_as_words
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.travel_direction import senses_in
 from ldbb_bayes.reading.unit_lines import unit_mentioned
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
@@ -235,14 +237,19 @@ def _words_of(recording: Recording) -> list[_Words]:
     header = recording.heading.headers[recording.heading.roles["angle"]]
     words = [_words_in(recording, f"the header {header!r}", header, is_header=True)]
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
-        text = content[:LONGEST_TEXT]
-        if _SUBJECT.search(text) and not _OTHER_SUBJECT.search(text):
-            words.append(_words_in(recording, f"line {line}", text, is_header=False))
+        for text in statements_of_line(content[:LONGEST_TEXT], _is_mixed):
+            if _SUBJECT.search(text) and not _OTHER_SUBJECT.search(text):
+                words.append(_words_in(recording, f"line {line}", text, is_header=False))
     for name in recording.names_of_files():
         if name_is_about_angles(name):
             text = name_as_words(name)
             words.append(_words_in(recording, "its name", text, is_header=False))
     return [entry for entry in words if entry.zero or entry.sense]
+
+
+def _is_mixed(text: str) -> bool:
+    """Return whether a line is about angles and also about something else, such as the travel."""
+    return _SUBJECT.search(text) is not None and _OTHER_SUBJECT.search(text) is not None
 
 
 def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> _Words:
@@ -271,6 +278,11 @@ def name_is_about_angles(name: str) -> bool:
 
 def says_where_angles_begin(text: str) -> bool:
     """Return whether a line says that angles run clockwise, or begin at another axis than +X."""
+    statements = statements_of_line(text, _is_mixed)
+    return any(_states_where_angles_begin(statement) for statement in statements)
+
+
+def _states_where_angles_begin(text: str) -> bool:
     if not _SUBJECT.search(text) or _OTHER_SUBJECT.search(text):
         return False
     is_turned = _ANGLE.search(text) is not None and "CW" in senses_in(text)

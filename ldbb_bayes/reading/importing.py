@@ -31,7 +31,6 @@ from ldbb_bayes.reading.lines_above import (
     Lines,
     not_understood,
     statements_in,
-    unknown_direction,
     unknown_length,
 )
 from ldbb_bayes.reading.loads_above import with_loads_in_header
@@ -45,6 +44,7 @@ from ldbb_bayes.reading.spreadsheet import read_sheets
 from ldbb_bayes.reading.start_times import take_start_times
 from ldbb_bayes.reading.stated_values import direction_of, loads_of, quantity_of
 from ldbb_bayes.reading.trace import trace_of
+from ldbb_bayes.reading.travel_direction import unread_direction
 from ldbb_bayes.reading.unit_guess import assume_units
 from ldbb_bayes.results import Result
 
@@ -182,7 +182,10 @@ def _not_understood_of(recording: Recording) -> dict[str, str]:
     The keys are fields of the test. Only lines and names that are not understood are noted.
     """
     lines_above = recording.heading.lines_above
-    notes = {"direction": unknown_direction([*recording.lines_of_all_tests, *lines_above])}
+    notes = {}
+    unread = unread_direction([*recording.lines_of_all_tests, *lines_above])
+    if unread is not None:
+        notes["direction"] = f"line {unread.line} says {unread.text!r}, not understood"
     if recording.fields.get("radius_mm") is None:
         length = unknown_length([*lines_above, *recording.constant_columns])
         notes["radius_mm"] = length or unknown_length_in_name(recording.names())

@@ -18,6 +18,7 @@ from ldbb_bayes.campaign.campaign import TestFields
 from ldbb_bayes.campaign.field_types import Number
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.files import read_toml, validated
+from ldbb_bayes.reading.travel_direction import direction_named
 from ldbb_bayes.reading.words import ROLES, UNITS, scaled_unit, size_of_unit
 from ldbb_bayes.results import Shown
 
@@ -71,10 +72,11 @@ def _axis_with_sign(axis: str) -> str:
 
 
 def _sense_in_capitals(sense: str) -> str:
-    """Return the sense CW or CCW in capitals."""
-    if sense.upper() not in ("CW", "CCW"):
+    """Return the sense CW or CCW for a word such as ``cw`` or ``clockwise``."""
+    named = direction_named(sense)
+    if named not in ("CW", "CCW"):
         raise ValueError("it should be CW or CCW")
-    return sense.upper()
+    return named
 
 
 def _separator_sign(separator: str) -> str:
@@ -167,7 +169,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     overshoot_deg: float | None = Field(default=None, ge=0.0)
     #: feed of the machine along the circle [mm/min], for tables with times instead of angles
     feed_mm_per_min: float | None = Field(default=None, gt=0.0)
-    direction: Literal["CW", "CCW"] | None = None  #: direction of travel of all tests
+    #: direction of travel of all tests, CW or CCW
+    direction: Annotated[str, AfterValidator(_sense_in_capitals)] | None = None
     #: whether the laps (turns) of a test with several laps are kept or averaged
     laps: Literal["keep", "average"] | None = None
     #: fields of single tests that their tables do not state; each entry names its test by ``file``

@@ -24,6 +24,7 @@ from ldbb_bayes.reading.numerals import (
     number_in_text,
 )
 from ldbb_bayes.reading.programmed_circles import programmed_arcs, programs_arc
+from ldbb_bayes.reading.travel_direction import NAMES_DIRECTION, directions_stated
 from ldbb_bayes.reading.unit_lines import units_stated
 from ldbb_bayes.reading.words import (
     LONGEST_TEXT,
@@ -36,13 +37,9 @@ from ldbb_bayes.reading.words import (
 __all__ = [
     "LineStatement",
     "Lines",
-    "directions_stated",
-    "is_direction",
     "is_label",
     "not_understood",
-    "senses_in",
     "statements_in",
-    "unknown_direction",
     "unknown_length",
 ]
 
@@ -151,7 +148,6 @@ _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
 # readings are compensated for the deflection of the ball's mount.
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT_STATES = {state: WORDS["mount"][state] for state in ("raw", "compensated")}
-_DIRECTION_WORDS: Mapping[str, Any] = WORDS["directions"]
 # Regular expression for a length with its unit, together with the words before the length.
 _LENGTH = re.compile(
     rf"[^;,|\t]*?(?P<number>(?<![\d.,:/-]){NUMBER_IN_TEXT})[\s;|\t]?(?P<unit>[^\W\d_]+|\")(?![/\w])"
@@ -197,32 +193,6 @@ _LENGTH_SHOWN = 60
 _UNDER = re.compile(
     r"\b(?:unter|under|mit|with|ohne|without|bei|sous|sotto|bajo)\s+$", re.IGNORECASE
 )
-# Regular expression for any word for clockwise or counter-clockwise.
-_SENSE = re.compile(
-    rf"(?<![a-zA-Z])({_DIRECTION_WORDS['clock_hand']}|ccw|cw|{_DIRECTION_WORDS['in_words']})"
-    r"(?![a-z])",
-    re.IGNORECASE,
-)
-# Regular expression for a word for "direction", with the text that follows it.
-_DIRECTION = re.compile(_DIRECTION_WORDS["after"], re.IGNORECASE)
-# Regular expression for words which show that a line is about the sense in which angles are
-# counted.
-_SENSE_OF_ANGLE = re.compile(WORDS["angle_convention"]["sense"], re.IGNORECASE)
-# Regular expressions for words, such as "rechts", that mean clockwise or counter-clockwise if they
-# follow a word for direction.
-_SIDES = {
-    "CW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['right']})(?!\w)", re.IGNORECASE),
-    "CCW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['left']})(?!\w)", re.IGNORECASE),
-}
-# Regular expression for words for a turn to the left or right, which may mean the direction of
-# travel.
-_TURNED_TO_SIDE = re.compile(_DIRECTION_WORDS["turned"], re.IGNORECASE)
-# Regular expression for words which show that a line is about angles.
-_ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
-# Regular expression for words for the way the machine went, such as "run" or "measured".
-_TRAVEL = re.compile(_DIRECTION_WORDS["travel"], re.IGNORECASE)
-# Regular expression for words, such as anticlockwise, that mean counter-clockwise.
-_COUNTER = re.compile(_DIRECTION_WORDS["counter"], re.IGNORECASE)
 # Regular expressions for words which show that a line is about a field, even if the line cannot be
 # understood; the keys are the fields.
 _SUBJECTS = {
@@ -230,7 +200,7 @@ _SUBJECTS = {
     "pressure_bar": re.compile(rf"\b{_QUANTITIES['pressure_bar'].words}\b", re.IGNORECASE),
     "feed_mm_per_min": re.compile(rf"\b{_QUANTITIES['feed_mm_per_min'].words}\b", re.IGNORECASE),
     "radius_mm": re.compile("(?i)(?<!kugel)radius"),
-    "direction": _DIRECTION,
+    "direction": NAMES_DIRECTION,
     "mount": re.compile("(?i)ompens|mount"),
 }
 
@@ -561,88 +531,14 @@ def _possible_radius(text: str) -> str:
     return ""
 
 
-def unknown_direction(lines: Lines) -> str:
-    """Return a note on the first line that may state a direction but is not understood.
-
-    Such a line has a word for direction or a word such as "clockwise", but it does not state the
-    direction of travel and is not about angles. The note is empty if there is no such line.
-    """
-    for line, content in lines:
-        text = content[:LONGEST_TEXT]
-        if _ANGLES.search(text) or directions_stated([(line, text)]):
-            continue
-        if senses_in(text) or _DIRECTION.search(text) or _TURNED_TO_SIDE.search(text):
-            return f"line {line} says {text.strip()[:_LENGTH_SHOWN]!r}, not understood"
-    return ""
-
-
 def is_label(text: str) -> bool:
     """Return whether a text is a label without its value, such as ``Operator`` or ``Radius``."""
     if len(text) < 2:
         return False
-    if _LABEL.fullmatch(text) or _DIRECTION.fullmatch(text):
+    if _LABEL.fullmatch(text) or NAMES_DIRECTION.fullmatch(text):
         return True
     quantities = _QUANTITIES.values()
     return any(re.fullmatch(quantity.words, text, re.IGNORECASE) for quantity in quantities)
-
-
-def is_direction(text: str) -> bool:
-    """Return whether a text is a word for clockwise or counter-clockwise, such as CW."""
-    return _SENSE.fullmatch(text) is not None
-
-
-def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
-    """Return the directions of travel, CW and CCW, that names and lines above a table state.
-
-    ``names`` are the names of test, column, sheet and file; only the first name that contains a
-    direction is used. In a line, a direction is accepted if it follows a word such as "direction",
-    if the line also has a word such as "run" or "measured", or if the line is nothing but the
-    direction.
-    """
-    directions: set[str] = set()
-    for name in names:
-        directions = senses_in(name[:LONGEST_TEXT])
-        if directions:
-            break
-    for _, content in lines:
-        text = content[:LONGEST_TEXT]
-        match = _DIRECTION.search(text)
-        if match and not _SENSE_OF_ANGLE.search(text):
-            directions = directions | _direction_after(match[1])
-        elif match is None and _is_about_travel(text):
-            directions = directions | _direction_after(text)
-    return directions
-
-
-def _is_about_travel(text: str) -> bool:
-    """Return whether a line states the direction of travel without a word such as "direction"."""
-    if _ANGLES.search(text):
-        return False
-    return is_direction(text.strip(" .;,|\t")) or _TRAVEL.search(text) is not None
-
-
-def _direction_after(text: str) -> set[str]:
-    """Return the directions CW and CCW that a line states after a word such as "direction"."""
-    senses = senses_in(text)
-    if not senses:
-        for sense, side in _SIDES.items():
-            if side.match(text):
-                return {sense}
-    if len(senses) > 1:
-        # A line may list both directions before it states one: "Direction (CW/CCW): CCW".
-        return senses_in(re.split(r"[:=;|\t]", text)[-1])
-    return senses
-
-
-def senses_in(text: str) -> set[str]:
-    """Return the senses, clockwise (CW) or counter-clockwise (CCW), that a text names."""
-    senses = set()
-    for match in _SENSE.finditer(text):
-        if _COUNTER.search(match[1]):
-            senses.add("CCW")
-        else:
-            senses.add("CW")
-    return senses
 
 
 def not_understood(lines: Lines) -> dict[str, str]:

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 
 from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.reading.column_roles import has_role, names_any_role, names_columns, unit_of
-from ldbb_bayes.reading.lines_above import is_direction, is_label
+from ldbb_bayes.reading.lines_above import is_label
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.travel_direction import is_direction
 from ldbb_bayes.reading.words import WORDS, comparable
 
 __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "overview_lines"]

@@ -9,6 +9,7 @@ import re
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.bar_extensions import names_extension
+from ldbb_bayes.reading.line_parts import divide_line
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
@@ -48,8 +49,6 @@ _LABEL = re.compile(_WORDS["label"], re.IGNORECASE)
 _NAMED = re.compile(_WORDS["named"], re.IGNORECASE)
 # Regular expression for a word such as "means", which shows that a text defines something.
 _MEANS = re.compile(_WORDS["means"], re.IGNORECASE)
-# Regular expression for the marks between the statements of a line, such as a semicolon.
-_BETWEEN_STATEMENTS = re.compile(r"[;|\t]|\.(?=\s)|,(?!\d)")
 # Regular expressions for "in" and "out" behind a sign, as in "+ = in", and in front of it.
 _IN_OR_OUT = re.compile(_WORDS["in_or_out"], re.IGNORECASE)
 _IN_OR_OUT_FIRST = re.compile(_WORDS["in_or_out_first"], re.IGNORECASE)
@@ -169,7 +168,7 @@ def _statements(text: str) -> list[str]:
     is_about_signs_alone = _OTHER_SUBJECT.search(text) is None
     if is_about_signs_alone and _sign_of(_words_in(text)) is not None:
         return [text]
-    statements = _BETWEEN_STATEMENTS.split(text)
+    statements = divide_line(text)
     if any(_words_in(statement) for statement in statements):
         return statements
     return [text]

@@ -11,9 +11,10 @@ from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.column_roles import count_numbers, names_any_role, names_columns
-from ldbb_bayes.reading.lines_above import directions_stated, statements_in
+from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.timestamps import stamps_in
+from ldbb_bayes.reading.travel_direction import directions_stated
 from ldbb_bayes.reading.words import comparable
 
 __all__ = ["first_header", "split_tables"]

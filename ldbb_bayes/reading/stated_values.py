@@ -8,7 +8,6 @@ above a table and names of files are uncertain: the use of these values is noted
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -17,7 +16,6 @@ import numpy as np
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.angle_convention import name_is_about_angles
 from ldbb_bayes.reading.column_units import unit_size
-from ldbb_bayes.reading.lines_above import directions_stated
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
 from ldbb_bayes.reading.programmed_circles import programmed_arcs
 from ldbb_bayes.reading.recording import (
@@ -26,7 +24,7 @@ from ldbb_bayes.reading.recording import (
     Recording,
     option_for,
 )
-from ldbb_bayes.reading.words import WORDS
+from ldbb_bayes.reading.travel_direction import direction_named, directions_stated
 from ldbb_bayes.results import Array
 
 __all__ = ["direction_of", "loads_of", "quantity_of"]
@@ -271,26 +269,6 @@ def _is_measured(values: Array) -> bool:
     return is_small and n_changes * _ROWS_OF_CHANGE >= len(values)
 
 
-def _senses_by_word() -> dict[str, str]:
-    senses = {}
-    for sense in ("CW", "CCW"):
-        for word in WORDS["directions"][sense]:
-            senses[word] = sense
-    return senses
-
-
-_SENSES_BY_WORD = _senses_by_word()
-
-
-def _sense_of(word: str) -> str:
-    """Return CW or CCW for a word that means clockwise or counter-clockwise.
-
-    Any other word is returned in capitals.
-    """
-    letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", word.upper())
-    return _SENSES_BY_WORD.get(letters, word.upper())
-
-
 class _StatedSenses(NamedTuple):
     """Directions of travel that a source outside the table states, CW and CCW."""
 
@@ -332,7 +310,7 @@ def direction_of(recording: Recording) -> str | None:
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():
         if word:
-            column_senses.setdefault(_sense_of(word), line)
+            column_senses.setdefault(direction_named(word), line)
     senses = set(column_senses)
     source = "the column of directions"
     if not senses:
@@ -354,7 +332,7 @@ def direction_of(recording: Recording) -> str | None:
     require(
         len(senses) <= 1,
         f"{recording.place}: direction must be said once, got CW and CCW above the table or in"
-        " names. Give --direction.",
+        " names. Give --direction if all tests ran alike, or direction in a [[test]] of --layout.",
     )
     if not senses:
         return None

@@ -24,9 +24,12 @@ from ldbb_bayes.reading.laps import (
 )
 from ldbb_bayes.reading.log_start import start_at_axis
 from ldbb_bayes.reading.log_times import times_of_log
+from ldbb_bayes.reading.open_question import OpenQuestionError
+from ldbb_bayes.reading.programmed_circles import programmed_arcs
 from ldbb_bayes.reading.reading_sign import sign_of_readings
 from ldbb_bayes.reading.recording import AssumedUnit, Recording, option_for
 from ldbb_bayes.reading.stated_values import quantity_of
+from ldbb_bayes.reading.travel_direction import unread_direction
 from ldbb_bayes.results import Array
 
 __all__ = ["Trace", "trace_of"]
@@ -184,6 +187,7 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
     reason = "a log holds no more"
     recording.note("feed", "constant from the first reading on", reason, "--overshoot-deg")
     if direction is None:
+        _check_no_direction(recording)
         direction = "CCW"
         recording.note("direction", direction, "none stated", "--direction")
     sense = -1 if direction == "CW" else 1
@@ -203,6 +207,28 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
         count = f"{np.count_nonzero(~on_circle)} readings left out"
         recording.note("run-in and run-out", count, "outside whole turns", "--overshoot-deg")
     return _Log(angle[on_circle], on_circle, direction)
+
+
+def _check_no_direction(recording: Recording) -> None:
+    """Raise an error if a line states the direction of travel in words that are not understood.
+
+    Blocks of G-code for circles in both directions are such words too. The angles of a table with
+    times depend on the direction.
+    """
+    lines = [*recording.lines_of_all_tests, *recording.heading.lines_above]
+    words = ""
+    unread = unread_direction(lines)
+    if unread is not None:
+        words = f"{unread.text!r} in line {unread.line}"
+    elif len({arc.direction for arc in programmed_arcs(lines)}) > 1:
+        words = "G2 and G3 in lines above the table"
+    if words:
+        raise OpenQuestionError(
+            f"{recording.place}: the direction of a log over time must be CW or CCW, got {words}."
+            " Say which: --direction CW or CCW.",
+            "direction",
+            ("CW", "CCW"),
+        )
 
 
 def _check_readings_of_turn(recording: Recording, angle_deg: Array) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import field_files as field
 import numpy as np
+from field_directions import direction_cases
 from field_files import TRUTH, Circle, FieldCase
 from openpyxl import Workbook
 
@@ -40,6 +41,7 @@ def word_cases() -> dict[str, FieldCase]:
         **header_cases(),
         **column_cases(),
         **log_start_cases(),
+        **direction_cases(),
         **harmless_cases(),
     }
 

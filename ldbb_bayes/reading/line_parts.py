@@ -1,0 +1,45 @@
+"""Statements of a line that is about several subjects, such as angles, travel and readings.
+
+An example is the line ``Angles clockwise; run: CCW``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+
+__all__ = ["divide_line", "statements_of_line"]
+
+# Regular expression for the marks between sentences and between the cells of a line.
+_STRONG_MARK = re.compile(r"[;|\t]|\.(?=\s)")
+# Regular expression for any mark between the statements of a line. A comma before a digit may be a
+# decimal mark.
+_ANY_MARK = re.compile(r"[;|\t]|\.(?=\s)|,(?!\d)")
+
+
+def divide_line(text: str) -> list[str]:
+    """Return the parts of a line between semicolons, bars, tabs, full stops and commas."""
+    return _ANY_MARK.split(text)
+
+
+def statements_of_line(text: str, is_mixed: Callable[[str], bool]) -> Iterator[str]:
+    """Yield the statements of a line, each about one subject if the marks in the line permit.
+
+    A line about one subject is a single statement. Another line is divided at semicolons, bars,
+    tabs and full stops, and those of its parts that still are about several subjects at commas.
+
+    Parameters
+    ----------
+    text
+        The line.
+    is_mixed
+        Function that returns whether a text is about several subjects.
+    """
+    if not is_mixed(text):
+        yield text
+        return
+    for sentence in _STRONG_MARK.split(text):
+        if is_mixed(sentence):
+            yield from divide_line(sentence)
+        else:
+            yield sentence

@@ -1,0 +1,227 @@
+"""Direction of travel of the machine, CW or CCW, as lines above a table and names state it.
+
+Examples are the line ``Measured clockwise``, and the words G2 (clockwise) and G3 of G-code.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from ldbb_bayes.reading.line_parts import statements_of_line
+from ldbb_bayes.reading.programmed_circles import programs_arc
+from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
+
+__all__ = [
+    "NAMES_DIRECTION",
+    "UnreadDirection",
+    "direction_named",
+    "directions_stated",
+    "is_direction",
+    "senses_in",
+    "unread_direction",
+]
+
+_WORDS: Mapping[str, Any] = WORDS["directions"]
+# Regular expression for any word for clockwise or counter-clockwise.
+_SENSE = re.compile(
+    rf"(?<![a-zA-Z])({_WORDS['clock_hand']}|ccw|cw|{_WORDS['in_words']})(?![a-z])",
+    re.IGNORECASE,
+)
+# Regular expression for a word of G-code for a circle: G2 or G02 (clockwise), G3 or G03. The word
+# for the grade of a ball, as in "ball G3", is no such word.
+_ARC = re.compile(
+    r"(?<![^\W_])(?<!ball[ _-])(?<!balls[ _-])(?<!kugel[ _-])(?<!kugeln[ _-])(?<!grade[ _-])"
+    r"G0?(?P<sense>[23])(?![^\W_]|[.,]\d)",
+    re.IGNORECASE,
+)
+# Regular expression for words which show that G2 or G3 in a line is no circle, but a grade of balls
+# or the name of a product.
+_OTHER_ARC = re.compile(_WORDS["other_arc"], re.IGNORECASE)
+_SENSES_OF_ARCS = {"2": "CW", "3": "CCW"}
+# Regular expression for a word for "direction", with the text that follows it.
+NAMES_DIRECTION = re.compile(_WORDS["after"], re.IGNORECASE)
+# Regular expression for words which show that a direction is not that of the machine's travel, as
+# in "direction of the force".
+_OTHER_DIRECTION = re.compile(_WORDS["other"], re.IGNORECASE)
+# Regular expression for a direction that is missing, such as a dash.
+_MISSING = re.compile(r"[\s:=;,|()\[\]\-–—.]*(?:n/?a|none)?[\s;,|)\].]*", re.IGNORECASE)
+# Regular expression for words which show that a line is about the sense in which angles are
+# counted.
+_SENSE_OF_ANGLE = re.compile(WORDS["angle_convention"]["sense"], re.IGNORECASE)
+# Regular expressions for words, such as "rechts", that mean clockwise or counter-clockwise if they
+# follow a word for direction.
+_SIDES = {
+    "CW": re.compile(rf"[\s:=;,|]*(?:{_WORDS['right']})(?!\w|\sto\b|\snach\b)", re.IGNORECASE),
+    "CCW": re.compile(rf"[\s:=;,|]*(?:{_WORDS['left']})(?!\w|\sto\b|\snach\b)", re.IGNORECASE),
+}
+# Regular expression for words for a turn to the left or right, and for a travel that is positive,
+# reversed or the like. They may mean the direction of travel.
+_TURNED = re.compile(f"{_WORDS['turned']}|{_WORDS['stated']}", re.IGNORECASE)
+# Regular expression for words which show that a line is about angles.
+_ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
+# Regular expression for words for the way the machine went, such as "run" or "measured".
+_TRAVEL = re.compile(_WORDS["travel"], re.IGNORECASE)
+# Regular expression for words, such as anticlockwise, that mean counter-clockwise.
+_COUNTER = re.compile(_WORDS["counter"], re.IGNORECASE)
+# Regular expression for words which show that a line is not about the angles of the readings.
+_NO_ANGLES = re.compile(WORDS["angle_convention"]["other"], re.IGNORECASE)
+# A note shows at most this number of characters of a line.
+_LENGTH_SHOWN = 60
+
+
+class UnreadDirection(NamedTuple):
+    """Line that may state a direction of travel, but is not understood."""
+
+    line: int | str  #: number of the line, or its place in another sheet
+    text: str  #: beginning of the line
+
+
+def _senses_by_word() -> dict[str, str]:
+    senses = {}
+    for sense in ("CW", "CCW"):
+        for word in _WORDS[sense]:
+            senses[word] = sense
+    return senses
+
+
+_SENSES_BY_WORD = _senses_by_word()
+
+
+def direction_named(word: str) -> str:
+    """Return CW or CCW for a word that means clockwise or counter-clockwise, such as G2.
+
+    Any other word is returned in capitals.
+    """
+    letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", word.strip().upper())
+    return _SENSES_BY_WORD.get(letters, word.upper())
+
+
+def senses_in(text: str) -> set[str]:
+    """Return the senses, clockwise (CW) or counter-clockwise (CCW), that a text names."""
+    senses = set()
+    for match in _SENSE.finditer(text):
+        if _COUNTER.search(match[1]):
+            senses.add("CCW")
+        else:
+            senses.add("CW")
+    return senses
+
+
+def is_direction(text: str) -> bool:
+    """Return whether a text is a word for clockwise or counter-clockwise, such as CW."""
+    return _SENSE.fullmatch(text) is not None
+
+
+def directions_stated(
+    lines: Sequence[tuple[int | str, str]], names: Sequence[str] = ()
+) -> set[str]:
+    """Return the directions of travel, CW and CCW, that names and lines above a table state.
+
+    In a line, a direction is accepted if it follows a word such as "direction", if the line also
+    has a word such as "run" or "measured", or if the line is nothing but the direction. The words
+    G2 and G3 are accepted anywhere, but not in blocks of G-code that program an arc, because only
+    some of these arcs are the measured circle.
+
+    Parameters
+    ----------
+    lines
+        Numbers (or places) and texts of the lines.
+    names
+        Names of test, column, sheet and file; only the first that contains a direction is used.
+    """
+    directions: set[str] = set()
+    for name in names:
+        directions = senses_in(name[:LONGEST_TEXT]) | _senses_of_arcs(name[:LONGEST_TEXT])
+        if directions:
+            break
+    for _, content in lines:
+        text = content[:LONGEST_TEXT]
+        for statement in statements_of_line(text, _is_about_angles_and_travel):
+            directions = directions | _stated_in(statement)
+    return directions
+
+
+def _stated_in(text: str) -> set[str]:
+    """Return the directions of travel, CW and CCW, that a statement of a line states."""
+    match = NAMES_DIRECTION.search(text)
+    if match is None and _is_about_travel(text):
+        return _direction_after(text)
+    if match is None:
+        return _senses_of_arcs(text)
+    if _SENSE_OF_ANGLE.search(text):
+        return set()
+    return _direction_after(match[1])
+
+
+def _is_about_angles_and_travel(text: str) -> bool:
+    return _ANGLES.search(text) is not None and _NO_ANGLES.search(text) is not None
+
+
+def _is_about_travel(text: str) -> bool:
+    """Return whether a line states the direction of travel without a word such as "direction"."""
+    if _is_about_angles(text) or _OTHER_DIRECTION.search(text):
+        return False
+    return is_direction(text.strip(" .;,|\t")) or _TRAVEL.search(text) is not None
+
+
+def _is_about_angles(text: str) -> bool:
+    return _ANGLES.search(text) is not None and _NO_ANGLES.search(text) is None
+
+
+def _direction_after(text: str) -> set[str]:
+    """Return the directions CW and CCW that a line states after a word such as "direction"."""
+    senses = senses_in(text) | _senses_of_arcs(text)
+    if not senses:
+        for sense, side in _SIDES.items():
+            if side.match(text):
+                return {sense}
+    if len(senses) > 1:
+        # A line may list both directions before it states one: "Direction (CW/CCW): CCW".
+        last = re.split(r"[:=;|\t]", text)[-1]
+        return senses_in(last) | _senses_of_arcs(last)
+    return senses
+
+
+def _senses_of_arcs(text: str) -> set[str]:
+    """Return the directions, CW and CCW, that the words G2 and G3 in a text mean.
+
+    The result is empty for a block of G-code that programs an arc, for a line that is nothing but
+    such a word, which is such a block too, and for words that are grades of balls.
+    """
+    is_block = _ARC.fullmatch(text.strip()) is not None or programs_arc(text)
+    if is_block or _OTHER_ARC.search(text):
+        return set()
+    return {_SENSES_OF_ARCS[match["sense"]] for match in _ARC.finditer(text)}
+
+
+def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection | None:
+    """Return the first line that may state a direction but is not understood.
+
+    Such a line has a word for direction or a word such as "clockwise", but it does not state the
+    direction of travel and is not about angles. Return None if there is no such line.
+
+    Parameters
+    ----------
+    lines
+        Numbers (or places) and texts of the lines.
+    """
+    for line, content in lines:
+        text = content[:LONGEST_TEXT]
+        if _OTHER_DIRECTION.search(text) or directions_stated([(line, text)]):
+            continue
+        statements = statements_of_line(text, _is_about_angles_and_travel)
+        if any(_may_state_direction(statement) for statement in statements):
+            return UnreadDirection(line, text.strip()[:_LENGTH_SHOWN])
+    return None
+
+
+def _may_state_direction(text: str) -> bool:
+    """Return whether a line has words for a direction of travel, but not for that of angles."""
+    if _is_about_angles(text):
+        return False
+    match = NAMES_DIRECTION.search(text)
+    if match is not None:
+        return _MISSING.fullmatch(match[1]) is None
+    return bool(senses_in(text)) or _TURNED.search(text) is not None
