@@ -71,7 +71,8 @@ _GROUPS: Mapping[str, Mapping[str, Option]] = {
     },
     "report": REPORT_OPTIONS.options,
 }
-# Options of a report that have entry fields on the browser page. The page sets the other options.
+# Options of a report that have entry fields on the browser page. The server sets the other options
+# of a report.
 _REPORT_FIELDS = ("force_N", "tolerance", "language")
 _CHOICES: Mapping[str, tuple[str, ...]] = {
     "plane": ("XY", "YZ", "ZX"),
@@ -289,8 +290,8 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     if any(path.name == TOML for path in paths):
         files = [folder / FILES]
     elif len(paths) > 1:
-        # Name the files by wildcards such as ``*.csv``: files without readings are then skipped. If
-        # such a file were named itself, it would be refused.
+        # Name the files by wildcards such as ``*.csv``. Files without readings are then skipped,
+        # whereas a file without readings that is named in full would be refused.
         suffixes = sorted({path.suffix for path in paths} - {""})
         files = [folder / FILES / f"*{suffix}" for suffix in suffixes]
         files += [path for path in paths if not path.suffix]
@@ -309,7 +310,7 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
 
 
 def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
-    """Return the campaign in the files of a session, read in the same way as for the report.
+    """Return the campaign in the files of a session. The files are read as for the report.
 
     Parameters
     ----------

@@ -45,15 +45,15 @@ def with_goals(
     bound: BoundModel,
     estimates: Mapping[str, float],
 ) -> list[dict[str, Any]]:
-    """Return the rows of the table of expected uncertainties, with the goals of their parameters.
+    """Return the rows of the table of expected uncertainties, with the goal for each parameter.
 
     Parameters
     ----------
     rows
-        Rows of the table, each a dict for one parameter. ``key`` is the name of the parameter.
-        Possible machines are those that are likely given the readings so far. The standard
-        uncertainty to expect is at most ``sd`` on half of the possible machines, and at most
-        ``likely_sd`` on nine in ten.
+        Rows of the table, each a dict for one parameter. ``key`` is the name of the parameter. The
+        readings so far are compatible with many possible machines. The expected standard
+        uncertainty is at most ``sd`` on half of the possible machines, and at most ``likely_sd`` on
+        nine in ten of them.
     texts
         Texts typed as goals; the keys are the names of the parameters.
     bound
@@ -64,10 +64,10 @@ def with_goals(
     Returns
     -------
     list
-        The rows, each with three further texts. ``wanted`` is the largest U (k = 2) that the goal
-        permits. ``reached`` states on how many of the possible machines U is small enough: "nine"
-        means nine in ten, "half" means half, and "no" means fewer than half. ``refused`` is the
-        error message if the text of the goal cannot be read. Texts that do not apply are empty.
+        The rows. Each row has three further texts. ``wanted`` is the largest U (k = 2) that the
+        goal permits. ``reached`` states on how many of the possible machines U is small enough:
+        "nine" means nine in ten, "half" means half, and "no" means fewer than half. ``refused`` is
+        the error message if the text of the goal cannot be read. Texts that do not apply are empty.
     """
     extended = []
     for row in rows:
@@ -82,7 +82,7 @@ def with_goals(
 def _goal_row(
     row: Mapping[str, Any], text: str, bound: BoundModel, estimates: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return the goal of a table row as texts: the largest U permitted, and whether it is met.
+    """Return texts on the goal of a table row: the U permitted, and whether U is small enough.
 
     The texts are those that `with_goals` describes: ``wanted`` and ``reached``, or only ``refused``
     if the goal cannot be read.

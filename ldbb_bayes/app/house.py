@@ -1,4 +1,4 @@
-"""All sessions (browser tabs) of the server: their start, their end, and their fits."""
+"""Start and end of the sessions (browser tabs) of the server, and the fits of the sessions."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class House:
         shutil.rmtree(session.folder, ignore_errors=True)
 
     async def look_after(self) -> None:
-        """End sessions that are over, delete their files, and stop abandoned fits.
+        """End sessions that nobody uses any more, delete their files, and stop abandoned fits.
 
         These steps are repeated every second until the task is cancelled.
         """
@@ -78,7 +78,7 @@ class House:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _stop_abandoned_fits(self) -> None:
-        """Stop fits whose page sends no more requests, if the fit of another page is waiting.
+        """Stop each fit whose page sends no more requests, if the fit of another page is waiting.
 
         Fits are stopped only if the page of the waiting fit has sent a request within the last 150
         seconds.

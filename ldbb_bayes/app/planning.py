@@ -1,4 +1,4 @@
-"""Plan of the next circular tests, set by sliders of the browser page, and its expected results."""
+"""Plan of the next circular tests, and the expected results of these tests."""
 
 from __future__ import annotations
 
@@ -33,11 +33,12 @@ _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
     "CCW": ("CCW",),
 }
 _MOST_CIRCLES = 60  # largest number of tests in a plan
-# Largest number of candidate tests from which the best tests are chosen. The number of forces is
-# reduced to keep this limit, but not below ``_FEWEST_LEVELS``. With very many combinations of ball
-# angles, radii and directions, the limit may therefore be exceeded.
+# Largest number of candidate tests from which the best tests are chosen. To keep this limit, the
+# number of forces is reduced, but not below ``_FEWEST_LEVELS``. With very many combinations of ball
+# angles, radii and directions, there may therefore be more candidate tests.
 _MOST_CANDIDATES = 180
-# Largest number of circles for which the search for the best tests starts from several designs.
+# Largest number of circles for which the search for the best tests is started several times, each
+# time from another design.
 _MOST_SEARCHED_CIRCLES = 12
 # Least number of forces from which the best tests are chosen: the lowest, the middle and the
 # highest force.
@@ -106,7 +107,10 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
 
 
 class _Report(NamedTuple):
-    """Identity of a session's report: the key under which results computed from it are cached."""
+    """Identity of a session's report.
+
+    Results that are computed from the report are cached under this key.
+    """
 
     folder: Path  #: Folder of the session (one browser tab).
     #: Time at which the report was written [ns].
@@ -170,7 +174,7 @@ def _space_of(
     radii_mm
         Radii of the circles [mm].
     directions
-        Directions of travel, CW and CCW. If empty, those of the earlier tests are used.
+        Directions of travel, CW and CCW. If empty, the directions of the earlier tests are used.
     augment
         Whether the new tests are evaluated together with the readings of the earlier tests.
     """
@@ -197,7 +201,8 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
     """Return the tests that the sliders of the page describe, in the order in which to run them.
 
     If the user asks for the best tests, the tests with the most expected information are returned.
-    If not, equally spaced forces are combined with the ball angles, radii and directions in turn.
+    If not, the tests have equally spaced forces, and the ball angles, radii and directions change
+    from test to test.
 
     Parameters
     ----------
@@ -220,7 +225,7 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
 def _equally_spaced_tests(
     space: Space, sliders: Mapping[str, float]
 ) -> tuple[lb.CircularTest, ...]:
-    """Return tests at equally spaced forces, with ball angles, radii and directions in turn.
+    """Return tests at equally spaced forces, with changing ball angles, radii and directions.
 
     ``sliders`` are the values of the page's sliders: number of circles, number of forces (levels),
     lowest and highest force.
@@ -285,8 +290,8 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     kinds = len(_kinds_of_test(space, low))
     most_levels = max(_FEWEST_LEVELS, _MOST_CANDIDATES // kinds)
     levels = _force_levels(low, high, max(2, min(round(high - low) + 1, most_levels)))
-    # Sort the ball angles, as in a call of ``design``, so that the search starts from the same
-    # tests.
+    # Sort the ball angles, as the command ``design`` does, so that both searches start from the
+    # same tests.
     clockings_deg = tuple(sorted(space.clockings_deg))
     candidates = replace(space, forces_N=levels, clockings_deg=clockings_deg)
     number = int(sliders["circles"])
@@ -305,10 +310,10 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
 def _best_counts(candidates: Space, number: int) -> tuple[Array, float]:
     """Return how often to run each candidate test, and the value of the design criterion.
 
-    The search is that of ``design``, which starts from several designs. If there are more than 12
-    circles or more than 180 candidate tests, the search starts only once. It then starts from the
-    best shares (numbers of runs divided by the number of all runs), rounded to whole numbers of
-    runs.
+    The search is the same as for the command ``design``: it is started several times, each time
+    from another design. If there are more than 12 circles or more than 180 candidate tests, the
+    search is started only once. It then starts from the best shares of runs (the share of a test is
+    its number of runs divided by the number of all runs), rounded to whole numbers of runs.
     """
     search = candidates.search
     if number <= _MOST_SEARCHED_CIRCLES and len(candidates.tests) <= _MOST_CANDIDATES:
@@ -336,7 +341,7 @@ def _force_levels(low: float, high: float, number: int) -> list[float]:
     """Return ``number`` equally spaced forces from ``low`` to ``high`` [N].
 
     The forces are rounded to whole newtons if the rounded forces differ and are above zero. If not,
-    they are rounded to tenths of a newton, and forces that are then equal are returned once. If
+    they are rounded to tenths of a newton, and equal rounded forces are returned only once. If
     ``number`` is one, the force is ``high``, because the highest force gives the most information.
     """
     if number == 1:
@@ -365,10 +370,10 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Expanded uncertainty U (k = 2) of every parameter except the slopes of compliances, from the
-        fit (before these tests) and as expected after these tests; the probabilities that the
-        evidence decides for constant or linear compliance; time and cost; and the tests in the
-        order in which to run them.
+        Expanded uncertainty U (k = 2) of every parameter before these tests (from the fit), and the
+        U expected after these tests; slopes (changes of compliance with force) are left out.
+        Further entries: the probabilities that the evidence will decide for constant and for linear
+        compliance, time and cost, and the tests in the order in which to run them.
 
     Raises
     ------
@@ -419,10 +424,11 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
 def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) -> dict[str, Any]:
     """Return the uncertainties and decisions that the planned tests are expected to give.
 
-    Entry ``rows`` of the result has the expanded uncertainty U (k = 2) of every parameter except
-    the slopes of compliances: from the fit, and as expected after the planned tests. Entry
-    ``settle`` has the probabilities that the evidence will decide for linear or for constant
-    compliance; it is None if no such forecast is possible.
+    Entry ``rows`` of the result states two expanded uncertainties U (k = 2) of every parameter: U
+    from the fit, and U expected after the planned tests. Slopes (changes of compliance with force)
+    are left out. Entry ``settle`` states the probability that the evidence will decide for linear
+    compliance, and the probability that it will decide for constant compliance. The entry is None
+    if these probabilities cannot be forecast.
 
     Parameters
     ----------

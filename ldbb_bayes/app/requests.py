@@ -34,8 +34,8 @@ LARGEST_SESSION = 4 * 2**26  # largest total size of the files of one browser ta
 LARGEST_FORM = 2**17  # largest total size of the entries of a form on the page [bytes]
 _LONGEST_ENTRY = 20_000  # largest length of one entry that a user types on the page [characters]
 _LONGEST_NAME = 120  # largest length of the name of a stored file [bytes]
-# Content security policy (an HTTP header) for the page of a report. The page may use the style that
-# it contains, but no script.
+# Content security policy (an HTTP header) for the page of a report. With this policy, the browser
+# applies the style that the page contains, but runs no script.
 _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action"
     " 'none'; frame-ancestors 'self'"
@@ -49,8 +49,8 @@ _SAVED_FILES = {
     "parameters.csv": "tables/averaged.csv",
 }
 # Table that is downloaded as parameters.csv if the results for constant and linear compliance could
-# not be averaged. The table has the results of the fit with linear compliance alone, which the
-# report then also shows.
+# not be averaged. The table has the results of the fit with linear compliance alone. In this case,
+# the report also shows these results.
 _FIT_TABLE = "tables/results.csv"
 _ZIPPED_FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 
@@ -58,7 +58,7 @@ Answer = Callable[[House, Session, Request], Awaitable[Response]]
 
 
 def refused(message: str, status: int) -> Response:
-    """Return an HTTP response with the reason for a refusal, which the page shows to the user.
+    """Return an HTTP response with the reason for a refusal. The page shows this reason.
 
     Parameters
     ----------
@@ -110,9 +110,10 @@ async def _state(house: House, session: Session, request: Request) -> Response:
 
 
 async def _leave(house: House, session: Session, request: Request) -> Response:
-    """Record that a browser tab of the session was closed.
+    """Record that the user has closed a browser tab of the session.
 
-    A reload of the page closes the tab too; the reloaded page is a tab with a new identifier.
+    A reload of the page also counts as closing the tab. The reloaded page counts as a new tab with
+    a new identifier.
     """
     session.closed.add(request.query_params.get("tab", ""))
     session.tabs = (session.tabs or set()) - session.closed

@@ -1,9 +1,9 @@
 """The server of ``ldbb-bayes app``: a page for this computer only, with a session for each tab.
 
 The server listens on the loopback address only. Every URL path begins with a secret token, and the
-headers Host and Origin must name this server. A session consists of a folder and the entries of its
-page. When its browser tab is closed, the session ends; its files are deleted and its processes are
-stopped.
+headers Host and Origin must name this server. A session consists of a folder of files and the
+entries on its page. When the browser tab is closed, the session ends: the files are deleted and the
+processes of the session are stopped.
 """
 
 from __future__ import annotations

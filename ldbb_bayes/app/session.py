@@ -20,10 +20,10 @@ from ldbb_bayes.app.worker import PROGRESS_NAME
 __all__ = ["JOB", "Session", "kill_process"]
 
 JOB = "job"  # subfolder of a session (one browser tab) in which its report is made
-# Times without a request after which a session ends [s]. ``CLOSED_S`` applies after the session's
-# browser tabs were closed, and is long enough to reload the page. ``UNOPENED_S`` applies if no tab
-# was ever opened. ``SILENT_S`` applies while a tab is open, and is long because tabs in the
-# background may send no requests.
+# A session ends if no request has come for one of these times [s]. ``CLOSED_S`` applies after the
+# session's browser tabs were closed, and is long enough to reload the page. ``UNOPENED_S`` applies
+# if no tab was ever opened. ``SILENT_S`` applies while a tab is open, and is long because tabs in
+# the background may send no requests.
 CLOSED_S = 8.0
 UNOPENED_S = 60.0
 SILENT_S = 3600.0
@@ -107,7 +107,8 @@ class Session:
         """Remove typed entries that no longer apply, and count one more change of the files.
 
         The names of deleted certificates no longer apply. If the files include a ``campaign.toml``,
-        this file describes the campaign and its tables, and entries about these no longer apply.
+        this file describes the campaign and its tables; typed entries on the campaign and the
+        tables then no longer apply.
         """
         file_sizes = self.held
         has_campaign_file = TOML in file_sizes
@@ -124,9 +125,9 @@ class Session:
     def state(self) -> dict[str, Any]:
         """Return a dictionary that describes the session; the page requests it repeatedly.
 
-        The dictionary has the number of files; the numbers ``edition`` (of changes made so far) and
-        ``fitted`` (of changes made before the report); whether a fit is running; and the progress
-        and the outcome of the fit.
+        The dictionary states the number of files, whether a fit is running, and the progress and
+        the outcome of the fit. ``edition`` is the number of changes that the user has made so far,
+        and ``fitted`` the number of changes when the report was made.
         """
         return {
             "files": len(self.held),

@@ -34,8 +34,8 @@ def words_of_page(language: str) -> Mapping[str, Any]:
     Returns
     -------
     dict
-        The texts; the keys are short names. The texts of a section of the page are in a dictionary
-        of their own.
+        The texts; the keys are short names. The texts of each section of the page are in a separate
+        dictionary, which is one of the values.
     """
     return tomllib.loads((PAGES / f"words_{language}.toml").read_text(encoding="utf-8"))
 

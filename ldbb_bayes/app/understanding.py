@@ -27,8 +27,9 @@ __all__ = ["refusal", "understand"]
 _MOST_POINTS = 360
 # Radius at which the lowest reading is drawn in a polar plot [units of the SVG drawing].
 _INNER_RADIUS = 22.0
-# Difference of the radii at which the highest and the lowest reading are drawn in a polar plot
-# [units of the SVG drawing]; the highest reading is thus drawn at the radius 100.
+# The highest reading in a polar plot is drawn at a radius that is larger by this value than the
+# radius of the lowest reading [units of the SVG drawing]. The highest reading is thus drawn at the
+# radius 100.
 _WIDTH = 78.0
 # Approximate number of labelled rings of a polar plot between the lowest and the highest reading.
 _RINGS = 4
@@ -144,8 +145,8 @@ def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) 
 def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return the rows of the page's table of tests, each a dict of texts.
 
-    The keys of a row are the columns. A row also has the hue of the test's trace, and the list of
-    remarks on the test.
+    The keys of a row are the names of the columns. A row also has the hue in which the polar plot
+    shows the test, and the list of remarks on the test.
     """
     hues = {}
     for trace in traces:
@@ -175,10 +176,11 @@ def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[s
 
 
 def _in_one_row(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of assumptions, with successive rows on the same quantity joined into one.
+    """Return the rows of assumptions. Successive rows on the same quantity are joined into one.
 
-    A quantity such as the force may be assumed for several files. The joined row lists the values
-    and the places of all joined rows, and keeps the reason that the first of these rows gives.
+    A quantity such as the force may be assumed for several files. The resulting row lists the
+    values and the places of the rows that were joined, and states the reason that the first of
+    these rows gives.
     """
     merged: list[dict[str, Any]] = []
     for row in rows:
@@ -217,9 +219,10 @@ def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
 def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
     """Return the uncertainties that a fit assumes for each part of the instrument.
 
-    The result has a list of entries for each part, such as bar or balls. An entry names the field
-    of the page in which the user can state the uncertainty. The entry is marked as stated if a
-    calibration certificate states the uncertainty.
+    The keys of the result are the parts, such as bar or balls. For each part there is a list of
+    entries, one for each uncertainty. An entry names the field of the page in which the user can
+    state the uncertainty. The entry is marked as stated if a calibration certificate states the
+    uncertainty.
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
@@ -240,8 +243,8 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
 
 def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
     ball: lb.Ball = getattr(campaign.instrument, ball_name)
-    # Convert the sd of one Fourier order of the ball's form error to the deviation from sphericity
-    # S: the variance of each order is S² / 24.
+    # ``assumed.sd`` is the prior sd of one Fourier order of the ball's form error. Convert this sd
+    # to the deviation from sphericity S: the variance of each order is S² / 24.
     sphericity_um = math.sqrt(24.0) * assumed.sd * 1e3
     return {
         "words": ball_name,

@@ -33,7 +33,7 @@ _LOOK_AT_PARENT_S = 1.0  # time between checks whether the process of the server
 
 
 def warm() -> None:
-    """Do nothing; calling this function makes a new process import this module in advance."""
+    """Do nothing. A new process that calls this function has to import this module first."""
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) -> dict[str, Any]:

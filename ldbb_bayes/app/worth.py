@@ -32,10 +32,11 @@ _PARTS = {
 
 
 def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return the uncertainty U of every parameter, and its largest reductions by new certificates.
+    """Return the uncertainty U of every parameter, and the largest reductions of U.
 
-    U is the expanded uncertainty (k = 2) that is expected from a fit with linear compliance. Slopes
-    (changes of compliance with force) are left out.
+    The reductions are the effects of new calibration certificates of the instrument. U is the
+    expanded uncertainty (k = 2) that is expected from a fit with linear compliance. Slopes (changes
+    of compliance with force) are left out.
 
     Parameters
     ----------
@@ -47,11 +48,12 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     Returns
     -------
     dict
-        ``today``: one row for every parameter, with its U given the certificates that are stated
-        now. ``effects``: a dict with one entry for each new certificate. Its key is the part of the
-        instrument that the certificate would cover, or ``all`` for all certificates together. The
-        entry has the name of the certificate, and rows for the largest reductions of U: at most
-        four, each of more than 5 %. Every row is a dict that `uncertainty_change` returns.
+        Entry ``today`` has one row for every parameter, with U for the certificates that are stated
+        now. Entry ``effects`` is a dict with one entry for each new certificate. The key is the
+        part of the instrument that the certificate would cover, or ``all`` for all certificates
+        together. The value has the name of the certificate, and at most four rows with the largest
+        reductions of U. Only reductions of more than 5 % have a row. Every row is a dict that
+        `uncertainty_change` returns.
 
     Raises
     ------

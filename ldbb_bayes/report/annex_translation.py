@@ -1,11 +1,11 @@
-"""Translation of the annex, sentence by sentence, from a catalogue whose keys are English texts.
+"""Translation of the annex, sentence by sentence, with a catalogue whose keys are English texts.
 
 The annex consists of the sections of the report that follow the two sheets of the certificate. The
 texts of the annex are first made in English, in the same words that the terminal shows. When the
 HTML page is made, each English text is looked up in the catalogue and replaced by its translation,
 as the program gettext does. A key of the catalogue may have placeholders in braces, such as
-``{a}``. A placeholder stands for any text, which is translated, too; a placeholder whose name
-begins with ``n`` stands only for numbers. The program never reads results from sentences, so a
+``{a}``. A placeholder stands for any text, and this text is also translated. A placeholder whose
+name begins with ``n`` stands only for numbers. The program never reads results from sentences, so a
 translation changes only the text that is shown.
 """
 
@@ -72,7 +72,7 @@ _INTERVAL = re.compile(r"\[([^\[\],;]+), ([^\[\],;]+)\]")
 
 
 class _Joint(NamedTuple):
-    """Pieces of an English text, and the word or sign that joins their translations."""
+    """Pieces of an English text, and the word or sign that is put between the translated pieces."""
 
     pieces: list[str]
     word: str
@@ -190,7 +190,7 @@ class AnnexTranslation:
         return None
 
     def _looked_up(self, text: str) -> str | None:
-        """Return the translation of a text that matches a key of the catalogue as a whole.
+        """Return the translation of a text if the whole text matches a key of the catalogue.
 
         The key may have placeholders. Return None if no key matches.
         """

@@ -70,7 +70,7 @@ class Pair:
 
     @property
     def wide(self) -> bool:
-        """Whether the figure needs the full width of the sheet. If so, the list is placed below."""
+        """Whether the figure needs the sheet's full width, so that the list is placed below it."""
         width, height = self.picture.figure.get_size_inches()
         return bool(width > _WIDE * height)
 

@@ -1,7 +1,7 @@
-"""Tables and sentences on campaigns: what was measured, and what is assumed of the instrument.
+"""Tables and sentences on campaigns: what was measured, and what a fit assumes.
 
-Campaigns are also displayed before any fit. This module imports no analysis modules, because their
-import would delay the display.
+Campaigns are also displayed before any fit. This module does not import the analysis modules,
+because loading them would delay the display.
 """
 
 from __future__ import annotations
@@ -132,11 +132,12 @@ def _significant(value: float | None, digits: int) -> str:
 
 @parts_of.register
 def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
-    """Return a table of what a fit assumes of the instrument, and the names of certificates.
+    """Return a table of what a fit assumes about the instrument, and the names of certificates.
 
-    Each row of the table states a quantity, its nominal value, its standard uncertainty u, the
-    source of u, and the place in campaign.toml where the user can state the quantity. If no
-    certificate states the form of a ball, a note on the lobes of balls follows.
+    Each row of the table states a quantity, its nominal value, its standard uncertainty u, and
+    whether u comes from a certificate or from the model. The last column names the place in
+    campaign.toml where the user can state the quantity. If no certificate states the form of a
+    ball, a note on the lobes of balls follows.
     """
     rows = []
     for assumed in result.assumed:
@@ -156,5 +157,5 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
 
 
 def _is_assumed_lobe(assumed: Uncertainty) -> bool:
-    """Return whether an uncertainty is that of a ball's form, which no certificate states."""
+    """Return whether an uncertainty is about the form of a ball and is stated by no certificate."""
     return Term.owner(assumed.name) is BallForm and not assumed.stated

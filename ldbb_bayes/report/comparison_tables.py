@@ -18,10 +18,10 @@ __all__ = ["assumptions_table", "left_out_tests_table", "models_table"]
 def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bool = True) -> Table:
     """Return a table of the compared models, one row for each model.
 
-    The columns are the evidence, the probability, the predictive density and, unless it is switched
-    off, the RMSE. The evidence is stated as ln B, the log Bayes factor of the model over the first
-    model. The predictive density is stated as the difference in elpd, the expected log predictive
-    density, between the model and the first model. elpd is a sum over the tests; each test is
+    The columns are the evidence, the probability, the predictive density and, if wanted, the RMSE.
+    The evidence is stated as ln B, the log Bayes factor of the model over the first model. The
+    predictive density is stated as the difference in elpd, the expected log predictive density,
+    between the model and the first model. elpd is a sum over the tests, where each test is
     predicted from the other tests.
 
     Parameters
@@ -32,7 +32,7 @@ def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bo
         Whether the table shows the RMSE (root-mean-square residual) of each model. The prediction
         of a model is its posterior mean.
     least_squares
-        Whether the table shows the RMSE of the least-squares fit that the paper uses.
+        Whether the table also shows the RMSE of a fit by least squares, the method of the paper.
 
     Returns
     -------
@@ -67,8 +67,8 @@ def _least_squares_cell(model: ComparedModel) -> str:
 def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
     """Return two cells with the log Bayes factor of a model over the first model.
 
-    The first cell is the log Bayes factor, the second its numerical error; both are in nat.
-    ``name`` is the name of the model.
+    The first cell is the log Bayes factor, and the second cell is its numerical error. Both are in
+    nat. ``name`` is the name of the model.
     """
     first = comparison.pair[0]
     if name == first:
@@ -81,8 +81,8 @@ def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
     """Return two cells on how well a model predicts tests in comparison with the first model.
 
-    The first cell is the difference in elpd (expected log predictive density) between the model and
-    the first model, the second is the standard error of this difference. Both are in nat. ``name``
+    The first cell is the elpd (expected log predictive density) of the model minus the elpd of the
+    first model. The second cell is the standard error of this difference. Both are in nat. ``name``
     is the name of the model.
     """
     first = comparison.pair[0]
@@ -95,7 +95,7 @@ def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> Table:
-    """Return a table of the log Bayes factor ln B, one row for each of several assumptions.
+    """Return a table of the log Bayes factor ln B, with one row for each assumption.
 
     ln B is that of the second model over the first. Some assumptions are about the prior of the
     slopes (changes of compliance with force), others about how circles differ from one another. For
@@ -130,12 +130,12 @@ def _log_bayes_factor(value: float, error: float) -> tuple[str, str]:
 
 
 def left_out_tests_table(comparison: Comparison) -> Table:
-    """Return a table that compares every test with its prediction from the other tests.
+    """Return a table that compares every test with a prediction made from the other tests.
 
     The table has one row for each test. The columns are the force, the p-value of the test's
-    readings, this p-value adjusted for the number of tests, and a flag if the test does not agree
-    with the other tests. The last column is the log predictive density of the test under the second
-    model minus the log predictive density under the first model [nat].
+    readings, this p-value adjusted for the number of tests, and a flag for a test that does not
+    agree with the other tests. The last column is the log predictive density of the test under the
+    second model minus the log predictive density under the first model [nat].
 
     Parameters
     ----------

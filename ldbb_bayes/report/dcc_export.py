@@ -84,11 +84,11 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     """Write the results of a fit to an XML file in the format of a digital calibration certificate.
 
     The file holds the mean, U (k = 2), the credible interval and the covariance of every parameter
-    of the machine, in internal units (mm, N, rad). Among the results is also the change of each
+    of the machine, in internal units (mm, N, rad). The results also include the change of each
     compliance over the tested forces. Slopes, which are coefficients of this change, are only in
     the part of the file that holds the covariance. The results also include the stiffness by
-    direction at the reference force, as far as the readings determine it. The file states that it
-    is unsigned and is not a calibration certificate.
+    direction at the reference force. They include a stiffness only if the readings determine it.
+    The file states that it is unsigned and is not a calibration certificate.
 
     Parameters
     ----------
@@ -247,8 +247,8 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
 def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]:
     """Return the dictionaries for the stiffness by direction, for the certificate file.
 
-    The stiffness is that at the model's reference force. Stiffnesses of which only a lower limit is
-    known are left out, because no value ± U describes them. Directions that the readings do not
+    The stiffness is that at the model's reference force. A stiffness is left out if only a lower
+    limit of it is known, because no value ± U describes it. Directions that the readings do not
     determine are left out for the same reason. The dictionaries have the same keys as the
     dictionaries of parameters, except the keys of the credible interval.
     """
@@ -272,8 +272,8 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
 def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
     """Return the dictionaries for the stiffness in one plane, for the certificate file.
 
-    The names in the dictionaries do not state the plane. Quantities that no value ± U describes are
-    left out.
+    The names in the dictionaries do not state the plane. A quantity is left out if only a lower
+    limit of it is known, or if it is a direction that the readings do not determine.
     """
     axis = plane.plane[0]
     difference_name = plane.difference_name.replace(" ", "")
@@ -292,8 +292,8 @@ def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
 def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[str, Any]:
     """Return what the certificate file states about a stiffness, a ratio or a difference.
 
-    A ratio is that of two stiffnesses, a difference that of two compliances. The dictionary is
-    empty if only a lower limit of the value is known.
+    A ratio is one stiffness divided by another; a difference is one compliance minus another. The
+    dictionary is empty if only a lower limit of the value is known.
     """
     if value.only_lower_limit:
         return {}
@@ -333,8 +333,8 @@ def _principal_entries(principal: PrincipalStiffness) -> list[dict[str, Any]]:
     """Return what the certificate file states about the principal stiffnesses in space.
 
     There is one dictionary for each principal stiffness. The entry ``verdict`` of each dictionary
-    describes the principal axis in words. Stiffnesses of which only a lower limit is known are left
-    out.
+    states the principal axis in words, if the readings determine this axis. A stiffness is left out
+    if only a lower limit of it is known.
     """
     entries = []
     for k, axis in enumerate(principal.axes, start=1):

@@ -1,4 +1,4 @@
-"""Class that holds all results that a report shows about one fit."""
+"""Class that holds all results of one fit that a report shows."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ Recommended: TypeAlias = "Design | str"
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """All results that a report shows about one fit.
+    """All results of one fit that a report shows.
 
     Quantities that are not stored with the posterior are computed when they are first used.
 
@@ -58,8 +58,8 @@ class Findings:
         Function that returns a design of the next tests. If there is no design, the function
         returns a text that states the reason.
     averaged
-        Posterior averaged over models, whose numbers the certificate's sheets state. None if no
-        average was computed.
+        Posterior averaged over models. If it is given, the certificate's sheets state its numbers.
+        None if no average was computed.
     tolerances
         Tolerances; the keys are names of quantities. Default: the tolerances of the campaign.
     sheets_only
@@ -79,7 +79,7 @@ class Findings:
     def numbers(self) -> xr.DataTree:
         """Posterior whose numbers the certificate's sheets state.
 
-        If an average over models was computed, this is the averaged posterior. Otherwise it is the
+        This is the averaged posterior if an average over models was computed, and otherwise the
         posterior of the fit.
         """
         return self.posterior if self.averaged is None else self.averaged
@@ -144,7 +144,7 @@ class Findings:
 
     @property
     def change_verdicts(self) -> Mapping[str, ChangeIdentifiability]:
-        """Verdicts on how far the readings determine each compliance's change with force.
+        """Verdicts on how far the readings determine the change of each compliance with force.
 
         The keys are the names of the compliances.
         """
@@ -177,7 +177,7 @@ class Findings:
     def path(self) -> pd.DataFrame:
         """Table of circular-test quantities of the tool path, such as the circular deviation G.
 
-        The tool path is that of the machine alone, without errors of the instrument.
+        The tool path is computed for the machine alone, without the errors of the instrument.
         """
         return predict_circularity(self.posterior, prob=self.prob)
 
@@ -197,7 +197,7 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """A campaign that a report compares with the campaign of its fit.
+    """A campaign that a report compares with the campaign that the report is about.
 
     Parameters
     ----------
@@ -206,8 +206,8 @@ class Beside:
     result
         Results of the campaign's fit, as the command ``fit --json`` prints them.
     differences
-        Differences of the parameters between this campaign and the campaign of the report's fit,
-        see `compare_posteriors`.
+        Differences of the parameters between this campaign and the campaign that the report is
+        about, see `compare_posteriors`.
     """
 
     name: str

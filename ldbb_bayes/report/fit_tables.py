@@ -58,8 +58,8 @@ __all__ = [
 # larger than those of the other circles. The table of a fit's parameters shows λ of a circle only
 # if the posterior median of λ is at least this value.
 _ODD_CIRCLE = 2.5
-# Kinds of remarks on a campaign that are left out after a fit, because the sentences on the fit say
-# the same.
+# Kinds of remarks on a campaign. A report on a fit leaves out remarks of these kinds, because its
+# sentences on the fit say the same.
 _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
 
 
@@ -155,14 +155,14 @@ def words_of_fit(
     Parameters
     ----------
     fit
-        Quality of the fit: how well the model predicts the readings, with concerns about the fit.
+        Results of the fit: how well the model predicts the readings, and concerns about the fit.
     sampler
         Entry ``sampler`` of a posterior's record, which states how the sampler ran.
     bound
         The model bound to the campaign.
     confounded
-        Effects with which each confounded parameter is confounded. The keys are the names of the
-        confounded parameters.
+        Names of the effects that each confounded parameter is confounded with. The keys are the
+        names of the parameters.
 
     Returns
     -------
@@ -188,9 +188,9 @@ def words_of_fit(
 
 
 def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
-    """Return the remarks on a campaign, without those that the sentences on its fit repeat.
+    """Return the remarks on a campaign, except remarks that the sentences on its fit repeat.
 
-    ``campaign_preview`` holds all remarks; it states what the readings show without a fit.
+    ``campaign_preview`` holds all remarks and states what the readings show without a fit.
     """
     return [
         wording.remark_words(remark)
@@ -464,7 +464,10 @@ def _parameter_row(name: str, entry: Mapping[str, Any], has_prior_means: bool) -
 
 
 def _change_row(name: str, change: Mapping[str, Any], has_prior_means: bool) -> tuple[str, ...]:
-    """Return the row of a compliance's change over the tested forces; no prior is stated."""
+    """Return the row for the change of a compliance over the tested forces.
+
+    The cells for the prior are empty.
+    """
     statement = _change_statement(change)
     cells = [
         wording.changes_by_words(name, change),
@@ -504,9 +507,9 @@ def results_table(
         Verdicts on how far the readings determine each parameter of the fit. The keys are names of
         parameters.
     shares
-        Whether each verdict states percentages: the share of the parameter's variance that is due
-        to each effect that the verdict names. False is useful if an uncertainty budget is shown,
-        too.
+        Whether a verdict states a percentage for each effect that it names: the share of the
+        parameter's variance that is due to the effect. False is useful if an uncertainty budget is
+        shown, too.
 
     Returns
     -------
@@ -531,8 +534,9 @@ def coefficient_table(
 ) -> Table:
     """Return a table of the slopes: coefficients of the change of compliances with force.
 
-    A slope does not describe the whole change of a compliance with force, because a slope lacks the
-    part that the model term `JointLoad` describes. The table has no rows if compliance is constant.
+    A slope does not describe the whole change of a compliance with force: the model term
+    `JointLoad` describes a further part of this change. The table has no rows if compliance is
+    constant.
 
     Parameters
     ----------

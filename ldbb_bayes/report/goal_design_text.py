@@ -33,16 +33,15 @@ def _passages_of_goal_design(result: GoalDesign) -> tuple[Passage, ...]:
 
 @wording.with_words.register
 def _record_of_goal_design(result: GoalDesign) -> dict[str, Any]:
-    """Return the JSON record of the cheapest campaign for all goals, with sentences on it."""
+    """Return the JSON record of the cheapest campaign that reaches all goals, with sentences."""
     return {**result.as_dict(), "sentences": list(wording.goal_design_sentences(result))}
 
 
 def _goals_table(result: GoalDesign) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
-    For each goal the table states the U that is wanted, the present U, and the U after the cheapest
-    campaign. The last of these numbers is an upper limit that U does not exceed for nine in ten
-    possible machines.
+    For each goal, the table states the U that is wanted, the present U, and a limit for U after the
+    cheapest campaign. On nine in ten possible machines, U does not exceed this limit.
     """
     rows = []
     for name, stated in result.goals.items():
@@ -64,7 +63,7 @@ def _goals_table(result: GoalDesign) -> Table:
 
 
 def _tests_table(plan: GoalPlan) -> Table:
-    """Return a table of a plan's circles. The last column states how often each circle is run."""
+    """Return a table of the circles of a plan. The last column is the number of runs."""
     columns = [str(column) for column in plan.tests.columns if column != _COUNT]
     heads = [wording.PAGE["tests"].get(name, name) for name in columns]
     rows = []

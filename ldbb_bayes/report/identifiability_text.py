@@ -1,4 +1,4 @@
-"""Tables and sentences on identifiability: which effects make each parameter uncertain."""
+"""Tables and sentences on how far the readings determine each parameter, and why not further."""
 
 from __future__ import annotations
 
@@ -82,11 +82,12 @@ def certificates_table(result: Identifiability, *, is_short: bool = False) -> Ta
 
 @parts_of.register
 def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
-    """Return all tables and sentences on identifiability: how far readings determine parameters.
+    """Return all tables and sentences on how far the readings determine the parameters.
 
     The tables are about the verdicts on the parameters, the certificates of the instrument, and the
-    priors of the parameters. Two lists follow: the combinations of parameters that no reading can
-    resolve, and the measures that would resolve these combinations.
+    priors of the parameters. Two lists follow. One names the combinations of parameters and effects
+    that no reading can resolve; the other names the measures with which readings could resolve
+    these combinations.
     """
     passages: list[Passage] = [verdicts_table(result)]
     pairs = wording.paired_cure_items(result)
@@ -106,12 +107,12 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
 
 
 def _origins_table(result: Identifiability) -> Table:
-    """Return a table of the prior, the contraction and the origins of variance of each parameter.
+    """Return a table of each parameter's prior, contraction and origins of variance.
 
     The contraction is the share of the parameter's prior variance that the readings remove. The
-    origins are three shares of the posterior variance: from effects whose size is measured in the
-    campaign, from effects whose size the user states, and from effects whose size the model
-    assumes.
+    origins are three shares of the posterior variance. The first share comes from effects whose
+    size is measured in the campaign, the second from effects whose size the user states, and the
+    third from effects whose size the model assumes.
     """
     rows = []
     for name, entry in result.parameters.items():
@@ -142,11 +143,11 @@ def _origins_table(result: Identifiability) -> Table:
 
 @wording.with_words.register
 def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
-    """Return the JSON record of identifiability, with notes and sentences on every degeneracy.
+    """Return the JSON record of an identifiability analysis, with sentences and notes.
 
-    A degeneracy is a combination of parameters that no reading can resolve. For each degeneracy,
-    one sentence describes the combination, and another sentence names the measures that would
-    remove the degeneracy.
+    A degeneracy is a combination of parameters and other effects that no reading can resolve. For
+    each degeneracy, one sentence describes the combination, and another names the measures that
+    would remove the degeneracy. The notes name the effects that the user has switched off.
     """
     record = result.as_dict()
     record.pop("cures")

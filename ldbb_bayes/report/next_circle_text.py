@@ -15,8 +15,8 @@ def _passages_of_next_circle(step: NextCircle) -> tuple[Passage, ...]:
     """Return sentences and tables on the best next circle and on the aims of the campaign.
 
     The first sentences name the best next circle. Tables then state how far each aim, such as a
-    goal for an uncertainty, is reached. The last table lists the best next circles; it is left out
-    if the campaign may stop.
+    goal for an uncertainty, is reached. The last table lists several good choices for the next
+    circle; the table is left out if the campaign may stop.
     """
     passages: list[Passage] = [*wording.next_circle_head(step), *aims_passages(step)]
     if not step.finished:
@@ -49,8 +49,9 @@ def aims_passages(step: NextCircle) -> list[Passage]:
 def _goals_table(step: NextCircle) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
-    For each goal the table states U now, U expected after the next circle, and U that would remain
-    after very many further circles.
+    For each goal, the table states the present U, the expected U after the next circle, and the U
+    that would remain after very many further circles. It also states the probability that the goal
+    is reached now, and after the next circle.
     """
     rows = []
     for name, goal in step.goals.items():
@@ -92,7 +93,7 @@ def _tolerances_table(step: NextCircle) -> Table:
 
 
 def _circles_table(step: NextCircle) -> Table:
-    """Return a table of the best next circles. The best circle comes first."""
+    """Return a table of good choices for the next circle. The best choice comes first."""
     columns = [str(column) for column in step.table.columns[:-1]]
     heads = [wording.PAGE["tests"].get(name, name) for name in columns]
     rows = []

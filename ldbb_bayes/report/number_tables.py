@@ -183,7 +183,7 @@ def _budget(findings: Findings) -> pd.DataFrame:
 
 
 def _gum_validation(findings: Findings) -> pd.DataFrame:
-    """Return a table that compares two intervals of every parameter.
+    """Return a table with two intervals of every parameter, which are compared.
 
     One interval is from the GUM's law of propagation, the other from the posterior distribution.
     """
@@ -203,11 +203,11 @@ def _gum_validation(findings: Findings) -> pd.DataFrame:
 
 
 def _averaged(findings: Findings) -> pd.DataFrame:
-    """Return a table of the parameters averaged over models, as the certificate states them.
+    """Return a table of the estimates averaged over models, which the certificate states.
 
-    The table has no slopes (coefficients of the change of compliance with force). Some of the
-    models have slopes of exactly zero, so that the mean and U do not describe the distribution of a
-    slope.
+    The table has no slopes (coefficients of the change of compliance with force). In some of the
+    averaged models a slope is exactly zero. Its mean and U therefore do not describe its
+    distribution.
     """
     averaged = findings.numbers
     summary = summarize(averaged, prob=findings.prob)
@@ -224,7 +224,7 @@ def _averaged(findings: Findings) -> pd.DataFrame:
 
 
 def _with_reading_units(summary: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of parameters with two further columns.
+    """Return a table of parameters with two added columns.
 
     The column ``reading_unit`` is the unit in which a report shows the parameter. The column
     ``reading_factor`` is the factor that converts a value in internal units (mm, N, rad) to this

@@ -68,7 +68,7 @@ class Document(Shown):
     sheets
         The two sheets of the certificate, which people sign.
     annex
-        Whether a printout of the page contains the annex. The sheets are always printed.
+        Whether the annex is printed when the page is printed. The sheets are always printed.
     language
         Language of the sheets and of the annex.
     """
@@ -196,7 +196,7 @@ def _lines(findings: Findings) -> tuple[str, str, str]:
     """Return the three lines of text below the report's title.
 
     The first line states the machine and its tests. The second states the day of the fit and the
-    version of this package. The third names the model whose numbers the annex shows.
+    version of this package. The third line names the model whose numbers the annex shows.
     """
     result = findings.result
     seen = findings.seen
@@ -215,7 +215,7 @@ def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
     """Yield the warnings that a reader of the report must see before any number.
 
     The warnings are about the fit of the campaign, and about the differences between this campaign
-    and ``others``.
+    and the campaigns ``others``.
     """
     yield from wording.alert_sentences(fit_of(findings.posterior), findings.result)
     name = str(findings.result["campaign"]["name"])
@@ -228,8 +228,9 @@ def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
 def html_page(document: Document) -> str:
     """Return the report as an HTML page.
 
-    The page contains no scripts and loads no other files; its content security policy tells the
-    browser to refuse scripts and other files. Figures are inline SVG. All text is escaped.
+    The page contains no scripts and loads no other files. The page states a content security
+    policy, which makes the browser refuse scripts and other files. Figures are inline SVG. All text
+    is escaped.
 
     Parameters
     ----------
@@ -312,7 +313,7 @@ def write_report(
         design with ``tests`` circles at the forces tested.
     averaged : DataTree, optional
         Result of `average`. If it is given, the sheets state its numbers. Default: the sheets state
-        the numbers of ``posterior``, and say that these are from one model.
+        the numbers of ``posterior``, and say that these numbers are from one model.
     tolerances : mapping of quantity to Tolerance, optional
         Tolerances for which the sheets state conformity. Default: the tolerances of the campaign.
     language : str
@@ -424,7 +425,7 @@ def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) 
 def _record(
     findings: Findings, document: Document, frames: Mapping[str, pd.DataFrame]
 ) -> dict[str, Any]:
-    """Return the content of report.json, except the entries ``state`` and ``conformity``.
+    """Return the content of report.json without the entries ``state`` and ``conformity``.
 
     The content is a dictionary with the campaign, the model, the alerts, the provenance, all
     tables, the comparison of models and the design. ``frames`` are the tables; the keys are the
@@ -448,7 +449,7 @@ def _record(
 def _analysis_record(result: Any) -> dict[str, Any]:
     """Return the JSON record of an analysis, or a record of the reason why there is no analysis.
 
-    ``result`` is the result of the analysis, or a text that states the reason.
+    ``result`` is the result of the analysis, or a text that states why there is none.
     """
     if isinstance(result, str):
         return {"missing": result}

@@ -56,8 +56,9 @@ _MOST_ATTEMPTS = 8  # largest number of times that letters are reduced to make a
 _POWER_OF_TEXT = 2.0
 # The height of a figure is proportional to this power of the size of the letters.
 _POWER_OF_FIGURES = 1.0
-# Each reduction of the letters aims at leaving this height empty at the bottom of the page [mm].
-# The sheet then often fits even if some lines break at other words than expected.
+# Whenever the letters are made smaller, their new size is chosen to leave this height empty at the
+# bottom of the page [mm]. The sheet then often fits even if some lines break at other words than
+# expected.
 _SPARE_HEIGHT = 1.0
 
 
@@ -118,10 +119,10 @@ def fit_to_page(sheet: ReportSheet) -> ReportSheet:
 def _power_of_height(height_ratio: float, size_ratio: float) -> float:
     """Return the power p for which the height of a sheet was proportional to (size of letters)^p.
 
-    The letters were reduced. ``height_ratio`` is the new height of the sheet divided by the former
-    height, and ``size_ratio`` the new size of the letters divided by the former size. The height of
-    figures is proportional to the size of the letters, the height of texts to the square of this
-    size. A result below 1 is therefore replaced by 1, and a result above 2 by 2.
+    The letters have just been made smaller. ``height_ratio`` is the new height of the sheet divided
+    by its former height, and ``size_ratio`` is the new size of the letters divided by their former
+    size. The height of figures is proportional to the size of the letters, the height of texts to
+    the square of this size. A result below 1 is therefore replaced by 1, and a result above 2 by 2.
     """
     power = math.log(height_ratio) / math.log(size_ratio)
     return min(max(power, _POWER_OF_FIGURES), _POWER_OF_TEXT)
@@ -328,7 +329,7 @@ def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
 
     ``rows`` holds the texts of the cells; the first row has the column headings. Each column except
     the first and the last is as wide as its longest text. The first and the last column share the
-    space that the other columns leave, and their texts are broken into lines if necessary.
+    remaining width; long texts in these two columns are broken into lines.
     """
     widths = []
     for k in range(len(rows[0])):
@@ -346,8 +347,8 @@ def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
 def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
     """Draw a figure with a list of sentences.
 
-    The list is below the figure if the figure is wide, and otherwise beside the figure. ``scale``
-    is the relative size of the letters. If ``pictures`` is false, the figure's place is left empty.
+    The list is below a wide figure, and beside any other figure. ``scale`` is the relative size of
+    the letters. If ``pictures`` is false, the figure's place is left empty.
     """
     top = pdf.y
     if pair.wide:

@@ -125,7 +125,7 @@ def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:
 
 
 def _inseparable(circle: StatedQuantity, words: Words) -> str:
-    """Return a sentence on the effects that a circular deviation is confounded with.
+    """Return a sentence that names the effects that a circular deviation is confounded with.
 
     ``circle`` is the circular deviation. The sentence is empty if there are no such effects.
     """
@@ -182,9 +182,9 @@ def _probability_of_sign(mean: float, sd: float) -> float:
 
 
 def _soft_axes(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield one finding for each plane: which of the two axes is softer.
+    """Yield one finding for each plane, which states which of the plane's two axes is softer.
 
-    A plane is left out if the stiffness of one of its axes was not determined.
+    A plane is left out if the model has no direct compliance of one of the two axes.
     """
     words = numbers.words
     for plane in numbers.stiffness_by_plane:
@@ -209,7 +209,7 @@ def _soft_axes(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _changes(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield one finding: the compliance whose change with force has the most certain sign.
+    """Yield one finding, on the compliance whose change with force has the most certain sign.
 
     Nothing is yielded if no compliance has a change with force.
     """
@@ -285,11 +285,11 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
 
 
 def best_step(numbers: SheetNumbers) -> str:
-    """Return the name of the effect that contributes most to undetermined parameters' variances.
+    """Return the name of the effect that contributes most to the undetermined parameters.
 
-    A parameter is undetermined if the readings hardly determine it. For each effect, its shares in
-    the variances of these parameters are added up. The name of the effect with the largest sum is
-    returned.
+    A parameter is undetermined if the readings hardly determine it. For each effect, the shares
+    that it has in the variances of the undetermined parameters are added up. The name of the effect
+    with the largest sum is returned.
 
     Parameters
     ----------

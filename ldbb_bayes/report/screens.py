@@ -37,9 +37,10 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 
     The first table states the expanded uncertainty U (k = 2) of each parameter, the verdict with
     the largest source of variance, the cheapest measure that reduces U markedly, and U after this
-    measure. The second table states the parameters that each certificate of the instrument would
-    make less uncertain. The method ``details`` of the result returns all tables and sentences, with
-    the combinations of parameters that no reading can resolve.
+    measure. The second table has one row for each certificate of the instrument, which names the
+    parameters that the certificate would make less uncertain. The method ``details`` of the result
+    returns all tables and sentences, with the combinations of parameters that no reading can
+    resolve.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]
@@ -71,9 +72,9 @@ def _(comparison: Comparison) -> tuple[Passage, ...]:
 def _(design: Design) -> tuple[Passage, ...]:
     """Return a short version of a design of the next tests.
 
-    The short version states the tests to run. A table of the expected standard uncertainties and
-    further sentences follow. If the tests cannot separate some parameters, a list names measures
-    that would separate them.
+    The short version first states the tests to run. A table of the expected standard uncertainties
+    follows, and then further sentences. If the tests cannot separate some parameters, a list names
+    measures that would separate these parameters.
     """
     first, heading, *others = wording.design_screen(design)
     items = wording.cure_items(design.limits.degeneracies, design.limits.cures)

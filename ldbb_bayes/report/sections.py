@@ -50,12 +50,12 @@ _WORDS_OF_QUANTITIES = {"scale_mismatch": "scale mismatch", "G_b": "G(b)"}
 
 @dataclass(frozen=True)
 class Details:
-    """Content of the HTML page that the screen shows only on demand. It is always printed.
+    """Content of the HTML page that is hidden on the screen until the reader opens it.
 
     Parameters
     ----------
     summary
-        Heading, which is always visible.
+        Heading, which the screen always shows.
     content
         Tables, lists and sentences below the heading.
     """
@@ -127,9 +127,9 @@ def degree(findings: Findings) -> Iterator[Part]:
     """Yield the section on whether compliance changes with force.
 
     The section states the evidence for each model, and how the evidence depends on assumptions. If
-    the comparison of models has further results, the section also states the probability of each
-    slope (change of a compliance with force), and compares each test with its prediction from the
-    other tests.
+    the comparison of models has further results, the section also states the probability that each
+    slope (change of a compliance with force) differs from zero. It then also compares each test
+    with a prediction made from the other tests.
     """
     comparison = findings.comparison
     if not isinstance(comparison, Comparison):
@@ -149,7 +149,8 @@ def uncertainty(findings: Findings) -> Iterator[Part]:
 
     The section also states the measure that would reduce each uncertainty most.
 
-    The page shows the budgets of slopes (changes of compliances with force) only on demand.
+    The budgets of slopes (changes of compliances with force) are hidden until the reader opens
+    them.
     """
     budgets = ByName[Budget]()
     of_slopes = ByName[Budget]()
@@ -215,8 +216,8 @@ def _quantities_table(table: pd.DataFrame, quantities: Mapping[str, str], captio
 def _shown_forces(forces: Sequence[float]) -> list[float]:
     """Return the forces [N] that have a row in a table: at most 12 of the given ``forces``.
 
-    If there are more than 12 forces, the rows are spread evenly over them, and the first and the
-    last force are included.
+    If more than 12 forces are given, 12 of them are chosen evenly, including the first and the
+    last.
     """
     if len(forces) <= _MOST_FORCES:
         return list(forces)
@@ -246,8 +247,9 @@ def plan(findings: Findings) -> Iterator[Part]:
 def fit(findings: Findings) -> Iterator[Part]:
     """Yield the section on the quality of the fit.
 
-    The section states the RMSE (root-mean-square residual) of the fit. For each test, it states the
-    fitness (Eq. 35 of the paper) and the p-values of posterior predictive checks.
+    The section states the RMSE (root-mean-square residual) of the fit. For each test, the section
+    states the fitness and the p-values of posterior predictive checks. Fitness is 100 % minus the
+    RMSE of the test in per cent of the range of its readings (Eq. 35 of the paper).
     """
     quality = findings.result["fit"]
     rows = []
@@ -366,8 +368,8 @@ def beside(
     """Yield the section on the differences between the first campaign and other campaigns.
 
     For every parameter the section states the difference, its credible interval, and the
-    probability that the parameter is larger in the other campaign. The page shows the differences
-    of slopes (changes of compliances with force) only on demand.
+    probability that the parameter is larger in the other campaign. The differences of slopes
+    (changes of compliances with force) are hidden until the reader opens them.
 
     Parameters
     ----------

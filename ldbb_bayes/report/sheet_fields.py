@@ -25,10 +25,12 @@ __all__ = ["assumption_fields", "campaign_fields", "identity_fields", "shorten"]
 _LONGEST_ENTRY = 70  # largest number of characters of a text in a form field
 _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place")
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
-# Entries of the campaign that identify the machine and the date; both sheets show them.
+# Entries of the campaign that state the machine and the date. Both sheets of the certificate show
+# these entries.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# Keys of the texts that state how the program knows the order in which the tests were run. The keys
-# of this dictionary are the sources of the order, such as the start times of the tests.
+# Each value is the key of a text that states how the program knows the order in which the tests
+# were run. The keys of this dictionary are the sources of the order, such as the start times of the
+# tests.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",
@@ -241,9 +243,10 @@ def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
 
 
 def _deciding_priors(numbers: SheetNumbers) -> list[str]:
-    """Return texts on priors, such as "E_XX1 ± …", for the quantities that depend on their prior.
+    """Return a text on the prior, such as "E_XX1 ± …", of each quantity that depends on its prior.
 
-    These are the quantities for which the prior is the largest source of variance.
+    A quantity depends on its prior if the prior is the largest source of its variance. The number
+    after ± is twice the prior standard deviation.
     """
     words = numbers.words
     priors = []

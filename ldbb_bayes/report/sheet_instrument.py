@@ -16,8 +16,8 @@ from ldbb_bayes.units import display_unit, two_digits
 __all__ = ["InstrumentPiece", "instrument_pieces"]
 
 _LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
-# Errors of the instrument whose uncertainties the sheets of the certificate state. The keys are
-# parts of the instrument; the values are the names of the parts' errors.
+# For each part of the instrument, the name of the error whose uncertainty the sheets of the
+# certificate state. The keys are the parts of the instrument.
 _UNCERTAINTY_OF_PIECE = {
     "bar": "bar_length",
     "work": "work_form_2",
@@ -34,7 +34,7 @@ class InstrumentPiece:
 
     ``key`` names the part, such as ``bar``. ``size`` is a text with the part's certified value, its
     grade, or its uncertainty U (k = 2). ``certificate`` is the name of the part's certificate in
-    brackets, or an empty string if the part has no certificate. ``is_stated`` says whether a
+    brackets, or an empty string if the part has no certificate. ``is_stated`` is true if a
     certificate states the part's uncertainty.
     """
 
@@ -103,8 +103,8 @@ def _sphericity(sphericity_um: float, words: Words) -> str:
 def _size(key: str, uncertainty: Uncertainty) -> str:
     """Return a text with the certified or assumed uncertainty U (k = 2) of a part.
 
-    ``key`` names the part of the instrument, such as ``bar``. For a bar whose error of length is
-    not zero, the text states this error before U.
+    ``key`` names the part of the instrument, such as ``bar``. If the error of the bar's length is
+    not zero, the text for the bar states this error before U.
     """
     if uncertainty.unit == "1" or key == "mount":
         size = f"{two_digits(2.0 * uncertainty.sd / (uncertainty.value or 1.0), 100.0)} %"

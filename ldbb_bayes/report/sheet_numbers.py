@@ -145,7 +145,7 @@ class SheetNumbers:
 
     @cached_property
     def reversals(self) -> dict[str, Mapping[str, float]]:
-        """Coefficients of sin 2θ of the model term `Hysteresis`; the keys are the planes.
+        """Coefficients of sin 2θ in the model term `Hysteresis`; the keys are the planes.
 
         Each coefficient is half the amplitude of sin 2θ in the difference between two circles that
         are run in opposite directions. Planes in which all circles were run in the same direction
@@ -302,9 +302,9 @@ class SheetNumbers:
     def path(self) -> dict[str, StatedQuantity]:
         """Circular deviations G, F_max and F_min of the tool path in every plane.
 
-        The keys are the symbols, such as ``G``. The deviations are those from the least-squares
-        circle at the force ``force_N`` [N]. The deviations are confounded with the same effects as
-        the geometric errors.
+        The keys are the symbols, such as ``G``. The deviations are measured from the least-squares
+        circle at the force ``force_N`` [N]. They are confounded with the same effects as the
+        geometric errors.
         """
         return self._path_quantities(self.force_N, ("G", "F_max", "F_min"))
 
@@ -320,9 +320,11 @@ class SheetNumbers:
 
     @cached_property
     def unloaded_path(self) -> dict[str, StatedQuantity]:
-        """Circular deviation of the tool path at no load, which only geometric errors cause.
+        """Circular deviation of the tool path at no load.
 
-        The keys are the symbols of the deviation, one for each plane.
+        Only geometric errors cause this deviation.
+
+        There is one entry for each plane; the keys are the symbols of the deviation.
         """
         return self._path_quantities(0.0, ("G",))
 
@@ -330,8 +332,8 @@ class SheetNumbers:
         """Return circular-test quantities of the machine's path at the force ``force_N`` [N].
 
         ``names`` are the names of the quantities, such as ``G``. The keys of the result are these
-        names with the suffix ``_no_load`` at 0 N. If several planes were tested, each key ends in
-        the plane. Symbols of quantities at 0 N end in _0.
+        names; at 0 N, they have the suffix ``_no_load``. If several planes were tested, each key
+        ends in the plane. The symbols of quantities at 0 N end in _0.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.numbers, [force_N], prob=prob)
@@ -365,7 +367,7 @@ class SheetNumbers:
         return measure_circularity(self.findings.posterior)[0]
 
     def _measured_words(self, plane: str, quantity: str, force_N: float) -> str:
-        """Return a remark with the value of a quantity that is computed from readings alone.
+        """Return a remark with the value of a quantity that is computed from the readings alone.
 
         The readings are those of one test in the plane: the test whose force is nearest to
         ``force_N`` [N]. The remark is an empty string at no load (0 N).
@@ -404,10 +406,11 @@ def _direction_of(change: ChangeWithForce) -> Literal["increases", "decreases", 
 
 
 def _names_by_label(bound: BoundModel) -> dict[str, Any]:
-    """Return the names of a model's compliances and geometric errors as objects.
+    """Return objects that represent the names of a model's compliances and geometric errors.
 
-    The attributes of each object are the parts of the name, such as the axis. The keys are labels
-    such as ``C_XXX``. ``bound`` is a model bound to a campaign.
+    Each object is the name of one parameter; its attributes are the parts of this name, such as the
+    axis. The keys of the result are labels such as ``C_XXX``. ``bound`` is a model bound to a
+    campaign.
     """
     names: list[Any] = [*bound.compliances, *geometric_errors_of(bound.campaign)]
     return {name.label: name for name in names}

@@ -17,7 +17,7 @@ from ldbb_bayes.report.translation import Words
 __all__ = ["banner", "undetermined_texts"]
 
 _MOST_REASONS = 2  # largest number of reasons that the banner states
-# A reason in the banner that names at most this many quantities names the quantities in words. A
+# If a reason in the banner names at most this number of quantities, it names them in words. A
 # reason that names more quantities uses symbols.
 _MOST_IN_WORDS = 2
 _MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
@@ -51,8 +51,8 @@ def banner(numbers: SheetNumbers) -> Banner:
     forces_N = campaign_of(findings.numbers).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
-        # A force outside the tested range is the first reason for caution. If the numbers cannot be
-        # used at all, the reason for that comes first, and the force second.
+        # If the force is outside the tested range, this is the first reason for caution. If the
+        # numbers cannot be used at all, the reason why not comes first, and the force second.
         reasons.insert(1 if is_unusable else 0, outside)
 
     kind = "usable"

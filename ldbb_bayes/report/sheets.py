@@ -116,7 +116,7 @@ def _signatures(words: Words) -> Fields:
 
 
 def _averaged_models(findings: Findings, words: Words) -> str:
-    """Return a sentence that names the model that gave the numbers of the sheets.
+    """Return a sentence that names the model from which the numbers of the sheets come.
 
     If the numbers are averages over models, the sentence states the probability of each model.
     """
@@ -203,9 +203,9 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _sums(findings: Findings, words: Words) -> Iterator[str]:
-    """Yield a sentence on compliances that represent a sum of several compliances.
+    """Yield one sentence that lists the compliances that represent sums of several compliances.
 
-    The readings cannot separate the compliances in the sum. Nothing is yielded if no compliance
+    The readings cannot separate the compliances in a sum. Nothing is yielded if no compliance
     represents a sum.
     """
     campaign = campaign_of(findings.posterior)
@@ -220,7 +220,7 @@ def _sums(findings: Findings, words: Words) -> Iterator[str]:
 
 
 def _gum_sentence(numbers: SheetNumbers) -> str:
-    """Return a sentence on the comparison of the sheet with the GUM's law of propagation.
+    """Return a sentence that compares the sheet's intervals with the GUM's law of propagation.
 
     The sentence states for which parameters the sheet and the law of propagation give the same
     interval. The comparison follows the validation procedure of JCGM 101.
@@ -243,9 +243,9 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     """Return explanations of the effects that the verdicts on parameters name.
 
     Each effect is a model term, such as the mount. A verdict states how far the readings determine
-    a parameter. It names the effects that the parameter is confounded with, or the effect that
-    contributes most to the parameter's variance. Each explanation is a text in the language of the
-    sheets.
+    a parameter. The verdict names the effects that the parameter is confounded with, and the effect
+    that contributes most to the parameter's variance. Each explanation is a text in the language of
+    the sheets.
     """
     words = numbers.words
     partners: dict[str, None] = {}
@@ -281,7 +281,10 @@ def _table_with_U(
 
 
 def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuantity]) -> Table:
-    """Return a table with one row for each quantity: value, U, interval, unit and remark."""
+    """Return a table with one row for each quantity.
+
+    The columns are value, U, credible interval, unit and remark.
+    """
     words = numbers.words
     rows = []
     for quantity in quantities:

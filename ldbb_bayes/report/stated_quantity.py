@@ -34,19 +34,20 @@ class StatedQuantity:
     estimate, sd, interval
         Estimate, standard uncertainty and credible interval, in ``unit``. The estimate of most
         quantities is their posterior mean. The estimate of the stiffness 1 / C of an axis is the
-        inverse of the median of C; that of a stiffness by direction is the median.
+        inverse of the median of C. The estimate of a stiffness by direction is the median of this
+        stiffness.
     unit
-        Unit of these numbers: a unit made of mm, N and rad for a parameter or a stiffness, um for a
-        circular deviation, and deg for a direction.
+        Unit of ``estimate``, ``sd`` and ``interval``: a unit made of mm, N and rad for a parameter
+        or a stiffness, um for a circular deviation, and deg for a direction.
     entry
         Verdict on how far the readings determine the quantity. For a stiffness 1 / C, it is the
         verdict on the compliance C. None for a quantity that is computed from several parameters.
     limit
-        The limit in words if the sheet states only a limit of the quantity. Otherwise an empty
+        Text with the limit if the sheet states only a limit of the quantity, and otherwise an empty
         string.
     hangs_on
-        Names of effects. Only a quantity that is computed from several parameters has them: they
-        are the effects that these parameters are confounded with.
+        For a quantity that is computed from several parameters, the names of the effects that these
+        parameters are confounded with. Empty for all other quantities.
     direction
         Key of the remark on how a compliance changes with force: increases, decreases or no_change.
         An empty string for all quantities that are not changes with force.
@@ -79,7 +80,7 @@ class StatedQuantity:
     def value_and_U(self) -> ValueAndU:
         """Return the value and its expanded uncertainty (k = 2), in the unit shown on the sheets.
 
-        If only a limit is stated, it takes the place of the value.
+        If only a limit is stated, the limit takes the place of the value, and no U is stated.
         """
         if self.limit:
             return ValueAndU(self.limit, "–")
@@ -94,7 +95,8 @@ class StatedQuantity:
     def inseparable_partners(self) -> tuple[str, ...]:
         """Names of the assumed effects that an undetermined quantity is confounded with.
 
-        The tuple is empty if the readings determine the quantity, or if it is not confounded.
+        The tuple is empty if the readings determine the quantity, or if the quantity is not
+        confounded.
         """
         if self.entry is None or not self.is_undetermined:
             return ()

@@ -134,9 +134,10 @@ def _of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuant
 
 
 def _principal_axis_note(plane: PlaneStiffness, words: Words) -> str:
-    """Return a remark that names the compliances from which the principal axis is computed.
+    """Return a remark that names the compliances from which a principal axis is computed.
 
-    The directions of least and greatest stiffness, in contrast, are computed from all compliances.
+    The directions of least and greatest stiffness are not computed from these compliances alone,
+    but from all compliances.
     """
     symbols = [f"C_{axis}{axis}{axis}" for axis in plane.plane]
     if plane.cross_name:
@@ -183,7 +184,7 @@ def _turned(angle_deg: float) -> float:
     """Return the angle of an axial direction, as an angle between −45° and 135°.
 
     ``angle_deg`` lies between 0° and 180°. An axial direction is the same as the opposite
-    direction, so that 180° may be subtracted. In the result, the angle of a direction near one of
-    the plane's two axes is near 0° or near 90°.
+    direction, so that 180° may be subtracted. If the direction is near one of the plane's two axes,
+    the returned angle is near 0° or near 90°.
     """
     return angle_deg - 180.0 if angle_deg > 135.0 else angle_deg

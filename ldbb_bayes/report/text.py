@@ -1,11 +1,12 @@
 """Presentation of results as tables and sentences: in the terminal, a notebook and the HTML page.
 
 The function `parts_of` returns the passages (tables and sentences) of a result. The function
-`with_words` returns the JSON record of a result, with sentences that describe the result. Both have
-a separate implementation for each class of results. This module has the implementations for most
-classes, and imports the modules that have the rest. ln B is the log Bayes factor, which states how
-much the readings favour one model over another. elpd is the expected log predictive density, which
-states how well a model predicts readings that it has not seen.
+`with_words` returns the JSON record of a result, with sentences that describe the result. Both
+functions have a separate implementation for each class of results. This module contains the
+implementations for most classes, and imports the modules that contain the other implementations. ln
+B is the log Bayes factor, which states how much the readings favour one model over another. elpd is
+the expected log predictive density, which states how well a model predicts readings that it has not
+seen.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ from ldbb_bayes.units import (
 
 __all__ = ["comparison_parts", "parts_of"]
 
-# A contribution to an uncertainty budget has a row if its share of the variance is at least this
-# value. One further row states the sum of all smaller contributions.
+# In the table of an uncertainty budget, a contribution has a row if its share of the variance is at
+# least this value. One further row states the sum of all smaller contributions.
 _SMALL_SHARE = 0.005
 # The row with the sum of the small contributions is shown only if the sum has at least this share
 # of the variance.
@@ -68,7 +69,7 @@ _MOST_SOURCES = 3
 
 @parts_of.register
 def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
-    """Return a heading for an imported campaign, and a list of the assumptions of the import.
+    """Return a heading for an imported campaign, and a list of the assumptions made at import.
 
     The text on each assumption names the option with which the user can change the assumption.
     """
@@ -87,8 +88,8 @@ def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
 def _passages_of_hybrid_model(model: HybridModel) -> tuple[Passage, ...]:
     """Return a table of a model's terms: effects other than compliances and geometric errors.
 
-    Each row has the name and the settings of a term. The caption states the degree of compliance in
-    force, and the kind of the priors.
+    Each row has the name and the settings of a term. The caption states the degree of compliance as
+    a function of force, and the kind of the priors.
     """
     prior = "proper"
     if model.prior.flat:
@@ -172,12 +173,12 @@ def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
-    """Return a table of how often credible intervals contain the true values in simulations.
+    """Return a table with the shares of credible intervals that contain the simulated true value.
 
     For each quantity, the table also states whether the ranks of the true values are uniformly
-    distributed. A rank is the number of posterior draws below the true value. Two sentences follow:
-    the first states the standard uncertainty of the shares in the table, the second whether all
-    ranks are uniformly distributed.
+    distributed. A rank is the number of posterior draws below the true value. Two sentences follow.
+    The first states the standard uncertainty of the shares in the table. The second states whether
+    all ranks are uniformly distributed.
     """
     coverage = validation.coverage()
     intervals = [name for name in coverage.columns if not name.startswith("u")]
@@ -240,9 +241,9 @@ def _record_of_validation(result: Validation) -> dict[str, Any]:
 def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
     """Return a table of uncertainty budgets, decisions on conformity, or changes with force.
 
-    ``results`` holds results of one of these three kinds. The keys are the names of parameters for
-    budgets, of quantities for decisions, and of compliances for changes with force. The table has
-    one row for each result.
+    All ``results`` are of the same kind, one of these three. The keys of budgets are names of
+    parameters, the keys of decisions are names of quantities, and the keys of changes with force
+    are names of compliances. The table has one row for each result.
     """
     if all(isinstance(result, ChangeWithForce) for result in results.values()) and results:
         return (change_table({name: change.as_dict() for name, change in results.items()}),)
@@ -268,7 +269,8 @@ def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
 def _largest_sources(budget: Budget) -> str:
     """Return a text that names the largest sources of a parameter's variance.
 
-    The text states the share of each source [%] and the origin of its size, such as "assumed".
+    For each source, the text states the share of the variance [%], and where the size of the source
+    comes from, such as "assumed".
     """
     shares = {}
     for contribution in budget.contributions:
@@ -290,7 +292,7 @@ def _passages_of_change_with_force(change: ChangeWithForce) -> tuple[Passage, ..
 
 @parts_of.register
 def _passages_of_budget(budget: Budget) -> tuple[Passage, ...]:
-    """Return the table of one uncertainty budget. One row states the sum of small contributions."""
+    """Return the table of one uncertainty budget; one row states the sum of small contributions."""
     factor, unit = display_unit(budget.unit)
     rows: list[tuple[str, ...]] = []
     small_share = 0.0
@@ -352,7 +354,7 @@ class _BudgetSource(NamedTuple):
 
 
 def _budget_source(contribution: Any) -> _BudgetSource:
-    """Return the source of a contribution: its name in words, and the unit of its uncertainty.
+    """Return the source of a contribution: the name in words, and the unit of the uncertainty.
 
     ``contribution`` is one contribution to an uncertainty budget.
     """
@@ -459,9 +461,9 @@ def _design_cell(value: Any) -> str:
 def _expected_table(design: Design) -> Table:
     """Return a table of the expected standard uncertainty u of every parameter.
 
-    The first column of values states u after the recommended tests. Further columns state u after
-    each of the other designs, u after very many repetitions of the recommended tests, and the prior
-    standard deviation.
+    One column states u after the recommended tests. Further columns state u after the tests of each
+    other design, u after very many repetitions of the recommended tests, and the prior standard
+    deviation.
     """
     rows = []
     for name, expected in design.expected.items():

@@ -54,7 +54,7 @@ class Words:
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:
-        """Return the label of a unit, in which the word "per" is translated into the language."""
+        """Return the label of a unit with the word "per" translated into the sheets' language."""
         return label.replace(" per ", str(self.table["per"]))
 
     def percent(self, probability: float) -> str:

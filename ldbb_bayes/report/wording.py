@@ -156,17 +156,17 @@ NONE_ALIKE = "The readings determine every combination of what the model contain
 
 # ---- limits at which the wording of sentences changes; no result depends on them
 
-# For each parameter, the uncertainty that is expected after the recommended design is divided by
-# the uncertainty expected after a design in equal steps of force. Two of these ratios count as
-# equal if the difference between them is less than this value.
+# For each parameter, a ratio is computed: the uncertainty expected after the recommended design,
+# divided by the uncertainty expected after a design in equal steps of force. The ratios of two
+# parameters count as equal if they differ by less than this value.
 _EQUAL_RATIOS = 2e-3
 _MOST_CHECKS = 3  # largest number of checks or parameters that a sentence on a fit names
-# Sentences say that the readings contradict non-negative compliances if the natural logarithm of
-# the posterior probability that no compliance is negative is below this value, ln 1e-6.
+# Let p be the posterior probability that no compliance is negative. Sentences say that the readings
+# contradict non-negative compliances if ln p is below this value, which is ln 1e-6.
 _CONTRADICTED = -13.815510557964274
 # Sentences state that a compliance increases (or decreases) with force only if the probability of
-# this change is at least this value. They name a slope (a coefficient of this change) as different
-# from zero only if the probability of a difference from zero is at least this value.
+# the increase (or decrease) is at least this value. They say that a slope (a coefficient of this
+# change) differs from zero only if the probability of this is at least this value.
 _SURE = 0.95
 # A difference of probabilities that is at most this value counts as zero, because it may be a
 # rounding error.
@@ -179,12 +179,13 @@ _UNLIKELY = 5e-4
 # A sentence states that two campaigns disagree about an error of their common instrument if the
 # p-value is below this value.
 _CONFLICT = 0.01
-# A table of certificates of the instrument names a parameter if the certificate would reduce the
-# parameter's standard uncertainty u to less than this share of the present u.
+# In a table of certificates of the instrument, the row of a certificate names a parameter only if
+# the certificate would reduce the parameter's standard uncertainty u to less than this share of the
+# present u.
 _NARROWER = 0.9
 _STRENGTHS = (
-    # B is a Bayes factor. Each entry is an upper limit of |ln B|, with the words for values of
-    # |ln B| below this limit. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
+    # B is a Bayes factor. Each entry is an upper limit of |ln B|, and the words for values of |ln
+    # B| below this limit. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
     (1.0, "not worth more than a bare mention"),
     (3.0, "positive evidence"),
     (5.0, "strong evidence"),
@@ -330,10 +331,10 @@ def unit_words(name: str) -> tuple[float, str]:
 def source_unit_words(source: str, term: str, unit: str) -> tuple[float, str]:
     """Return the unit in which an uncertainty budget shows the standard uncertainty of a source.
 
-    The first returned value is the factor from the internal unit to the unit shown. The second is
-    the label of the unit shown. ``source`` is the name of a nuisance coefficient, and ``term`` the
-    class name of its model term. For noise, both names are the same, and ``unit`` is the internal
-    unit of the noise.
+    The first returned value is the factor that converts the internal unit to the unit shown. The
+    second returned value is the label of the unit shown. ``source`` is the name of a nuisance
+    coefficient, and ``term`` the class name of its model term. For noise, both names are the same.
+    ``unit`` is the internal unit; it is used only for noise.
     """
     if source == term:
         if unit == "N":
@@ -396,8 +397,8 @@ def statement(degeneracy: Degeneracy) -> str:
     """Return a sentence that describes a degeneracy.
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve. The
-    sentence states amounts of the parameters and of the effects that change the readings in the
-    same way.
+    sentence states amounts of parameters that together change no reading, or amounts of an effect
+    that change the readings exactly as stated amounts of the parameters do.
     """
     sign = -1.0 if degeneracy.term else 1.0
     changes = []
@@ -454,7 +455,7 @@ def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
 def degeneracy_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return one text on each degeneracy, which also names the measures that would remove it.
+    """Return one text on each degeneracy, with the measures that would remove the degeneracy.
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve.
     ``cures`` holds the measures for each degeneracy, in the order of ``degeneracies``.
@@ -468,8 +469,8 @@ def degeneracy_items(
 def confounded_sentences(partners_of: Mapping[str, Sequence[str]]) -> Iterator[str]:
     """Yield one sentence on all confounded parameters of a fit, if there are any.
 
-    For each parameter, the sentence names the assumed effects that contribute most of the
-    parameter's variance.
+    For each parameter, the sentence names the assumed effects that cause most of the parameter's
+    variance.
 
     Parameters
     ----------
@@ -542,9 +543,9 @@ def expectation(fit: Fit) -> str:
 def check_notes(fit: Fit) -> tuple[str, ...]:
     """Return a note on features of the readings that the fitted model does not expect.
 
-    The note is only on features that hardly affect any credible interval. Features that affect the
-    intervals are misfits, which the note leaves out. If there are no features to note, the tuple is
-    empty.
+    The note names only features that hardly affect any credible interval. Features that affect the
+    intervals are called misfits; the note does not name misfits. If there is nothing to note, the
+    tuple is empty.
     """
     return _sentences("check_notes", fit)
 
@@ -563,10 +564,10 @@ def quality_words(quality: Mapping[str, Any]) -> str:
 
 
 def sampler_words(sampler: Mapping[str, Any]) -> str:
-    """Return a sentence on whether the sampler has converged, with the number of draws.
+    """Return a sentence that states whether the sampler has converged, and the number of draws.
 
-    The sampler has converged if its draws have reached the effective sample size that was asked
-    for. The sentence also states the effective sample size, and R-hat. ``sampler`` is the JSON
+    The sampler has converged if its draws have reached the effective sample size that the user
+    asked for. The sentence also states the effective sample size and R-hat. ``sampler`` is the JSON
     record of the sampler.
     """
     return _sentence("sampler_words", sampler)
@@ -606,8 +607,8 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
         if kind == "forces" and concern.value == 1:
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
-        # For the kind "forces", the limit is the smallest number of different forces that the model
-        # needs. This number is the model's degree of compliance in force plus two.
+        # For the kind "forces", ``limit`` is the smallest number of different forces that the model
+        # needs. This number is two more than the degree of compliance as a function of force.
         sentence = _SENTENCES["concerns"][kind].format(
             value=concern.value,
             limit=concern.limit,
@@ -680,7 +681,7 @@ def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
     """Return two texts on an error of the instrument: its name, and its place in campaign.toml.
 
     The place is the entry of campaign.toml in which the user can state the value from a
-    certificate. If there is no such entry, the second text names the model term that assumes the
+    certificate. If there is no such entry, the second text names the model term that describes the
     error.
     """
     table, _, key = uncertainty.certificate.partition("_")
@@ -709,8 +710,8 @@ def machine_sentences(machine: Any) -> tuple[str, ...]:
 def sum_in_words(parameter: VisibleParameter) -> str:
     """Return a text with the sum of parameters that one parameter represents.
 
-    An example is "C_XXX + C_XXY". A weight in the sum is stated, in mm or mm², if it differs from
-    1.
+    An example is "C_XXX + C_XXY". A weight in the sum is stated only if it differs from 1; its unit
+    is mm or mm².
     """
     text = ""
     for name, weight in parameter.members.items():
@@ -766,10 +767,10 @@ def origins_in_words(entry: ParameterIdentifiability) -> str:
 def held_by_words(entry: ParameterIdentifiability) -> str:
     """Return a text with the sources of variance that make a parameter uncertain.
 
-    An example is "mount 39 %, assumed": the share of the variance, and the origin of the size of
-    the effect. For a confounded parameter, the sources are the assumed effects that it is
-    confounded with. For any other parameter, the text names only the source with the largest share
-    of the variance.
+    In the example "mount 39 %, assumed", the mount causes 39 % of the variance, and the size of its
+    effect is assumed. If the parameter is confounded, the text names the assumed effects that the
+    parameter is confounded with. If not, the text names only the source with the largest share of
+    the variance.
     """
     origin = origin_words(entry.held_by.origin)
     if str(entry.verdict) == "confounded":
@@ -780,9 +781,9 @@ def held_by_words(entry: ParameterIdentifiability) -> str:
 def short_verdict_words(entry: ParameterIdentifiability | ChangeIdentifiability) -> str:
     """Return a short text with a verdict, such as "confounded: mount 39 %, …".
 
-    A verdict states how far the readings determine a parameter. The text names the largest source
-    of the parameter's variance, with its share. The ellipsis stands for further effects that the
-    parameter is confounded with.
+    A verdict states how far the readings determine a parameter. The text names one source of the
+    parameter's variance with its share. The ellipsis stands for further effects that the parameter
+    is confounded with.
     """
     sources = _sources_with_shares(entry)
     ending = ", …" if len(sources) > 1 else ""
@@ -813,8 +814,8 @@ def _source_in_table(name: str) -> str:
 def cure_in_words(remedy: Remedy | None) -> str:
     """Return a short text on the cheapest measure for a parameter, such as "turn balls".
 
-    ``remedy`` is the measure, which reduces the uncertainty of the parameter markedly. If there is
-    no such measure, the text is a dash.
+    ``remedy`` is the cheapest measure that reduces the uncertainty of the parameter markedly. If
+    there is no such measure, ``remedy`` is None and the text is a dash.
     """
     if remedy is None:
         return "–"
@@ -822,11 +823,11 @@ def cure_in_words(remedy: Remedy | None) -> str:
 
 
 def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
-    """Return texts on pairs of measures, for parameters that need both measures of a pair.
+    """Return texts on pairs of measures, for parameters that need two measures at once.
 
-    Each parameter stays confounded after the first measure alone. An example of a text is "G10
-    balls and bar ± 1 µm together: U of E_XX1 25 µm/m". Parameters that stay confounded in spite of
-    both measures are marked.
+    The first measure of a pair alone would leave the parameter confounded. An example of a text is
+    "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". A parameter that both measures would
+    leave confounded is marked.
     """
     effects_by_pair: dict[str, list[str]] = {}
     for name, entry in result.parameters.items():
@@ -871,8 +872,9 @@ def verdict_words(
     entry
         Verdict on the parameter, or on the change of a compliance with force.
     shares
-        Whether the text states the share of the variance that is due to each effect that it names.
-        An effect is named if the parameter is confounded with it, or if it limits the parameter.
+        Whether the text states, for each named effect, the share of the variance that is due to the
+        effect. The text names the effects that the parameter is confounded with, or the effect that
+        limits an identified parameter.
 
     Returns
     -------
@@ -907,7 +909,7 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
 
 
 def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
-    """Return the most important sentences on the result of an identifiability analysis.
+    """Return only the most important sentences on the result of an identifiability analysis.
 
     A verdict states how far the readings determine a parameter or the change of a compliance with
     force. The first sentence counts the parameters and changes with each verdict. Slopes
@@ -922,11 +924,12 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
 def certificate_rows(result: Identifiability, most: int | None = None) -> list[tuple[str, str]]:
     """Return the rows of a table of calibration certificates of the instrument.
 
-    Each row has two cells. The first is the name of the certificate. The second lists the
+    Each row has two cells. The first cell is the name of the certificate. The second cell lists the
     parameters whose standard uncertainty the certificate would reduce by more than a tenth. For
-    example, "C_XXX 60 %" means a reduction to 60 %. The parameter with the largest reduction comes
-    first. Slopes (coefficients of the change of compliance with force) are left out. ``most`` is
-    the largest number of parameters that a row names; an ellipsis stands for the other parameters.
+    example, "C_XXX 60 %" means a reduction to 60 % of the present value. The parameter with the
+    largest reduction comes first. Slopes (coefficients of the change of compliance with force) are
+    left out. ``most`` is the largest number of parameters that a row names; an ellipsis stands for
+    the other parameters.
     """
     sd_by_certificate = dict(result.certificates)
     sd_without = sd_by_certificate.pop("none of these", {})
@@ -947,9 +950,9 @@ def certificate_rows(result: Identifiability, most: int | None = None) -> list[t
 def cure_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return texts on confounded effects, with the measures that would separate the effects.
+    """Return texts on confounded effects, with the measures that would separate these effects.
 
-    Each text is about all effects that the same measures would separate.
+    Effects that the same measures would separate are named together in one text.
 
     Parameters
     ----------
@@ -1058,8 +1061,8 @@ def design_screen(design: Design) -> tuple[str, ...]:
 def design_notes(design: Design) -> tuple[str, ...]:
     """Return notes on a design of tests.
 
-    The notes state what the tests cannot show, which measures would help, and which assumptions the
-    design makes.
+    The notes state what the tests cannot show, which measures would help, and what the design
+    assumes.
     """
     relative_errors = [0.0]
     for expected in design.expected.values():
@@ -1152,7 +1155,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
 
 
 def _holder_in_words(name: str) -> str:
-    """Return the name of the source of variance that keeps a goal from being reached.
+    """Return the name, in words, of the source of variance because of which a goal is not reached.
 
     The name has a capital first letter, because it begins a sentence.
     """
@@ -1170,9 +1173,9 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
 
 
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:
-    """Return a sentence on the decision between constant and linear compliance.
+    """Return a sentence on the choice between the models with constant and linear compliance.
 
-    The tuple is empty for a model in which compliance cannot change with force.
+    The tuple is empty if compliance cannot change with force in the model of the campaign.
     """
     if step.model is None:
         return ()
@@ -1239,9 +1242,9 @@ def direction_words(change: Mapping[str, Any]) -> str:
     """Return a text that states whether a compliance increases or decreases with force.
 
     ``change`` is the JSON record of the compliance's change over the tested forces. If neither an
-    increase nor a decrease has a probability of at least 95 %, the text states both probabilities.
-    For an average over models, the text then also states the probability that there is no change at
-    all.
+    increase nor a decrease has a probability of at least 95 %, the text states the probabilities of
+    both. For an average over models, the text then also states the probability that there is no
+    change at all.
     """
     increase = change["probability_of_increase"]
     decrease = change["probability_of_decrease"]
@@ -1288,9 +1291,9 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 
 
 def _limit_digits(limit: float) -> str:
-    """Return a text with a limit of a tolerance.
+    """Return the limit of a tolerance as text.
 
-    The limit has four significant digits. From 1000 on, it is rounded to a whole number.
+    The text has four significant digits. A limit of at least 1000 is rounded to a whole number.
     """
     digits = f"{limit:.0f}" if abs(limit) >= 1000.0 else f"{limit:.4g}"
     return digits.replace("-", "−")
@@ -1331,8 +1334,8 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 def population_doubts(doubts: Any) -> tuple[str, ...]:
     """Return sentences on the limitations of the results for a population of machines.
 
-    ``doubts`` is the result for the population, which lists the limitations. The limitations matter
-    above all if the population serves as a prior for another machine.
+    ``doubts`` is the result for the population, and contains a list of the limitations. The
+    limitations matter above all if the population serves as a prior for another machine.
     """
     return _sentences("population_doubts", doubts)
 
@@ -1344,8 +1347,8 @@ def annex_words(degree: int, averaged: bool) -> str:
     """Return a sentence that names the model whose numbers the annex shows.
 
     The annex consists of the sections of the report that follow the two sheets of the certificate.
-    ``degree`` is the model's degree of compliance in force; ``averaged`` states whether the numbers
-    of the sheets are averages over models.
+    ``degree`` is the degree of compliance as a function of force in this model; ``averaged`` states
+    whether the numbers of the sheets are averages over models.
     """
     return _sentence("annex_words", degree, averaged)
 
@@ -1381,17 +1384,18 @@ def difference_doubts(
     """Return sentences on reasons not to use the differences between two campaigns, if any.
 
     ``first`` and ``other`` are the names of the campaigns. ``converged`` states whether the fit of
-    the second campaign has converged. If both campaigns used the same instrument, their estimates
-    of the instrument's errors may disagree. ``conflict`` holds the name of the coefficient with the
-    largest disagreement, and the p-value of this disagreement, multiplied by the number of compared
-    coefficients (Bonferroni). ``conflict`` is None if no coefficient can be compared. A sentence
-    names the coefficient only if this p-value is below 1 %.
+    the second campaign has converged. If both campaigns used the same instrument, the two estimates
+    of an error of the instrument may disagree. Each error is a coefficient of the model.
+    ``conflict`` holds the name of the coefficient with the largest disagreement, and the p-value of
+    this disagreement, multiplied by the number of compared coefficients (Bonferroni). ``conflict``
+    is None if no coefficient can be compared. A sentence names the coefficient only if this p-value
+    is below 1 %.
     """
     return _sentences("difference_doubts", first, other, converged, conflict)
 
 
 def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the two ends of the credible interval that the JSON record of a parameter states."""
+    """Return the two ends of the credible interval in the JSON record of a parameter."""
     low, high = entry[_interval_key(entry)]
     return low, high
 

@@ -1,6 +1,6 @@
-"""Functions that draw figures. Each takes a posterior or another result, and returns a Figure.
+"""Functions that draw figures. Each function takes a result, such as a posterior.
 
-The returned object is a Matplotlib Figure. Users can make their own figures in the same style with
+Each function returns a Matplotlib Figure. Users can draw other figures in the same style with
 PALETTE (colours), force_colours, new_figure and styled.
 """
 

@@ -121,8 +121,9 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
 
     Each panel shows the readings, the prediction of the model (effects of machine, bar and balls),
     and rings labelled in µm. If there are at most 12 tests, the panels also show the 95 % band for
-    the readings of a new circle. A colour scale at the right states the forces, in the order of the
-    traces.
+    the readings of a new circle. A colour scale at the right shows the colour of each force. If the
+    trace at the largest force lies outside the trace at the smallest force, forces increase
+    upwards, and otherwise downwards.
 
     Parameters
     ----------
@@ -264,7 +265,7 @@ def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
     """Draw the colour scale of forces at the right of the figure.
 
     Forces increase upwards if the trace at the largest force lies outside the trace at the smallest
-    force. If this trace lies inside, forces increase downwards.
+    force, and otherwise downwards.
     """
     forces_N = shown.bound.setting.force_N
     levels = np.unique(forces_N)
@@ -295,7 +296,8 @@ def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
 def _mean_reading(shown: _Traces, force_N: float) -> float:
     """Return the mean reading [µm] of all tests at the force ``force_N`` [N].
 
-    The result is the mean of the mean readings of the single tests.
+    The mean reading of each of these tests is computed first; the result is the mean of these
+    values.
     """
     means = []
     for readings, force in zip(shown.readings_um, shown.bound.setting.force_N, strict=True):
@@ -305,7 +307,7 @@ def _mean_reading(shown: _Traces, force_N: float) -> float:
 
 
 def _round_step(size: float) -> float:
-    """Return the round number that is nearest to ``size``, as the step between rings of a scale.
+    """Return the round number that is nearest to ``size``. It is the step between rings of a scale.
 
     Round numbers are 1, 2, 5 or 10 times a power of ten.
     """

@@ -51,12 +51,13 @@ class _Assumption(NamedTuple):
 def evidence(comparison: Comparison) -> Figure:
     """Draw the log Bayes factor ln B of two models under several assumptions.
 
-    ln B is that of the second model over the first. Each row is one assumption: about the width of
-    the prior of the slopes (changes of compliance with force), or about how circles differ from one
-    another. Bars on the dots are 95 % intervals of the numerical error. The numbers at the right
-    are the log evidence for each assumption about circles, minus the log evidence for the
-    assumption that the models make. The scale is linear. It is broken if assumptions that the
-    readings reject give values far from all other values.
+    ln B is that of the second model over the first. Each row is for one assumption. Some
+    assumptions are about the width of the prior of the slopes (changes of compliance with force),
+    others about how circles differ from one another. Bars on the dots are 95 % intervals of the
+    numerical error. The numbers at the right are the log evidence for each assumption about
+    circles, minus the log evidence for the assumption that the models make. The scale is linear.
+    The scale is broken if assumptions that the readings reject give values far from all other
+    values.
 
     Parameters
     ----------
@@ -127,7 +128,8 @@ def _assumptions(comparison: Comparison) -> list[_Assumption]:
 class _Stretch(NamedTuple):
     """One stretch of the broken scale of the log Bayes factor, from ``low`` to ``high`` [nat].
 
-    The middle stretch contains zero. Stretches to its left and to its right are outer stretches.
+    The middle stretch contains zero. The stretches to the left and to the right of the middle
+    stretch are outer stretches.
     """
 
     low: float
@@ -228,11 +230,11 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
     """Draw every compliance C against the force F, in all models and in local fits.
 
     The figure shows the mean in every model, the average over models, and the local fits. The
-    figure corresponds to Fig. 15 of the paper. The average is over models with and without each
-    slope (change of compliance with force). If the comparison has no average, the first model is
-    drawn instead. A local fit uses only the tests at two neighbouring forces. Each local fit
-    estimates the geometric errors anew. A local fit therefore estimates the tangent d(F C)/dF and
-    not C. For this reason, the figure also shows the tangent of the average.
+    figure corresponds to Fig. 15 of the paper. The averaged models differ in which slopes (changes
+    of compliance with force) are zero. If the comparison has no average, the first model is drawn
+    instead. A local fit uses only the tests at two neighbouring forces. Each local fit estimates
+    the geometric errors anew. A local fit therefore estimates the tangent d(F C)/dF and not C. For
+    this reason, the figure also shows the tangent of the average.
 
     Parameters
     ----------
@@ -306,7 +308,7 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
 
 
 def _draw_nothing(axes: Axes, name: str, factor: float) -> None:
-    """Draw nothing. The figure of geometric errors, which has no bands, uses this function."""
+    """Draw nothing. The figure of geometric errors uses this function, because it has no bands."""
 
 
 def _draw_against_force(
@@ -315,7 +317,7 @@ def _draw_against_force(
     title: str,
     draw_beneath: Callable[[Axes, str, float], None],
 ) -> Figure:
-    """Draw parameters against force, in all models and in local fits, with a panel for each.
+    """Draw parameters against force, in all models and in local fits, one panel per parameter.
 
     A local fit uses only the tests at two neighbouring forces. ``names`` are the names of the
     parameters. ``title`` is the first part of the figure's title. ``draw_beneath`` is a function

@@ -1,4 +1,4 @@
-"""Figure of a design: the uncertainty of every parameter that is expected after each plan."""
+"""Figure of a design: the expected uncertainty of every parameter after each plan of tests."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class _PlanBars(NamedTuple):
 
 @styled
 def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
-    """Draw bars that show the standard uncertainties that are expected after several plans.
+    """Draw bars that show the expected standard uncertainties after several plans of tests.
 
     The plans are the recommended tests, other tests that were compared with the recommended tests,
     and very many repetitions of the recommended tests. Each parameter has its own scale of bars.

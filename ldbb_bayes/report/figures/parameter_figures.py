@@ -51,7 +51,10 @@ _ROOM_ABOVE = 0.1
 
 
 class _FigureRow(NamedTuple):
-    """One row of the figure of credible intervals. Draws are in internal units (mm, N, rad)."""
+    """One row of the figure of credible intervals.
+
+    The random draws are in internal units (mm, N, rad).
+    """
 
     label: str
     unit: str
@@ -172,7 +175,7 @@ def _draw_intervals(axes: Axes, rows: Sequence[_FigureRow]) -> None:
 def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     """Draw every compliance C(F) against the force F, with a 95 % band.
 
-    The forces F are those from the smallest to the largest force tested.
+    The curves extend from the smallest to the largest force tested.
 
     Parameters
     ----------

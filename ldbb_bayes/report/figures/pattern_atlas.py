@@ -31,8 +31,9 @@ _DASHED = (0, (4, 3))
 def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     """Draw the patterns of all joint compliances, that is, their effects on the readings.
 
-    Compliances whose patterns are proportional to each other have the same colour. The model keeps
-    only one compliance of each colour, whose pattern is drawn bold.
+    Compliances whose patterns are proportional to each other have the same colour. Of the
+    compliances with the same colour, the model keeps only one. The pattern of this compliance is
+    drawn bold.
 
     Parameters
     ----------

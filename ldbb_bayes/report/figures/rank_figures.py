@@ -21,11 +21,12 @@ _COLUMNS = 4
 
 @styled
 def rank_ecdf(validation: Validation) -> Figure:
-    """Draw the distribution function of every quantity's ranks, minus that of uniform ranks.
+    """Draw how far the ranks of every quantity deviate from a uniform distribution.
 
-    A rank is the number of posterior draws that are below the true value in one simulated campaign.
-    If the ranks of all quantities are uniformly distributed, all curves lie inside the grey bands
-    with the probability for which ``validation`` has computed the bands.
+    Each curve is the distribution function of one quantity's ranks, minus the distribution function
+    of uniform ranks. A rank is the number of posterior draws that are below the true value in one
+    simulated campaign. If the ranks of all quantities are uniformly distributed, all curves lie
+    inside the grey bands with the probability for which ``validation`` has computed the bands.
 
     Parameters
     ----------

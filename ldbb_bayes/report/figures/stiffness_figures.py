@@ -62,8 +62,8 @@ def stiffness_rose(
 ) -> Figure:
     """Draw the compliance along the bar in every direction of each plane, as a polar curve.
 
-    The curves are those at the smallest and at the largest force tested, each with a 95 % band. A
-    direction is soft where a curve is far from the centre. A dashed line shows the softest
+    There is one curve for the smallest and one for the largest force tested, each with a 95 % band.
+    A direction is soft where a curve is far from the centre. A dashed line shows the softest
     direction at the largest force, if the readings determine this direction. If only one plane was
     tested, a second panel shows the same curves against the angle, with the softest direction ± U.
 
@@ -175,7 +175,7 @@ def _draw_rose(
 def _label_rings(axes: Any, limit: float) -> None:
     """Draw the rings of a polar panel, and write the value of each ring on top of the curves.
 
-    ``limit`` is the value at the rim of the panel.
+    ``limit`` is the compliance at the rim of the panel, in the unit that the figure shows.
     """
     rings = [ring for ring in MaxNLocator(_RINGS).tick_values(0.0, limit) if 0.0 < ring < limit]
     axes.set_yticks(rings, [""] * len(rings))
@@ -227,7 +227,7 @@ def _draw_curves(
 
 
 def _farthest_ring(roses: Sequence[PlaneStiffness]) -> float:
-    """Return the compliance at the rim of the polar panel [mm/N]."""
+    """Return the compliance that the rim of the polar panel represents [mm/N]."""
     largest = max(rose.compliance.max() for rose in roses)
     reach = max(largest, roses[-1].compliance_high.max())
     limit = min(_FARTHEST * largest, 1.05 * reach)

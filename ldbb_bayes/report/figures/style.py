@@ -163,7 +163,7 @@ def axis_label(name: str, unit: str) -> tuple[float, str]:
 def panels(
     count: int, columns: int, height: float, extra: float = 0.6, **options: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with ``count`` panels in rows of at most ``columns``.
+    """Return a figure with ``count`` panels, at most ``columns`` of them in a row.
 
     Each row is ``height`` inches high; the figure is ``extra`` inches higher than its rows. Further
     ``options`` are passed to ``Figure.subplots``.
@@ -204,8 +204,8 @@ def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
 def term_colours(terms: Iterable[str]) -> dict[str, str]:
     """Return a colour for every model term (source of uncertainty).
 
-    ``terms`` are the class names of the terms. The terms are the keys of the result. Their order is
-    the order in which the bars of the terms are stacked.
+    ``terms`` are the class names of the terms, which are also the keys of the result. The order of
+    the keys is the order in which the bars of the terms are stacked.
     """
     distinct_terms = list(dict.fromkeys(terms))
     user_terms = [term for term in distinct_terms if term not in _TERM_COLOURS]

@@ -37,10 +37,10 @@ _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "conf
 
 @styled
 def prior_and_posterior(identifiability: Identifiability) -> Figure:
-    """Draw the prior and the posterior density of every parameter, in one panel each.
+    """Draw the prior and the posterior density of every parameter, with one panel per parameter.
 
-    Both are normal densities, without the condition that no compliance is negative. The colour of
-    the posterior density shows the verdict on how far the readings determine the parameter.
+    Both densities are normal; they ignore the condition that no compliance is negative. The colour
+    of the posterior density shows the verdict on how far the readings determine the parameter.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from ldbb_bayes.report.figures.style import (
 
 __all__ = ["workflow_checks"]
 
-# Each sorted p-value lies in the drawn interval with this probability if all p-values are uniformly
+# Probability that a sorted p-value lies in the interval drawn for it, if all p-values are uniformly
 # distributed.
 _PROB = 0.95
 
@@ -29,12 +29,13 @@ _PROB = 0.95
 def workflow_checks(workflow: Workflow) -> Figure:
     """Draw the results of the checks of a Bayesian workflow.
 
-    The first panel shows the range of every circle, and the interval in which the prior expects the
-    range. For the second panel, each circle was left out of a fit and then predicted. The panel
-    shows the sorted p-values of these predictions, with the 95 % interval that each p-value has if
-    all p-values are uniformly distributed. The third panel shows the parameters that depend on
-    their prior. The fourth panel shows the weights with which the models together predict left-out
-    circles best. The function `rank_ecdf` draws the ranks of the calibration.
+    The first panel shows the range of the readings of every circle, and the interval in which the
+    prior expects this range. For the second panel, each circle was left out of a fit, and its
+    readings were then predicted. The panel shows the sorted p-values of these predictions. It also
+    shows intervals: each p-value lies in its interval with a probability of 95 % if all p-values
+    are uniformly distributed. The third panel shows the parameters that depend on their prior. The
+    fourth panel shows the weights with which the models together predict left-out circles best. The
+    function `rank_ecdf` draws the ranks of the calibration.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ def workflow_checks(workflow: Workflow) -> Figure:
 
 
 def _draw_prior_ranges(axes: Axes, workflow: Workflow) -> None:
-    """Draw the measured range of every circle, and the interval in which the prior expects it."""
+    """Draw the range of each circle's readings, and the interval in which the prior expects it."""
     rows = name_rows(axes, list(workflow.prior_ranges))
     surprising = workflow.surprising_circles
     for row, (name, expected) in zip(rows, workflow.prior_ranges.items(), strict=True):
@@ -136,10 +137,10 @@ def _draw_sensitivity(axes: Axes, workflow: Workflow) -> None:
 
 
 def _draw_weights(axes: Axes, workflow: Workflow) -> None:
-    """Draw the stacking weights of the models, and state how well each predicts left-out circles.
+    """Draw the stacking weights of the models, and state how well each model predicts.
 
-    The texts at the right state the log predictive density of each model minus that of the best
-    model.
+    Each model predicts circles that were left out of its fit. The texts at the right state the log
+    predictive density of each model minus the log predictive density of the best model.
     """
     rows = name_rows(axes, list(workflow.stacking_weights))
     axes.barh(rows, list(workflow.stacking_weights.values()), color=ACCENT, height=0.6)
