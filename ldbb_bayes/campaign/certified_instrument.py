@@ -1,4 +1,4 @@
-"""Certified properties of the instrument: of its balls, bar, mount, force and angle."""
+"""Certified properties of the instrument: of balls, bar, mount, force device and angles."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class Ball(Shown):
 @raises_input_error("instrument")
 @dataclass(frozen=True, config=STRICT)
 class Instrument(Shown):
-    """Certified properties of balls, bar, mount, force and angle.
+    """Certified properties of balls, bar, mount, force device and angles.
 
     Fields with U in their names are expanded uncertainties (k = 2). If a field is None, the model
     assumes a value, which the function `terms.uncertainties` lists.

@@ -238,10 +238,10 @@ class CircularTest(TestFields):
         return array
 
     def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
-        """Yield a text for each fault of a test: what the test must have, and the remedy.
+        """Yield a text for each fault of a test: what the test must have, and what the user can do.
 
-        ``angle`` [deg] are the angles of the test, and ``reading`` [µm] its readings. Either is
-        None if it is not given.
+        ``angle`` holds the angles of the test [deg], and ``reading`` the readings [µm]. Each of
+        these arguments is None if the user did not give it.
         """
         if angle is None:
             yield "have angles, got none. Give angle_deg (or angle_rad)."

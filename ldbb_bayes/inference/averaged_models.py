@@ -1,8 +1,8 @@
-"""The single models of a posterior that is averaged over models, each with its own draws.
+"""Separation of a posterior that is averaged over models into the draws of each single model.
 
 Every draw of an averaged posterior comes from one of the models. The share of the draws that come
-from a model is its posterior probability. In the draws of a model, the parameters that the model
-lacks are zero; all other parameters differ from zero.
+from a model is its posterior probability. In the draws that come from a model, the parameters that
+this model lacks are zero; all other parameters differ from zero.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ __all__ = ["AveragedModel", "averaged_models"]
 
 @dataclass(frozen=True, eq=False)
 class AveragedModel:
-    """One of the models that a posterior is averaged over, with its share of the draws.
+    """One of the models over which a posterior is averaged, with the draws that come from it.
 
-    The average has p parameters: every parameter that at least one of its models has.
+    The average has p parameters: all parameters that occur in at least one of the averaged models.
     """
 
     #: number of the model's draws divided by the number of all draws; this share is about the
@@ -53,9 +53,10 @@ class AveragedModel:
 
 
 def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
-    """Return the models that a posterior averages over, each with its own draws.
+    """Return the models over which a posterior is averaged, each with the draws that come from it.
 
-    The list has one item if the posterior is not an average. Models without draws are left out.
+    The list has one item if the posterior is not an average. Models from which no draw comes are
+    left out.
 
     In the average, a parameter has the mean Σ p_m mean_m and the variance Σ p_m (var_m + (mean_m −
     mean)²). p_m is the share of model m among the draws; mean_m and var_m are mean and variance of

@@ -1,11 +1,11 @@
-"""Posterior predictive checks: whether readings look like those that the posterior predicts.
+"""Posterior predictive checks, which compare readings with readings predicted from the posterior.
 
 The readings of a circle are described by 25 harmonics: a constant, and cosine and sine for each of
 the orders 1 to 12. φ are the h hyper-parameters, the scales of the noise and of other effects; σ,
 one of the hyper-parameters, is the standard deviation of white noise. β are the p parameters:
-compliances, their slopes and geometric errors. Shared nuisances are effects that are modelled but
-not of interest and that several tests have in common. Draws are random draws from the posterior.
-Index r counts the tests.
+compliances, their changes with force, and geometric errors. Shared nuisances are effects that are
+modelled but not of interest and that several tests have in common. Draws are random draws from the
+posterior. r is the index of a test.
 """
 
 from __future__ import annotations
@@ -53,8 +53,9 @@ __all__ = [
     "failing_checks",
 ]
 
-# A shift of the circles' centre in proportion to force is reported if its p-value times the number
-# of axes tested in all planes (Bonferroni) is below this value.
+# A shift of the circles' centre in proportion to force is reported if its p-value, times the number
+# of p-values, is below this value (Bonferroni). There is one p-value for each of the two axes of
+# every plane.
 SHIFTED = 0.01
 # Largest number of random draws from the posterior from which posterior predictive checks are
 # computed.
@@ -63,8 +64,9 @@ _DRAWS = 500
 # below this value.
 _FAILS = 0.01
 # Smallest p-value used where posterior predictive checks are ranked by the logarithms of their
-# p-values: a smaller p-value is replaced by this number, so that the logarithm is finite. A smaller
-# standard error of a slope over force is also replaced by this number, to avoid a division by zero.
+# p-values: a smaller p-value is replaced by this number, so that the logarithm is finite. In the
+# test of a slope over force, a smaller standard error of the slope is also replaced by this number,
+# to avoid a division by zero.
 _SMALLEST_P = 1e-300
 # The autocorrelation of a test's noise is computed from at most this many readings of the test.
 _LONGEST_STRETCH = 100_000
@@ -83,7 +85,7 @@ _NEXT_ORDERS = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
 
 
 class CheckKind(StrEnum):
-    """Property of a circle that a posterior predictive check examines."""
+    """Property of a test's readings that a posterior predictive check examines."""
 
     ORDER = "order"  #: residual of the readings at one Fourier order, 0 to 12
     NOISE = "noise"  #: scatter of the readings that Fourier orders 0 to 12 do not explain
@@ -112,8 +114,8 @@ class TestChecks(Result):
     The residual is what remains of the readings if the effects of the machine and of shared
     nuisances are subtracted. Shared nuisances are effects that are modelled but not of interest and
     that several tests have in common, such as ball form. ``orders_p`` holds a p-value for each
-    Fourier order: the probability that the residual of a new circle at this order is larger than
-    that of the measured circle, averaged over the posterior. The p-values ``noise_p`` and
+    Fourier order: the probability, averaged over the posterior, that a new circle has a larger
+    residual at this order than the measured circle. The p-values ``noise_p`` and
     ``autocorrelation_p`` are two-sided. These two p-values and ``autocorrelation`` are None if the
     test has at most 25 readings.
     """
@@ -172,10 +174,10 @@ def effects_of_failures(
     out, in units of the parameter's posterior standard deviation. The dict is empty if no check of
     a Fourier order fails, if the campaign has one test only, or if the prior is flat.
 
-    The second result is the largest share by which a parameter's interval grows if the tests that
-    fail a check of noise or autocorrelation are noisier than modelled. Their noise is assumed to be
-    as strong as their readings show at the Fourier orders 13 to 16. The share is 0 if no check of
-    noise or autocorrelation fails.
+    The second result is the largest share by which the credible interval of a parameter grows if
+    the tests that fail a check of noise or autocorrelation are noisier than modelled. Their noise
+    is assumed to be as strong as their readings show at the Fourier orders 13 to 16. The share is 0
+    if no check of noise or autocorrelation fails.
 
     Both results are computed at one value ``phi`` of the hyper-parameters (scales of the noise and
     of other effects), shape (h,). ``checks`` holds the p-values of each test; its keys are the
@@ -211,13 +213,13 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
     """Return the largest share by which an interval grows if some tests are noisier than modelled.
 
-    Intervals are those of the parameters; a share of 0.1 means that an interval is 10 % wider.
-    ``tests`` are the names of the tests that are noisier. For these tests, the noise variance is
-    assumed to be that which the readings show at the Fourier orders 13 to 16, or the noise variance
-    σ² of the model if σ² is larger. For all other tests, the noise variance is σ². The wider
-    intervals are those of a model in which σ² is replaced by the mean noise variance of all tests.
-    ``phi``, shape (h,), is one value of the hyper-parameters (scales of the noise and of other
-    effects). ``bound`` is the model, applied to its campaign.
+    The intervals are the credible intervals of the parameters. A share of 0.1 means that an
+    interval is 10 % wider. ``tests`` are the names of the tests that are noisier. For these tests,
+    the noise variance is estimated from the readings at the Fourier orders 13 to 16; if this
+    estimate is smaller than the noise variance σ² of the model, σ² is used. For all other tests,
+    the noise variance is σ². The wider intervals are computed with σ² replaced by the mean noise
+    variance of all tests. ``phi``, shape (h,), is one value of the hyper-parameters (scales of the
+    noise and of other effects). ``bound`` is the model, applied to its campaign.
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
@@ -260,7 +262,7 @@ def _waves_beyond(test: CircularTest) -> Array:
     """Return the Fourier coefficients of a test's readings at the orders 13 to 16 [mm].
 
     The eight coefficients, four cosines and then four sines, are fitted by least squares together
-    with those of the orders 0 to 12.
+    with the coefficients of the orders 0 to 12.
     """
     angle = test.angles_rad()
     turned = np.exp(1j * np.outer(angle, _NEXT_ORDERS))
@@ -271,12 +273,12 @@ def _waves_beyond(test: CircularTest) -> Array:
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """Return p-values of the machine axes along which the circles' centre shifts with force.
 
-    The centres are first corrected for the shift that the parameters ``beta``, shape (p,), explain.
-    For each plane and each of its two axes, a p-value is then computed by Student's t-test of the
-    slope of the centre (Fourier coefficients of order 1) over force. Only planes with at least four
-    tests and at least three different forces are checked. An axis is reported if its smallest
-    p-value in any plane, times the number of all p-values (Bonferroni), is below 1 %. The result is
-    a dict. Its keys are the axes reported, its values the smallest p-values of these axes.
+    The shift that the parameters ``beta``, shape (p,), explain is first subtracted from the
+    centres. For each plane and each of its two axes, a p-value is then computed by Student's t-test
+    of the slope of the centre (Fourier coefficients of order 1) over force. Only planes with at
+    least four tests and at least three different forces are checked. An axis is reported if its
+    smallest p-value in any plane, times the number of all p-values (Bonferroni), is below 1 %. The
+    keys of the result are the reported axes; the values are the smallest p-values of these axes.
     ``bound`` is the model, applied to its campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
@@ -297,7 +299,7 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
 
 
 def _p_value_of_no_slope(force: Array, values: Array) -> float:
-    """Return the p-value of the hypothesis that n values have no slope over force.
+    """Return the p-value of the hypothesis that n values do not change with force.
 
     The p-value is two-sided, from Student's t-test of the slope of a straight line fitted by least
     squares. ``force`` and ``values`` have the shape (n,).
@@ -318,8 +320,8 @@ def check_predictions(
     Each p-value compares the readings of a test with those of a new circle that the posterior
     predicts. ``phi``, shape (draws, h), holds posterior draws of the hyper-parameters (scales of
     the noise and of other effects). ``beta``, shape (draws, p), holds posterior draws of the
-    parameters (compliances, slopes, geometric errors). At most 500 of the draws are used. ``bound``
-    is the model, applied to its campaign.
+    parameters (compliances, their changes with force, geometric errors). At most 500 of the draws
+    are used. ``bound`` is the model, applied to its campaign.
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)
@@ -344,7 +346,8 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
 
     The residual is the part of the readings that the machine and the shared nuisances (effects that
     are modelled but not of interest, such as ball form) do not explain. The residual is compared
-    with the scatter that is expected from reading noise and from effects that act on one test only.
+    with the scatter that is expected from the noise of the readings and from effects that act on
+    one test only.
 
     Parameters
     ----------
@@ -377,7 +380,7 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
 
 
 class _Scatter(NamedTuple):
-    """Covariance C S² Cᵀ of k residuals that v independent sources of scatter cause.
+    """Covariance C S² Cᵀ of k residuals, whose scatter comes from v independent sources.
 
     C, shape (k, v), holds the effects of the sources on the residuals. S is the diagonal matrix of
     the standard deviations of the sources; each posterior draw has its own S.
@@ -426,7 +429,7 @@ def average_checks(
 
 
 def autocorrelation(test: CircularTest) -> tuple[float, float]:
-    """Return the lag-one autocorrelation of a test's residuals, and its p-value.
+    """Return the lag-one autocorrelation of a test's residuals and the p-value of that correlation.
 
     The residuals are those of the readings, in order of angle, after a fit of the Fourier orders 0
     to 12. The p-value is two-sided, under the hypothesis of white noise. For n readings of white

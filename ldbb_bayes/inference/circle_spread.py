@@ -1,17 +1,17 @@
 """Scatter of a new circle, learnt from the scatter of the measured circles.
 
-The factor λ multiplies the set-up shift (of zero and centre) and the discrepancy (unexplained
-deviations) of one circle. Its prior, λ² ~ InvGamma(a, a) with a = 3/2, has heavy tails, so that one
-unusual measured circle hardly changes the compliances. But most circles of one machine scatter
-alike. If λ of a new circle were drawn from that prior, the predicted band of the new circle's
-readings would be too wide. The shape a is therefore learnt from the R measured circles. Each
-posterior draw of their factors λ_1 … λ_R gives the probabilities of a few possible values of a,
-with the prior probabilities p(a):
+The noise factor λ of a circle multiplies the circle's set-up shift (of zero and centre) and its
+discrepancy (unexplained deviations). The prior of λ, λ² ~ InvGamma(a, a) with a = 3/2, has heavy
+tails, so that one unusual measured circle hardly changes the compliances. But most circles of one
+machine scatter alike. If λ of a new circle were drawn from this prior, the predicted band of the
+new circle's readings would be too wide. The shape a is therefore learnt from the R measured
+circles. A few values of a are considered, with prior probabilities p(a). Each posterior draw of the
+noise factors λ_1 … λ_R of the measured circles gives the probabilities
 
     p(a | λ_1 … λ_R) ∝ p(a) Π InvGamma(λ_r²; a, a).
 
-A value of a is drawn with these probabilities, and then λ of the new circle from InvGamma(a, a).
-The model and its posterior are not changed.
+A value of a is drawn with these probabilities, and λ² of the new circle is then drawn from
+InvGamma(a, a). The model and its posterior are not changed.
 
 The draws of λ are those of a posterior that assumes a = 3/2. If there are few circles, the readings
 determine each λ poorly. The probabilities of a then favour 3/2, and bands are wider than necessary:
@@ -28,7 +28,7 @@ from ldbb_bayes.results import Array
 __all__ = ["draw_new_noise_factors", "shape_probabilities"]
 
 # The squared noise factor λ² of a circle has the density InvGamma(a, a). These values of the shape
-# a are considered; the first value is that of the model's prior. A large a means that circles
+# a are considered; the first value is the shape in the model's prior. A large a means that circles
 # scatter alike.
 _SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
 # Prior probability of the first shape in ``_SHAPES``; the other shapes have equal prior
@@ -41,7 +41,8 @@ def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Ar
     """Return random noise factors λ of a new circle, one for each of n posterior draws, shape (n,).
 
     λ multiplies the set-up shift (of zero and centre) and the discrepancy (unexplained deviations)
-    of a circle. ``noise_factors``, shape (n, R), are the drawn factors of the R measured circles.
+    of a circle. ``noise_factors``, shape (n, R), holds the noise factors of the R measured circles
+    in each posterior draw.
     """
     cumulative = shape_probabilities(noise_factors).cumsum(axis=1)
     levels = rng.random((len(noise_factors), 1))
@@ -54,8 +55,8 @@ def shape_probabilities(noise_factors: Array) -> Array:
     """Return the probabilities of the shapes a in ``_SHAPES`` for each of n posterior draws.
 
     λ² has the density InvGamma(a, a), where λ is the noise factor of a circle. ``noise_factors``,
-    shape (n, R), are the drawn factors of the R measured circles. The result has one row for each
-    draw and one column for each value in ``_SHAPES``.
+    shape (n, R), holds the noise factors of the R measured circles in each posterior draw. The
+    result has one row for each draw and one column for each value in ``_SHAPES``.
     """
     prior = np.full(len(_SHAPES), (1.0 - _FIRST_PROBABILITY) / (len(_SHAPES) - 1))
     prior[0] = _FIRST_PROBABILITY

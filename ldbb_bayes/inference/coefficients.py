@@ -1,16 +1,17 @@
-"""Predicted circles as basis coefficients, from random draws of the parameters of a model.
+"""Prediction of circles, as basis coefficients, from posterior draws of the parameters of a model.
 
 The 25 basis coefficients of a circle are its harmonics of the orders 0 to 12. β are the p
-parameters: compliances, their slopes and geometric errors. φ are the h hyper-parameters, the scales
-of the noise and of other effects. y are the readings. Nuisances are effects that are modelled but
-not of interest: shared nuisances are common to several tests, private nuisances belong to a single
-circle. There are three kinds of prediction:
+parameters: compliances, their changes with force, and geometric errors. φ are the h
+hyper-parameters, the scales of the noise and of other effects. y are the readings. Nuisances are
+effects that are modelled but not of interest: shared nuisances are common to several tests, private
+nuisances belong to a single circle. There are three kinds of prediction:
 
-- machine: H β plus the nominal deflection of the mount; this deflection is left out if the readings
-  are already compensated for it. The matrix H holds the effect of a unit of each parameter on each
-  circle;
-- shared: the machine plus ball form, bar length, mount and force error. Root-mean-square residual
-  and fitness (Eq. 34-35 of the paper) refer to this prediction;
+- machine: H β plus the nominal deflection of the work ball's mount; the deflection is left out if
+  the readings are already compensated for it. The matrix H holds the effect of a unit of each
+  parameter on each circle;
+- shared: the machine plus the effects of ball form, bar length, deflection of the mount, and force
+  error. The quality of a fit (root-mean-square residual and fitness, Eq. 34-35 of the paper) is
+  computed from this prediction;
 - new circle: the shared prediction plus set-up shift (of zero and centre), discrepancy (unexplained
   deviations of the orders 2 to 12) and white noise, all drawn anew.
 """
@@ -61,8 +62,8 @@ class ModelDraws(NamedTuple):
     #: n random draws of the h hyper-parameters (scales of the noise and of other effects), shape
     #: (n, h); lengths are in mm, factors are pure numbers
     phi: Array
-    #: n random draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
-    #: shape (n, p)
+    #: n random draws of the p parameters (compliances, their changes with force, geometric errors)
+    #: in mm, N and rad, shape (n, p)
     beta: Array
 
     def thinned(self, size: int) -> ModelDraws:
@@ -72,7 +73,7 @@ class ModelDraws(NamedTuple):
 
 
 class PrivateTerm(NamedTuple):
-    """An effect on one circle only. Its v coefficients are drawn anew for every circle."""
+    """An effect on one circle only; its v coefficients are drawn anew for every circle."""
 
     #: change of the readings' 25 Fourier coefficients (orders 0 to 12) [mm] per unit of each of the
     #: effect's v coefficients, shape (25, v)
@@ -102,9 +103,9 @@ def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array,
     """Return draws of the parameters and of the hyper-parameters, with all chains joined.
 
     ``beta``, shape (chains, draws, p), are draws of the parameters; ``phi``, shape (chains, draws,
-    h), those of the hyper-parameters. The results have the shapes (chains × draws, p) and (chains ×
-    draws, h), with all draws of the first chain first. If ``size`` is not None, at most that many
-    draws are returned, evenly spaced.
+    h), are draws of the hyper-parameters. The results have the shapes (chains × draws, p) and
+    (chains × draws, h), with all draws of the first chain first. If ``size`` is not None, at most
+    that many draws are returned, evenly spaced.
     """
     flat_beta = beta.reshape(-1, beta.shape[2])
     flat_phi = phi.reshape(-1, phi.shape[2])
@@ -117,10 +118,10 @@ def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array,
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
     """Return what the machine's parameters predict for each circle [mm].
 
-    ``beta``, shape (draws, p), are draws of the parameters (compliances, slopes, geometric errors).
-    The nominal deflection of the mount is included, unless the readings are compensated for it. The
-    result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25). ``bound`` is
-    the model, applied to its campaign.
+    ``beta``, shape (draws, p), are draws of the parameters (compliances, their changes with force,
+    geometric errors). The nominal deflection of the mount is included, unless the readings are
+    compensated for it. The result holds Fourier coefficients of the orders 0 to 12, shape (draws,
+    tests, 25). ``bound`` is the model, applied to its campaign.
     """
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
@@ -128,7 +129,7 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
 def shared_terms(
     columns: Iterable[Columns | BasisNoise], *, private: bool = False
 ) -> list[Columns]:
-    """Return the columns of shared nuisances, or those of private nuisances if ``private`` is True.
+    """Return the columns of shared nuisances, or of private nuisances if ``private`` is True.
 
     Nuisances are effects that are modelled but not of interest. Shared nuisances are common to
     several tests; private nuisances belong to a single test. A column holds the effect of one
@@ -173,12 +174,12 @@ def compliance_curves(
 ) -> Array:
     """Return the compliances C(F) at n bar forces F, shape (draws, n, compliances).
 
-    ``force_N``, shape (n,), holds the forces [N]. C(F) follows from the compliance C at the
-    reference force and its slopes, for each draw of the parameters ``beta``, shape (draws, p), and
-    hyper-parameters ``phi``, shape (draws, h). The direct compliance of a machine axis is the
-    deflection of the axis divided by the bar force along the axis. If the model has the term
-    `JointLoad` (joints that yield to their own load), direct compliances include what this term
-    adds. The coefficients of the term are drawn at random given the parameters, the
+    ``force_N``, shape (n,), holds the forces [N]. C(F) is computed from the compliance at the
+    reference force and from its change with force, for each draw of the parameters ``beta``, shape
+    (draws, p), and hyper-parameters ``phi``, shape (draws, h). The direct compliance of a machine
+    axis is the deflection of the axis divided by the bar force along the axis. If the model has the
+    term `JointLoad` (joints that yield to their own load), direct compliances include what this
+    term adds. The coefficients of the term are drawn at random given the parameters, the
     hyper-parameters and the readings. ``bound`` is the model, applied to its campaign.
     """
     return elastic_draws(ModelDraws(bound, phi, beta), (), force_N, rng).compliances
@@ -191,8 +192,8 @@ def elastic_draws(
 
     If the model has the term `JointLoad` (joints that yield to their own load), both compliances
     and deflections include what this term adds. The coefficients of the term are drawn at random
-    given the parameters, the hyper-parameters and the readings; compliances and deflections use the
-    same draws.
+    given the parameters, the hyper-parameters and the readings. The same draws are used for
+    compliances and for deflections.
 
     Parameters
     ----------
@@ -268,11 +269,12 @@ def _names_of_shared(bound: BoundModel) -> list[str]:
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
     """Return what posterior draws predict for each measured circle, without random scatter [mm].
 
-    The prediction includes the machine, ball form, bar length, mount and force error. Nuisances,
-    that is, effects that are modelled but not of interest, are set to their means given the
-    readings, the parameters ``beta``, shape (draws, p), and the hyper-parameters ``phi``, shape
-    (draws, h). The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests,
-    25). ``bound`` is the model, applied to its campaign.
+    The prediction includes the effects of the machine, of ball form, of bar length, of the
+    deflection of the mount, and of force error. Nuisances, that is, effects that are modelled but
+    not of interest, are set to their means given the readings, the parameters ``beta``, shape
+    (draws, p), and the hyper-parameters ``phi``, shape (draws, h). The result holds Fourier
+    coefficients of the orders 0 to 12, shape (draws, tests, 25). ``bound`` is the model, applied to
+    its campaign.
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean

@@ -1,8 +1,9 @@
 """Exact random draws of the parameters β given the hyper-parameters φ and the readings y.
 
-β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. Truncation restricts β to
-compliances that are not negative. Free coordinates are φ transformed to be unbounded.
+compliances that are not negative. Free coordinates are the hyper-parameters φ transformed to be
+unbounded, mostly ln(φ − lower bound).
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ def conditional_draws(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return one random draw of the p parameters for each of w values of the hyper-parameters.
 
-    The draws are from the exact density of the parameters (compliances, slopes, geometric errors)
-    given the readings and the hyper-parameters (scales of the noise and of other effects).
+    The draws are from the exact density of the parameters (compliances, their changes with force,
+    geometric errors) given the readings and the hyper-parameters (scales of the noise and of other
+    effects).
 
     Parameters
     ----------
@@ -87,9 +89,9 @@ def draw_parameters_given(
 ) -> Array:
     """Return one random draw of the p parameters per value of the hyper-parameters, shape (w, p).
 
-    The parameters are compliances, slopes and geometric errors. They are drawn given the readings
-    and each of w values of the hyper-parameters (scales of the noise and of other effects). The
-    arguments are those of `conditional_draws`.
+    The parameters are compliances, their changes with force, and geometric errors. They are drawn
+    given the readings and each of w values of the hyper-parameters (scales of the noise and of
+    other effects). The arguments are those of `conditional_draws`.
 
     Raises
     ------

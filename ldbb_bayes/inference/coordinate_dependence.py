@@ -1,12 +1,13 @@
-"""Proposal for importance sampling: means and widths of coordinates depend on other coordinates.
+"""Proposal for importance sampling in which means and widths depend on other coordinates.
 
 A proposal is the density from which points are drawn. The points are values of the
 hyper-parameters, the scales of the noise and of other effects. If a scale that is common to all
 circles is near zero, the readings determine the other scales less well, and the densities of the
 other scales are wider. A correlation cannot express such a change of width. In the proposal, mean
 and width of a coordinate therefore depend on other coordinates. Let u be h coordinates that are not
-correlated with each other. The mean m of a coordinate and the logarithm of its width s are
-polynomials of degree two in those of the first k coordinates that have a smaller index. Then
+correlated with each other. The mean m and the logarithm of the width s of a coordinate are
+polynomials of degree two in the coordinates with a smaller index, of which only the first k are
+used. Then
 
     z = (u − m) / s − offset
 
@@ -51,7 +52,7 @@ class IndependentPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """Coefficients with which mean and width of h coordinates u depend on the first k of them.
+    """Coefficients by which means and widths of h coordinates u depend on the first k coordinates.
 
     The rows of ``mean`` and of ``log_width`` hold the coefficients of the constant 1, of the first
     k coordinates, and of the squares of these coordinates. A coordinate depends only on coordinates

@@ -3,8 +3,8 @@
 y_r are the readings of test r, y_−r those of all other tests. φ are the h hyper-parameters, the
 scales of the noise and of other effects; λ_r, one of the hyper-parameters, is the factor by which
 set-up shift and discrepancy of circle r are multiplied. β are the p parameters: compliances, their
-slopes and geometric errors. Truncation restricts β to compliances that are not negative. k̂ is the
-Pareto shape of the tail of importance weights.
+changes with force, and geometric errors. Truncation restricts β to compliances that are not
+negative. k̂ is the Pareto shape of the tail of importance weights.
 """
 
 from __future__ import annotations
@@ -81,17 +81,18 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     ``observed_data`` is the range of the readings of each test [mm], for ``arviz_stats.loo_pit``.
 
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
-    readings of test r, given those of all other tests and the hyper-parameters φ (scales of the
-    noise and of other effects). All unknowns on which the readings depend linearly are integrated
-    out. If the model does not allow negative compliances, the integral is only over values without
-    negative compliances. If the model has a factor λ_r, this factor is integrated out as well. The
-    harmonic mean of p over draws is the density of the readings of a circle left out (Bürkner,
-    Gabry and Vehtari 2021), so that ``arviz.loo`` estimates what `compare` computes. The Pareto
-    shape k̂ of the weights 1 / p of the draws is low, because the density of the hyper-parameters
-    other than λ_r changes little if circle r is left out. If k̂ exceeds 0.4 nevertheless, p is
-    raised to a power below one and scaled so that its harmonic mean is the exact density. The sum
-    of ln p over tests is not the log likelihood of all readings; the sensitivity of the posterior
-    to that log likelihood is in ``Fit.sensitivity``.
+    readings of test r, given the readings of all other tests and the hyper-parameters φ (scales of
+    the noise and of other effects). All unknowns on which the readings depend linearly are
+    integrated out. If the model does not allow negative compliances, the integral is only over
+    values without negative compliances. If the model has a factor λ_r, this factor is integrated
+    out as well. The harmonic mean of p(y_r | y_−r, φ) over the draws is the density of the readings
+    of a circle left out (Bürkner, Gabry and Vehtari 2021), so that ``arviz.loo`` estimates what
+    `compare` computes. The Pareto shape k̂ of the draws' weights, 1 / p(y_r | y_−r, φ), is usually
+    low, because the density of the hyper-parameters other than λ_r changes little if circle r is
+    left out. If k̂ exceeds 0.4, p(y_r | y_−r, φ) is raised to a power below one and scaled so that
+    its harmonic mean is the exact density. The sum of ``per_test`` over the tests is not the log
+    likelihood of all readings; ``Fit.sensitivity`` states how sensitive the posterior is to that
+    log likelihood.
 
     Examples
     --------
@@ -157,12 +158,12 @@ def _thin_chains(posterior: xr.DataTree, draws: int) -> xr.DataTree:
 def _draw_readings(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> list[Array]:
-    """Return random readings of a new circle for every test [mm], each of shape (draws, n).
+    """Return one array for every test: random readings of new circles, shape (draws, n) [mm].
 
     A test has n readings; each posterior draw gives one circle. ``phi``, shape (draws, h), holds
     the hyper-parameters (scales of the noise and of other effects), ``beta``, shape (draws, p), the
-    parameters (compliances, slopes, geometric errors). ``bound`` is the model, applied to its
-    campaign.
+    parameters (compliances, their changes with force, geometric errors). ``bound`` is the model,
+    applied to its campaign.
     """
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
@@ -175,7 +176,8 @@ def _draw_readings(
 def _ranges(readings_by_test: Sequence[Array]) -> Array:
     """Return the range (largest minus smallest) of the readings of each test, shape (…, tests).
 
-    ``readings_by_test`` holds the n readings of each test, or random draws of them, shape (…, n).
+    ``readings_by_test`` holds an array of shape (…, n) for each test: its n readings, or random
+    draws of its readings.
     """
     return np.stack([np.ptp(readings, axis=-1) for readings in readings_by_test], axis=-1)
 
@@ -186,9 +188,9 @@ def _sampled_group(
     """Return a group of a DataTree from arrays of random draws, which are split into chains.
 
     The keys of ``variables`` are names of variables. Each value is a pair: the name of the array's
-    second dimension, and the array of draws, shape (chains × draws, length of the second
-    dimension). ``coordinates`` holds the labels along each second dimension; its keys are the names
-    of the dimensions.
+    second dimension, of length m, and the array of draws, shape (chains × draws, m).
+    ``coordinates`` holds the labels along each second dimension; its keys are the names of the
+    dimensions.
     """
     data = {}
     draws = 0
@@ -203,11 +205,12 @@ def _sampled_group(
 def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
     """Return the log density of each test's readings given all other readings, shape (w, tests).
 
-    The density is p(y_r | y_−r, φ), with the readings y_r of test r and y_−r of all other tests. φ
-    are the hyper-parameters (scales of the noise and of other effects); ``phi``, shape (w, h),
-    holds w values of them. If the model has a factor by which the set-up shift (of zero and centre)
-    and the discrepancy (unexplained deviations) of test r are multiplied, this factor is integrated
-    out. See `with_predictive`. ``bound`` is the model, applied to its campaign.
+    The density is p(y_r | y_−r, φ), where y_r are the readings of test r and y_−r those of all
+    other tests. φ are the hyper-parameters (scales of the noise and of other effects); ``phi``,
+    shape (w, h), holds w values of them. If the model has a factor by which the set-up shift (of
+    zero and centre) and the discrepancy (unexplained deviations) of test r are multiplied, this
+    factor is integrated out. See `with_predictive`. ``bound`` is the model, applied to its
+    campaign.
     """
     log_evidence = in_chunks(partial(_log_evidence, bound), phi)
     log_density = np.empty((len(phi), len(bound.test_names)))
@@ -251,8 +254,9 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     other tests. The log density is given at w draws of the hyper-parameters (scales of the noise
     and of other effects). The inverse densities of a test are the importance weights of the draws
     if the test is left out. If the Pareto shape k̂ of these weights is above 0.4, the densities of
-    the test are tempered: they are raised to a power below one, and scaled so that their harmonic
-    mean over the draws is the exact density. ``bound`` is the model, applied to its campaign.
+    the test's readings are raised to a power below one (tempered), and scaled so that their
+    harmonic mean over the draws is the exact density. ``bound`` is the model, applied to its
+    campaign.
     """
     large_k_by_test = {}
     for r in range(len(bound.test_names)):
@@ -287,7 +291,7 @@ def _log_evidence(bound: BoundModel, phi: Array) -> Array:
 
     φ are the scales of the noise and of other effects; ``phi`` has the shape (w, h). If the model
     requires that no compliance is negative, the result is the logarithm of the joint density, given
-    φ, of y and of this condition. The density is not divided by the prior probability of the
+    φ, of y and of this condition. The joint density is not divided by the prior probability of the
     condition. ``bound`` is the model, applied to its campaign.
     """
     if not bound.truncation.active:

@@ -1,6 +1,6 @@
 """Log posterior density of parameters β and hyper-parameters φ, for samplers.
 
-β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. y are the readings. Nuisances,
 effects that are modelled but not of interest, are integrated out.
 
@@ -8,7 +8,7 @@ The log density is ln p(y | β, φ) + ln p(β) + ln p(φ); the log evidence ln p
 These three densities are normalised. β has the prior N(m, S), with mean m of shape (p,) and
 covariance S of shape (p, p). Truncation restricts β to compliances that are not negative: A β ≥ 0,
 with A of shape (rows, p). φ has its own prior, independent of β. The integral of the product of the
-three densities over x = (β, φ) is therefore the evidence, whose logarithm `log_evidence` returns.
+three densities over x = (β, φ) is therefore the evidence; `log_evidence` returns its logarithm.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
-# The hyper-parameters of a sampler's starting points are drawn from a density like their posterior,
-# but with standard deviations multiplied by the square root of this number (a temperature).
+# The hyper-parameters of a sampler's starting points are drawn from a density that is close to
+# their posterior but wider: the standard deviations are multiplied by the square root of this
+# number (a temperature).
 _START_TEMPERATURE = 1.5
 # Number of random points drawn for each starting point that a sampler needs. More than one point is
 # drawn, because points with a negative compliance are dropped.
@@ -84,7 +85,7 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
 class LogDensity(Shown):
     """Log density ln p(x, y) of a model at x = (β, φ), for the readings y of a campaign.
 
-    x holds the parameters β (compliances, their slopes and geometric errors), then the
+    x holds the parameters β (compliances, their changes with force, and geometric errors), then the
     hyper-parameters φ (the scales of the noise and of other effects), in mm, N and rad. For one
     point, shape (d,), a density is a number; for n points, shape (n, d), densities have the shape
     (n,). Logarithms are natural and every density is normalised, so that a nested sampler gives the
@@ -107,14 +108,14 @@ class LogDensity(Shown):
     def names(self) -> tuple[str, ...]:
         """Return the names of the d coordinates of a point: parameters, then hyper-parameters.
 
-        Parameters are compliances, slopes and geometric errors. Hyper-parameters are the scales of
-        the noise and of other effects.
+        Parameters are compliances, their changes with force, and geometric errors. Hyper-parameters
+        are the scales of the noise and of other effects.
         """
         return (*self.bound.names, *self.bound.hyper_prior.names)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Return the unit of each coordinate: of the parameters, then of the hyper-parameters.
+        """Return the units of the d coordinates: of parameters first, then of hyper-parameters.
 
         Units are made of mm, N and rad, such as "mm/N"; a pure number has the unit "".
         """
@@ -127,8 +128,8 @@ class LogDensity(Shown):
 
         The coordinates are the parameters, then the hyper-parameters. A bound that does not exist
         is −inf or inf. The condition that no compliance is negative at any force tested
-        (truncation) also restricts combinations of parameters, such as a compliance and its slope.
-        These bounds do not include this restriction; `log_prior` does.
+        (truncation) also restricts combinations of parameters, such as a compliance and its change
+        with force. These bounds do not include this restriction; `log_prior` does.
         """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
@@ -137,9 +138,9 @@ class LogDensity(Shown):
         """Return the typical size of each of the d coordinates under the prior, shape (d,).
 
         The coordinates are the parameters, then the hyper-parameters. The size of a parameter is
-        its prior standard deviation. The size of a hyper-parameter that is a length is the scale of
-        its prior; for other hyper-parameters it is one. Optimisers need sizes under the posterior
-        instead: take the spread of the points that `initial` returns.
+        its prior standard deviation. The size of a hyper-parameter is the scale of its prior if the
+        hyper-parameter is a length, and one otherwise. An optimiser needs the sizes under the
+        posterior instead: give it the spread of the points that `initial` returns.
         """
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
@@ -179,9 +180,9 @@ class LogDensity(Shown):
     def prior_transform(self, u: Array) -> Array:
         """Return the points x at cumulative prior probabilities u, for nested samplers.
 
-        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). u, of the same
-        shape, holds a number between 0 and 1 for each coordinate of x: the prior probability of a
-        smaller value of the coordinate, given the coordinates before it. If the model does not
+        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). ``u``, of the same
+        shape, holds a number between 0 and 1 for each coordinate of x: the prior probability that
+        the coordinate has a smaller value, given the coordinates before it. If the model does not
         allow negative compliances, no compliance is negative at any x returned.
 
         Raises
@@ -301,10 +302,11 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Arra
 class JointDensity:
     """Log posterior density in the coordinates in which the walkers of a sampler move.
 
-    The first p coordinates are (β − centre) / scale for the p parameters β, with their
-    least-squares estimates ``centre`` and typical sizes ``scale``. The other h coordinates are the
-    hyper-parameters φ transformed to be unbounded, mostly ln(φ − lower bound). The density is not
-    divided by the evidence. The Jacobian of the transformation is included except for a constant.
+    The first p coordinates are (β − centre) / scale for the p parameters β, where ``centre`` holds
+    the least-squares estimates and ``scale`` the typical sizes of the parameters. The other h
+    coordinates are the hyper-parameters φ transformed to be unbounded, mostly ln(φ − lower bound).
+    The density is not divided by the evidence. The Jacobian of the transformation is included
+    except for a constant.
     """
 
     bound: BoundModel
@@ -340,7 +342,7 @@ class JointDensity:
 
 @dataclass(frozen=True, eq=False)
 class LinearRedraw:
-    """Source of independent random draws of parameters β and hyper-parameters φ for a sampler.
+    """Source of independent random draws of parameters β and hyper-parameters φ, for a sampler.
 
     The sampler proposes the draws as the next points of its walkers. φ is drawn from a density
     fitted to p(φ | y), where y are the readings. β is drawn from its exact Gaussian density given φ
@@ -383,9 +385,9 @@ class LinearRedraw:
         """Return the log importance weights of n points, shape (n,).
 
         ``points``, shape (n, p + h), are in the coordinates of `JointDensity`. The weight of a
-        point is, up to a constant factor, the ratio of its posterior density to the density from
-        which `draw` draws points. If the model does not allow negative compliances, the points must
-        be free of negative compliances.
+        point is the posterior density at the point divided by the density from which `draw` draws
+        points, up to a constant factor. If the model does not allow negative compliances, no
+        compliance may be negative at any of the points.
         """
         bound = self.density.bound
         beta, free = self.density.split(points)
@@ -404,9 +406,10 @@ def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState)
 
     The points are in the coordinates of `JointDensity`. The h hyper-parameters (scales of the noise
     and of other effects) are drawn from a density a little wider than their posterior. The p
-    parameters (compliances, slopes, geometric errors) are drawn from their density given the
-    hyper-parameters and the readings. If the model does not allow negative compliances, no
-    compliance is negative at any point. ``redraw`` is the source of the random draws.
+    parameters (compliances, their changes with force, geometric errors) are drawn from their
+    density given the hyper-parameters and the readings. If the model does not allow negative
+    compliances, no compliance is negative at any point. ``redraw`` is the source of the random
+    draws.
 
     Raises
     ------

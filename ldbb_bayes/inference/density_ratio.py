@@ -1,14 +1,14 @@
-"""Integral of a density g from its ratio to a similar density f, at a sample of the nodes of f.
+"""Integral of a density g, computed from the ratio g / f to a similar density f at a few nodes.
 
 The integral ∫ f was computed before, as a sum over n weighted nodes φ_i (points) in h dimensions.
-With the mean E_f under the density f,
+If E_f is the mean under the density f, then
 
     ∫ g = ∫ f · E_f[g / f].
 
 The ratio g / f is smooth and varies little. A few hundred of the n nodes are therefore drawn, by
 systematic sampling with unequal probabilities, and ln(g / f) is evaluated only at the nodes drawn.
-A polynomial q(φ) is fitted to these values; its degree is two, or one if there are many dimensions.
-The density f e^q is known at all nodes, and
+A polynomial q(φ) is fitted to the values of ln(g / f); its degree is two, or one if there are many
+dimensions. The density f e^q is known at all nodes, and
 
     ∫ g = ∫ f e^q · E[g / (f e^q)],
 
@@ -16,7 +16,8 @@ where the last factor is the weighted mean over the sample of ρ = g / (f e^q). 
 which is small, gives the error of the mean. This is the regression estimator of survey sampling
 (Cochran, Sampling Techniques, 1977, chapter 7; Särndal, Swensson and Wretman, Model Assisted Survey
 Sampling, 1992). The estimator does not assume that q fits well: a poor fit only makes the error
-larger. The weights of the nodes under f e^q are used as their weights under g.
+larger. The weights that the nodes have under the density f e^q are also used as their weights under
+g.
 """
 
 from __future__ import annotations
@@ -54,9 +55,9 @@ _TAIL_POWER = 0.5
 # Polynomials count as linearly dependent if a singular value is below this share of the largest
 # singular value.
 _DEPENDENT = 1e-10
-# The integral of a density is computed from the mean of its ratios to a similar density at some
-# nodes. This mean is not trusted if the standard deviation of the ratios exceeds this share of the
-# mean. A sample of a few hundred nodes may then miss the largest ratios.
+# The integral of a density g is computed from the mean of the ratios g / f at some nodes, where f
+# is a similar density. This mean is not trusted if the standard deviation of the ratios exceeds
+# this share of the mean. A sample of a few hundred nodes may then miss the largest ratios.
 _LARGEST_SCATTER = 0.4
 # The mean of the ratios of two densities is not trusted if the logarithm of a ratio exceeds the
 # logarithm of the mean by more than this number. The square of the ratio might then overflow.
@@ -69,15 +70,16 @@ _STANDARD_ERRORS = 3.5
 
 
 class LogValues(NamedTuple):
-    """Logarithm of a density at k nodes, and its numerical error there [nat], each shape (k,).
+    """Logarithm of a density at k nodes, and its numerical error at each node [nat], shapes (k,).
 
-    The density may be noisy: it may have a further error of mean zero that is independent between
-    nodes. This noise adds to the scatter of the ratios from which an integral is computed, and is
-    thus contained in the error of their mean.
+    The density may also be noisy, with random errors of mean zero that are independent between
+    nodes. This noise adds to the scatter of the ratios from which an integral is computed. The
+    error of the mean of the ratios therefore includes the noise.
     """
 
     log_density: Array
-    error: Array  #: error of ln density [nat] that does not necessarily cancel in a mean over nodes
+    #: part of the error of ``log_density`` that need not cancel in a mean over nodes [nat]
+    error: Array
 
 
 class RatioIntegral(NamedTuple):
@@ -93,7 +95,7 @@ class RatioIntegral(NamedTuple):
 
     @property
     def least_error(self) -> float:
-        """Error that the log integral would have if the density were known at all nodes [nat]."""
+        """Error that the log integral would have if the ratio were known at all nodes [nat]."""
         return replace(self.integral, ratio_error=0.0).error + self.value_error
 
 
@@ -128,14 +130,14 @@ class _Sample:
     def leverage(self) -> Array:
         """Leverage of each of the m nodes, shape (m,).
 
-        The leverage of a node is the derivative of the polynomial's value at the node with respect
-        to the value at this node to which the polynomial is fitted.
+        The leverage of a node is the change of the fitted polynomial at the node, per unit change
+        of the value at this node to which the polynomial is fitted.
         """
         leverage = (self._decomposition.left**2).sum(axis=1)
         return np.asarray(np.minimum(leverage, 1.0 - np.finfo(float).eps))
 
     def fit(self, values: Array) -> Array:
-        """Fit a polynomial to values at the m nodes; return its values at all n nodes, shape (n,).
+        """Return a polynomial at all n nodes, shape (n,), fitted to values at the m sampled nodes.
 
         ``values``, shape (m,), are the values to fit. The result is limited to an interval three
         times as wide as the range of ``values``, so that the polynomial is not extrapolated too
@@ -163,8 +165,8 @@ class _Decomposition(NamedTuple):
 class _MeanRatio(NamedTuple):
     """Mean of the ratio ρ = g / (f e^q) of densities, from its values at the m nodes of a sample.
 
-    f is a density that is similar to g, and q is a polynomial fitted to ln(g / f). The mean is that
-    under the density f e^q.
+    f is a density that is similar to g, and q is a polynomial fitted to ln(g / f). The mean is
+    taken under the density f e^q.
     """
 
     log_mean: float  #: logarithm of the mean of the ratio
@@ -176,7 +178,7 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
     """Return the mean of the ratio ρ = g / (f e^q) of densities, and its error.
 
     ``log_ratio`` and ``fitted``, shape (m,), are ln(g / f) and the polynomial q that is fitted to
-    ln(g / f), at the m nodes of ``sample``. The mean is that under the density f e^q. Residuals at
+    ln(g / f), at the m nodes of ``sample``. The mean is taken under the density f e^q. Residuals at
     the nodes to which q is fitted are smaller than residuals at other nodes. Each residual is
     therefore divided by one minus the leverage of its node. This makes the error too large rather
     than too small (MacKinnon and White, Journal of Econometrics 29 (1985) 305).
@@ -208,7 +210,7 @@ def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
 
 
 class RatioSampler:
-    """Integrals of densities g, each from the ratio of g to a similar density f at some nodes of f.
+    """Integrals of densities g, computed from the ratios g / f to one similar density f.
 
     Parameters
     ----------
@@ -243,7 +245,7 @@ class RatioSampler:
     def integrate(
         self, evaluate: Callable[[Index], LogValues], tolerance: float
     ) -> RatioIntegral | None:
-        """Return the integral of a density g from its ratio to the density f at some nodes.
+        """Return the integral of a density g, computed from the ratio g / f at some nodes.
 
         Parameters
         ----------
@@ -255,8 +257,9 @@ class RatioSampler:
         Returns
         -------
         RatioIntegral or None
-            The integral. None if no sample of the nodes reaches the tolerance: g should then be
-            evaluated at all nodes, or its integral computed from new nodes.
+            The integral, or None if no sample of the nodes reaches the tolerance. In the latter
+            case g should be evaluated at all nodes, or the integral of g should be computed from
+            new nodes.
         """
         log_density = np.full(len(self._integral.free), np.nan)
         error = np.full(len(log_density), np.nan)
@@ -293,8 +296,8 @@ def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
     """Return the indices of the nodes of the largest sample; a node may occur several times.
 
     The nodes are put in random order and picked at equally spaced levels of their cumulative
-    ``probability``. One smaller sample consists of every 8th picked node, another of every 24th
-    picked node.
+    ``probability``. There are two smaller samples: every 8th of the picked nodes, and every 24th of
+    the picked nodes.
     """
     order = rng.permutation(len(probability))
     levels = (rng.random() + np.arange(_LARGEST_SAMPLE)) / _LARGEST_SAMPLE

@@ -1,4 +1,4 @@
-"""Convergence, importance weights and sensitivity of random draws, computed by ArviZ.
+"""Diagnostics of random draws by ArviZ: convergence, importance weights and sensitivity.
 
 ESS is the effective sample size. The Pareto shape k̂ is the shape of the Pareto distribution fitted
 to the largest weights; if k̂ is large, averages with these weights cannot be trusted. ArviZ is
@@ -34,7 +34,7 @@ _UPPER_POWER = 1.01
 # sizes: those for its quantiles at these probabilities (Vehtari et al. 2021).
 _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
-# to a fifth of the weights and needs at least five of them.
+# to the largest fifth of the weights, and this fifth must consist of at least five weights.
 _FEWEST_WEIGHTS = 25
 # Importance weights count as equal if the range of their logarithms is smaller than this value.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
@@ -87,9 +87,9 @@ def power_sensitivity(
     sensitivity to a constant factor is 0. ``draws`` holds the posterior draws of each parameter;
     its keys are the names of the parameters. ``log_densities`` holds the logarithm of each factor
     at these draws; its keys are the names of the factors. All arrays have the shape (chains,
-    draws). The first key of the result is the parameter, the second key the factor. Weighted draws
-    represent the posterior in which a factor has another power. The weights are so even that they
-    need no smoothing.
+    draws). The first key of the result is the parameter, the second key the factor. The posterior
+    in which a factor has another power is represented by the same draws with weights. These weights
+    are so even that they need no smoothing.
     """
     from arviz_stats.base import array_stats
 
@@ -140,9 +140,9 @@ class SmoothedWeights(NamedTuple):
 def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     """Return Pareto-smoothed importance weights (Vehtari et al. 2024).
 
-    ``log_ratio``, shape (n,), is the logarithm of the target density divided by the density drawn
-    from, at n independent draws, up to a constant. The shape k̂ of the Pareto distribution fitted
-    to the largest weights is infinite if very few draws carry all the weight, or if the tail of the
+    ``log_ratio``, shape (n,), is ln(target density / proposal density), up to a constant, at n
+    independent draws from the proposal density. The shape k̂ of the Pareto distribution fitted to
+    the largest weights is infinite if very few draws carry all the weight, or if the tail of the
     weights cannot be judged. k̂ is −inf if all weights are equal.
     """
     good_k = min(_LARGEST_GOOD_K, 1.0 - 1.0 / float(np.log10(len(log_ratio))))

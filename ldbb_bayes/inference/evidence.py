@@ -43,12 +43,12 @@ _LEAST_COARSE_LOG_PROBABILITY = -2.0
 
 @one_blas_thread
 def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1e-3) -> Evidence:
-    """Return the log evidence of a model, truncation included, with its error.
+    """Return the log evidence of a model, with its error.
 
     The evidence is Z = ∫ p(y | β, φ) p(β) p(φ) dβ dφ, the density of the readings y (in mm) under
-    the model, averaged over the priors of its parameters β and hyper-parameters φ. Truncation
-    restricts compliances to values that are not negative. Only differences of ln Z between models
-    of the same readings have a meaning; see `log_bayes_factor`.
+    the model, averaged over the priors of its parameters β and hyper-parameters φ. If the model
+    does not allow negative compliances, this condition (truncation) is part of the prior p(β). Only
+    differences of ln Z between models of the same readings have a meaning; see `log_bayes_factor`.
 
     Parameters
     ----------
@@ -200,18 +200,18 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
     """Return the log posterior probability that no compliance is negative, and its error [nat].
 
-    The probability P is that under the posterior which allows negative compliances. P is first
-    computed as a mean, over at least 256 values of the hyper-parameters (scales of the noise and of
-    other effects), of the probability given these values. The mean suffices if its error is at most
+    The probability P is computed under the posterior that allows negative compliances. First, the
+    probability given a value of the hyper-parameters (scales of the noise and of other effects) is
+    averaged over at least 256 such values. The average is returned if its error is at most
     ``tolerance`` and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate
-    the mean, and P is computed as a ratio of two integrals over the hyper-parameters: the integral
-    of the posterior density with the condition that no compliance is negative, divided by the
-    integral without this condition.
+    the average. P is then computed as a ratio of two integrals over the hyper-parameters: the
+    integral of the posterior density with the condition that no compliance is negative, divided by
+    the integral without this condition.
 
     Parameters
     ----------
     truncated : HyperPosterior
-        Posterior density of the hyper-parameters with the condition.
+        Posterior density of the hyper-parameters with the condition that no compliance is negative.
     tolerance : float
         Error allowed in the log probability, or in each of the two log integrals [nat].
     """

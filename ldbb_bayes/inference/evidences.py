@@ -1,12 +1,12 @@
 """Evidences of many models for the readings of one campaign, with all tests or without one test.
 
 The evidence Z(y) is the density of the readings y under a model. Without test r the readings are
-y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) states how well the other tests predict test r.
-Properties of the campaign, such as its reference force, are still computed from all tests. Whole
-tests are left out, as the readings of one circle are not independent. The readings of a circle
-share the random shift of the circle's zero and centre (set-up shift) and its unexplained deviations
-(discrepancy). φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are
-weighted points that represent p(φ | y).
+y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) states how well the other tests predict test r. If
+a test is left out, properties of the campaign, such as its reference force, are still computed from
+all tests. Only whole tests are left out, because the readings of one circle are not independent.
+The readings of a circle share the random shift of the circle's zero and centre (set-up shift) and
+its unexplained deviations (discrepancy). φ are the hyper-parameters, the scales of the noise and of
+other effects. Nodes are weighted points that represent p(φ | y).
 """
 
 from __future__ import annotations
@@ -108,10 +108,10 @@ class Evidences(Shown):
 
         The evidence of a model follows from its nodes, which are weighted values of its
         hyper-parameters (scales of the noise and of other effects). Nodes of equal models are
-        computed once. Models share one calculation if they differ only in slopes, in rival
-        explanations of slopes (such as joints that yield to their own load), and in whether
-        compliances may be negative. The nodes of such models follow from the nodes of the largest
-        of these models.
+        computed once. Models share one calculation if they differ only in three ways: how
+        compliances change with force, which rival explanations of such a change they contain (for
+        example joints that yield to their own load), and whether compliances may be negative. The
+        nodes of these models follow from the nodes of the largest of them.
         """
         keys = [model_to_toml(model) for model in models]
         models_by_key = dict(zip(keys, models, strict=True))
@@ -209,7 +209,7 @@ class Evidences(Shown):
 
     @property
     def every(self) -> list[Evidence]:
-        """Evidences of all models computed so far, without those computed only coarsely."""
+        """Evidences computed so far, one for each model; coarse evidences are left out."""
         return [nodes.evidence for nodes in self._nodes.values()]
 
 
@@ -218,8 +218,8 @@ def _largest_first(model: HybridModel) -> list[int]:
 
     A model is larger if its compliances are polynomials of a higher degree in the force. Among
     models of equal degree, the model with fewer parameters fixed at zero is larger. Among models
-    for which this number is equal too, the model with more rival explanations of slopes (effects
-    that look like a change of compliance with force) is larger.
+    for which this number is equal too, the model with more rival explanations (effects that look
+    like a change of compliance with force) is larger.
     """
     return [-model.degree, len(model.fixed), -len(model.rivals)]
 
@@ -227,9 +227,10 @@ def _largest_first(model: HybridModel) -> list[int]:
 def _family(model: HybridModel) -> str:
     """Return a description, as TOML text, of what a model has in common with related models.
 
-    The text describes the model without slopes (changes of compliance with force), without rival
-    explanations of slopes, and without the condition that compliances are not negative. Models for
-    which this text is equal can share the calculation of their quadrature nodes.
+    The text describes the model with constant compliances, without rival explanations (effects that
+    look like a change of compliance with force), and without the condition that compliances are not
+    negative. Models for which this text is equal can share the calculation of their quadrature
+    nodes.
     """
     constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
     return model_to_toml(constant.with_rivals())
@@ -293,14 +294,14 @@ def leave_one_out(
 def left_out_log_densities(
     nodes_by_model: Mapping[str, Nodes], left_out_nodes: Mapping[str, Mapping[str, Nodes]]
 ) -> dict[str, Array]:
-    """Return the log density of the readings of every test given those of the other tests.
+    """Return the log density of the readings of every test given the readings of the other tests.
 
     ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence for the readings of all
-    tests and Z(y_−r) that for all tests except r. Nodes are weighted values of the
-    hyper-parameters, from which an evidence follows. ``nodes_by_model`` gives Z(y); its keys are
-    the names of the models. ``left_out_nodes`` gives Z(y_−r); its keys are the name of the model,
-    then the name of test r. The result holds an array of shape (tests,) for each model. If no test
-    was left out for a model, its array is empty.
+    tests, and Z(y_−r) the evidence for the readings of all tests except r. Nodes are weighted
+    values of the hyper-parameters, from which an evidence follows. ``nodes_by_model`` gives Z(y);
+    its keys are the names of the models. ``left_out_nodes`` gives Z(y_−r); its keys are the name of
+    the model, then the name of test r. The result holds an array of shape (tests,) for each model.
+    If no test was left out for a model, its array is empty.
     """
     log_densities = {}
     for name, nodes in nodes_by_model.items():

@@ -1,6 +1,6 @@
 """How well a model fits, and warnings to consider before its results are used.
 
-β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. y are the readings. Truncation T
 restricts β to compliances that are not negative. u is the standard uncertainty of a parameter, the
 standard deviation of its posterior. Draws are random draws from the posterior.
@@ -45,7 +45,8 @@ _LARGEST_SHIFT = 0.5
 # A failing posterior predictive check of noise matters if the noise found in the readings widens
 # the interval of some parameter by more than this share of the interval's width.
 _LARGEST_WIDENING = 0.1
-# Number of posterior draws from which root-mean-square residual and fitness are computed.
+# Number of posterior draws from which the root-mean-square residual and the fitness of each test
+# (see `FitQuality`) are computed.
 _QUALITY_DRAWS = 1000
 # Number of posterior draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500
@@ -73,7 +74,7 @@ class State(StrEnum):
 
 
 class ConcernKind(StrEnum):
-    """Kind of a warning that a fit gives besides its results.
+    """Kind of a warning that a fit gives in addition to its results.
 
     `Concern` states what each kind warns of.
     """
@@ -99,8 +100,8 @@ class Concern(Result):
       compliances as polynomials in the force.
     - HYPER: posterior median of the hyper-parameter ``name`` [mm]; quantile of its prior at 99.9 %.
     - CENTRE: p-value of the hypothesis that the circles' centre does not shift along the machine
-      axis ``name`` in proportion to force; number below which this p-value, times the number of
-      axes in all planes, must be for the shift to be reported.
+      axis ``name`` in proportion to force; upper limit, for a warning, of this p-value times the
+      number of all such p-values (one for each axis of each plane).
     - PRIOR: distance of the posterior mean of the parameter ``name`` from the prior mean that the
       user stated; the largest distance expected. Both are in units of the standard deviation that
       this distance has if the prior is right.
@@ -129,8 +130,8 @@ class Fit(Result):
     #: log probability that no compliance is negative, under the prior that allows negative
     #: compliances; zero if the model allows negative compliances
     log_prob_truncation_prior: float
-    #: largest difference between the readings that the linearised model predicts and those that the
-    #: exact geometry predicts, at the posterior mean of the parameters [µm]
+    #: largest difference between the readings that the linearised model predicts and the readings
+    #: that the exact geometry predicts, both at the posterior mean of the parameters [µm]
     linearisation_error_um: float
     concerns: tuple[Concern, ...]  #: warnings of the fit, each with a value and a limit
     #: posterior predictive checks of each test; the keys are the names of the tests
@@ -144,9 +145,9 @@ class Fit(Result):
     #: check of a Fourier order. The dict is empty if no test fails this check, if the prior is
     #: flat, or if the campaign has one test only.
     shift: dict[str, float]
-    #: largest share by which a parameter's interval grows if the noise is as strong as the readings
-    #: show at the Fourier orders 13 to 16; zero unless a posterior predictive check of the noise or
-    #: of its autocorrelation fails
+    #: largest share by which the credible interval of a parameter grows if the noise is as strong
+    #: as the readings show at the Fourier orders 13 to 16. The share is zero if no posterior
+    #: predictive check of the noise or of its autocorrelation fails.
     widening: float
 
     @property
@@ -221,7 +222,7 @@ class Fit(Result):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names of the parameters: compliances, slopes and geometric errors.
+        """Return the names of compliances, their changes with force, and geometric errors.
 
         The names are the keys of ``sensitivity`` except those of the hyper-parameters (scales of
         the noise and of other effects).
@@ -248,8 +249,8 @@ def assess_fit(
         The posterior draws in ``groups``, separately for each model.
     groups : mapping
         Groups ``posterior``, ``log_prior`` and ``sample_stats`` of the posterior, with arrays of
-        shape (chains, draws). The first key is the name of the group, the second key that of the
-        array.
+        shape (chains, draws). The first key is the name of the group, the second key the name of
+        the array.
     truncation : pair
         Log posterior probability that no compliance is negative, and its error [nat].
     concerns : sequence of Concern
@@ -298,7 +299,7 @@ def assess_fit(
 def _average_quality(
     bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Array
 ) -> FitQuality:
-    """Return root-mean-square residual and fitness of the mean prediction of several models.
+    """Return root-mean-square residual and fitness of the prediction averaged over several models.
 
     The predicted readings are averaged over the posterior draws of each model, then over the
     models. ``shares`` holds the share of each model in the draws, and ``bound`` is the model with
@@ -415,7 +416,7 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
 def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
     """Yield a warning for each parameter whose posterior mean is far from its stated prior mean.
 
-    Only parameters whose prior the user stated are examined. ``beta``, shape (n, p), holds
+    Only parameters for which the user stated a prior are examined. ``beta``, shape (n, p), holds
     posterior draws of the parameters in internal units (mm, N, rad). ``bound`` is the model,
     applied to its campaign.
     """

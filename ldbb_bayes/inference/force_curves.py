@@ -1,4 +1,4 @@
-"""Posterior draws of compliances C(F) at the ends and at the middle of the tested bar forces F."""
+"""Posterior draws of compliances C(F) at the smallest, the reference and the largest force F."""
 
 from __future__ import annotations
 
@@ -55,11 +55,12 @@ class ForceCurves:
 def force_curves(posterior: xr.DataTree) -> ForceCurves:
     """Return posterior draws of every compliance C(F) that may change with force.
 
-    C(F) follows from the compliance at the reference force and its slopes. Direct compliances also
-    contain what the term `JointLoad` (joints that yield to their own load) adds; see `curves_of`. A
-    compliance may change with force if it has a slope or if `JointLoad` adds to it. The result
-    holds no compliances if all tests have the same force. For an average over models, a draw has
-    the same value at all forces if the compliance is constant in the model of the draw.
+    C(F) is computed from the compliance at the reference force and its slopes (changes with force).
+    Direct compliances also contain what the term `JointLoad` (joints that yield to their own load)
+    adds; see `curves_of`. A compliance may change with force if it has a slope or if `JointLoad`
+    adds to it. The result holds no compliances if all tests have the same force. For an average
+    over models, a draw has the same value at all forces if the compliance is constant in the model
+    of the draw.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
@@ -79,13 +80,14 @@ def force_curves(posterior: xr.DataTree) -> ForceCurves:
 
 
 def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
-    """Return prior draws of the change with force of every compliance C(F) that may change.
+    """Return prior draws of the change of every compliance C(F) that may change with force.
 
-    The change is that from the smallest to the largest force tested. The keys are the names of the
-    compliances, as in `force_curves`. For an average over models, the prior draws come from all
-    models, also from those without slopes. The share of the draws that include the effect of the
-    term `JointLoad` (joints that yield to their own load) is equal to the share of models with this
-    term. The result is empty if the prior is flat or if all tests have the same force.
+    The change is C(F_max) − C(F_min), from the smallest force tested to the largest. The keys are
+    the names of the compliances, as in `force_curves`. For an average over models, the prior draws
+    come from all models, including the models with constant compliances. The share of the draws
+    that include the effect of the term `JointLoad` (joints that yield to their own load) is equal
+    to the share of models with this term. The result is empty if the prior is flat or if all tests
+    have the same force.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
@@ -119,11 +121,12 @@ def _share_with_joint_load(posterior: xr.DataTree) -> float:
 
 
 def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, float]:
-    """Return the prior standard deviation of what `JointLoad` adds to the change of compliances.
+    """Return the prior standard deviation of the change of compliances that `JointLoad` adds.
 
-    `JointLoad` is the term of a model for joints that yield to their own load. The change is that
-    of the direct compliance along a machine axis from the smallest to the largest force tested;
-    ``ends_N`` are these two forces [N]. The keys of the result are the letters of the axes.
+    `JointLoad` is the term of a model for joints that yield to their own load. There is one
+    standard deviation for the direct compliance along each machine axis; the keys of the result are
+    the letters of the axes. The change is from the smallest force tested to the largest; ``ends_N``
+    holds these two forces [N].
     """
     columns_by_axis = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
     sd_by_axis: dict[str, float] = {}
@@ -136,9 +139,10 @@ def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, floa
 
 
 def _changing_compliances(bound: BoundModel) -> set[str]:
-    """Return the names of the compliances that have a slope or to which `JointLoad` adds.
+    """Return the names of the compliances that may change with the force of the bar.
 
-    `JointLoad` is the term of a model for joints that yield to their own load.
+    A compliance may change with force if it has a slope, or if the term `JointLoad` (joints that
+    yield to their own load) adds to it.
     """
     changing = {parameter.compliance for parameter in bound.parameters if parameter.degree > 0}
     of_joints = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))

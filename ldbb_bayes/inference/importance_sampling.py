@@ -34,12 +34,12 @@ _SCRAMBLES = 8
 # there are dimensions. The number of points is rounded up to a power of two.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Each round of importance sampling starts with this multiple of the number of points with which the
-# round before started, unless this would be more points than allowed.
+# The number of points with which a round of importance sampling starts is this multiple of the
+# number with which the previous round started, unless this would be more points than allowed.
 _GROWTH = 4
-# A proposal, the density from which points are drawn, is a mixture. Beside every component it has a
-# component that is wider by the factor ``_WIDE``. All wider components together have the share
-# ``_WIDE_SHARE`` of the points.
+# A proposal, the density from which points are drawn, is a mixture. For every component, the
+# mixture has a further component that is wider by the factor ``_WIDE``. All wider components
+# together have the share ``_WIDE_SHARE`` of the points.
 _WIDE = 1.5
 _WIDE_SHARE = 0.1
 # Largest number of rounds of importance sampling, each of which draws new points.
@@ -75,26 +75,26 @@ def importance_sample(
     max_points: int = 65_536,
     tries: int = 3,
 ) -> Integral:
-    """Return the integral ∫ f of a density from quasi-random points, to a tolerance if possible.
+    """Return the integral ∫ f of a density, computed from quasi-random points in several rounds.
 
-    Points are drawn in rounds from a proposal, a density much like f. The weight of a point is f
-    divided by the proposal. The proposal of the first round is fitted to f along directions through
-    every mode. The proposal of a later round is fitted to the points of all rounds before. If the
-    weights of a round are even enough, its number of points is doubled. The integral returned is
-    that of the earliest round that reaches the tolerance with weights that can be trusted. The
-    first round is never returned. If no round reaches the tolerance, the round with the smallest
-    error is returned; ``trusted`` of the result states whether the weights of the round can be
-    trusted. If they cannot be trusted, the rounds are repeated with other seeds, because a round
-    may miss a tail of f by chance. If no seed gives weights that can be trusted, the result of the
-    first seed is returned.
+    In each round, points are drawn from a proposal, a density much like f. The weight of a point is
+    f divided by the proposal. The proposal of the first round is fitted to f along directions
+    through every mode. The proposal of a later round is fitted to the points of all rounds before.
+    If the weights of a round are even enough, its number of points is doubled. The integral
+    returned is that of the earliest round that reaches the tolerance with weights that can be
+    trusted. The first round is never returned. If no round reaches the tolerance, the round with
+    the smallest error is returned; ``trusted`` of the result states whether the weights of the
+    round can be trusted. If they cannot be trusted, the rounds are repeated with other seeds,
+    because a round may miss a tail of f by chance. If no seed gives weights that can be trusted,
+    the result of the first seed is returned.
 
     Parameters
     ----------
     log_density : callable
         Function that returns ln f, shape (n,), at points of shape (n, h).
     modes : sequence of pairs
-        Modes (maxima) of f, shape (h,), the highest first, each with a square root, shape (h, h),
-        of the inverse of minus the Hessian of ln f there.
+        One pair for each mode (maximum) of f, the highest mode first: the mode, shape (h,), and a
+        square root, shape (h, h), of the inverse of minus the Hessian of ln f at the mode.
     tolerance : float
         Error allowed in ln ∫ f [nat].
     seed : int
@@ -234,9 +234,9 @@ def _extend_sample(
 def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
     """Return a split Student-t distribution fitted to a density along h directions through a mode.
 
-    ``log_density`` is the logarithm of the density to fit. ``mode``, shape (h,), is one of its
-    maxima; ``root``, shape (h, h), is a square root of the inverse of minus the Hessian of
-    ``log_density`` there.
+    ``log_density`` is the logarithm of the density to fit. ``mode``, shape (h,), is a maximum of
+    ``log_density``; ``root``, shape (h, h), is a square root of the inverse of minus the Hessian of
+    ``log_density`` at ``mode``.
     """
     # Use the symmetric square root of the covariance. Of all square roots it rotates the
     # coordinates least, so that independent coordinates stay independent.

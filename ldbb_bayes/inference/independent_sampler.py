@@ -1,9 +1,9 @@
 """Independent random draws from the posterior by rejection from a fitted proposal.
 
 y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
-are the p parameters: compliances, their slopes and geometric errors. Truncation T restricts β to
-compliances that are not negative; values of β without negative compliances are called inside. Free
-coordinates are φ transformed to be unbounded, mostly ln(φ − lower bound).
+are the p parameters: compliances, their changes with force, and geometric errors. Truncation T
+restricts β to compliances that are not negative; a value of β is called inside if it has no
+negative compliance. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower bound).
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# The rejection sampler proposes draws in blocks. It gives up after this number of blocks if at most
-# 256 draws are asked for, and after this number of blocks per 256 draws otherwise.
+# The rejection sampler proposes draws in blocks. It gives up after this number of blocks for every
+# 256 draws that are asked for (rounded up).
 _MOST_ROUNDS = 50
 # If the posterior probability that no compliance is negative is below this value, rejection of
 # draws with negative compliances would lose too many draws. The parameters are then drawn from a
@@ -35,8 +35,8 @@ _EXPECTED_INSIDE = 4.0
 # (the density drawn from), scaled to the integral of the posterior density and multiplied by this
 # factor.
 _ENVELOPE = 2.0
-# The posterior density is divided by an estimate of the probability that no compliance is negative.
-# An estimate below this number is replaced by it, to avoid a division by nearly zero.
+# The rejection sampler divides by an estimate of the probability that no compliance is negative. An
+# estimate below this number is replaced by this number, to avoid a division by nearly zero.
 _LEAST_SHARE = 1e-9
 
 
@@ -53,8 +53,8 @@ class JointDraws(NamedTuple):
     #: random draws of the h hyper-parameters (scales of the noise and of other effects) in
     #: unbounded coordinates, mostly ln(value − lower bound), shape (size, h)
     free: Array
-    #: random draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
-    #: shape (size, p)
+    #: random draws of the p parameters (compliances, their changes with force, geometric errors) in
+    #: mm, N and rad, shape (size, p)
     beta: Array
     #: number of random draws that were accepted; at least ``size``, because the last block may give
     #: more draws than are needed
@@ -66,17 +66,17 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     """Return ``size`` independent random draws of hyper-parameters φ and parameters β.
 
     The draws are made by rejection sampling. φ are the scales of the noise and of other effects; β
-    are compliances, slopes and geometric errors. φ is drawn from a proposal, a density fitted to
-    the posterior of φ, and β from its Gaussian density given φ and the readings. φ is then accepted
-    in proportion to its weight, the posterior density divided by the proposal. If compliances must
-    not be negative, several β are drawn for each φ, and the weight is multiplied by the share of
-    these β without negative compliances. On average the share is the probability, given φ and the
-    readings, that no compliance is negative, so that the draws are those of the posterior. If the
-    share is too small, the weight is multiplied by this probability itself, and β is drawn from a
-    density shifted towards compliances that are not negative. The probability of acceptance is the
-    weight divided by twice an estimate of the mean weight. If this ratio exceeds one, φ may be used
-    several times, with different β if enough β were drawn. ``posterior`` is the posterior density
-    of φ.
+    are compliances, their changes with force, and geometric errors. φ is drawn from a proposal, a
+    density fitted to the posterior of φ, and β from its Gaussian density given φ and the readings.
+    φ is then accepted in proportion to its weight, the posterior density divided by the proposal.
+    If compliances must not be negative, several β are drawn for each φ, and the weight is
+    multiplied by the share of these β without negative compliances. On average the share is the
+    probability, given φ and the readings, that no compliance is negative, so that the draws are
+    those of the posterior. If the share is too small, the weight is multiplied by this probability
+    itself, and β is drawn from a density shifted towards compliances that are not negative. The
+    probability of acceptance is the weight divided by twice an estimate of the mean weight. If this
+    ratio exceeds one, φ may be used several times, with different β if enough β were drawn.
+    ``posterior`` is the posterior density of φ.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
 def _propose_tilted(
     posterior: HyperPosterior, proposal: Integral, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return the accepted draws of one block of draws of hyper-parameters φ and parameters β.
+    """Draw one block of hyper-parameters φ and parameters β, and return the accepted draws.
 
     φ is drawn from ``proposal`` and accepted in proportion to its weight. The weight is the
     posterior density of φ under the condition that no compliance is negative, divided by the
@@ -134,7 +134,7 @@ def _propose_tilted(
 def _propose_untruncated(
     posterior: HyperPosterior, proposal: Integral, share_inside: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return the accepted draws of one block of draws of hyper-parameters φ and parameters β.
+    """Draw one block of hyper-parameters φ and parameters β, and return the accepted draws.
 
     φ is drawn from ``proposal``, and several β are drawn for each φ as if compliances might be
     negative. φ is accepted with a probability proportional to its weight, the posterior density

@@ -263,7 +263,8 @@ class Integral:
             Function that takes indices of nodes, shape (k,), and returns ln g there, shape (k,).
         spare : float
             Largest share of ∫ f in the nodes at which g is not evaluated. The part of ∫ f g in
-            these nodes is estimated with the largest value of g and added to the error.
+            these nodes is estimated with the largest computed value of g, and is added to the
+            error.
         """
         heavy = self._heavy_nodes(spare)
         values = np.full(len(self.free), -np.inf)
@@ -278,8 +279,8 @@ class Integral:
 def in_chunks(log_density: Callable[..., Array], points: Array, size: int = CHUNK) -> Array:
     """Return a log density at n points, shape (n,), evaluated in blocks of at most ``size`` points.
 
-    ``points`` is an array of length n. ``log_density`` is a function that takes a block of its rows
-    and returns one number for each row.
+    ``points`` is an array of length n. ``log_density`` is a function that takes a block of rows of
+    ``points`` and returns one number for each row.
     """
     chunks = np.array_split(points, max(1, -(-len(points) // size)))
     return np.concatenate([log_density(chunk) for chunk in chunks])

@@ -62,25 +62,25 @@ def grow_lattice(
     The nodes of the lattice are the points of two regular grids. A step is the distance from a
     point of a grid to the next one; the grids are moved against each other by half a step. Points
     are added around the modes until f is negligible at the outermost points, and the step is
-    shortened as needed. Adding points and shortening the step stop at ``max_nodes`` nodes; the
-    error of the result may then exceed the tolerance.
+    shortened as needed. The lattice is not refined beyond ``max_nodes`` nodes; the error of the
+    result may then exceed the tolerance.
 
     Parameters
     ----------
     log_density : callable
         Function that returns ln f, shape (n,), at points of shape (n, h).
     modes : sequence of pairs
-        Modes (maxima) of f, shape (h,), the highest first, each with a square root, shape (h, h),
-        of the inverse of minus the Hessian of ln f there. The root at the highest mode sets the
-        directions of the lattice.
+        One pair for each mode (maximum) of f, the highest mode first: the mode, shape (h,), and a
+        square root, shape (h, h), of the inverse of minus the Hessian of ln f at the mode. The
+        columns of the square root at the highest mode are the directions of the lattice.
     tolerance : float
         Error allowed in ln ∫ f [nat].
     step : float, optional
         Step of both grids to start with, in units of the standard deviation of the Gaussian fitted
         to f at the highest mode. Default: computed from the tolerance.
     max_nodes : int
-        Number of nodes of a grid above which no points are added to it. The step is not shortened
-        either if the lattice would then have more nodes than this number.
+        No points are added to a grid that has more nodes than this number. The step is not
+        shortened if the lattice would then have more nodes than this number.
     """
     centre = modes[0][0]
     root = modes[0][1]
@@ -218,7 +218,7 @@ def _grow_grid(
 
 
 def _first_front(starts: Sequence[Array], offset: float) -> Array:
-    """Return the grid points next to the starting points of a grid's growth, shape (n, h).
+    """Return the grid points next to the points from which a grid starts to grow, shape (n, h).
 
     There are h dimensions. Starting points and grid points are in multiples of the grid's steps.
     ``offset`` is the part of a step by which the grid is moved; the positions returned do not

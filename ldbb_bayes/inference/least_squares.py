@@ -1,6 +1,7 @@
-"""Least-squares estimate of compliances, slopes and geometric errors, as in the paper (Eq. 31).
+"""Least-squares estimate of the parameters of a machine, as in the paper (Eq. 31).
 
-The uncertainty of this estimate accounts for white noise alone.
+The parameters are compliances, their changes with force, and geometric errors. The uncertainty of
+the estimate accounts for white noise alone.
 """
 
 from __future__ import annotations
@@ -68,10 +69,11 @@ def fit_least_squares(
     reference_force_N: float | None = None,
     fixed: Sequence[str] = (),
 ) -> LeastSquares:
-    """Return compliances, slopes and geometric errors estimated by least squares (Eq. 31).
+    """Return least-squares estimates of compliances and geometric errors, as in the paper (Eq. 31).
 
-    Errors of the balls, the bar and the mount are not modelled. The estimates therefore contain
-    these errors, and the standard uncertainties u are too small. `sample` models these errors.
+    If ``degree`` is 1 or 2, the changes of the compliances with force are estimated too. Errors of
+    the balls, the bar and the mount are not modelled. The estimates therefore contain these errors,
+    and the standard uncertainties u are too small. `sample` models these errors.
 
     Parameters
     ----------
@@ -81,8 +83,8 @@ def fit_least_squares(
         Degree of the compliances as polynomials in the force: constant (0), linear (1, Eq. 33) or
         quadratic (2).
     reference_force_N : float, optional
-        Force F0 at which slopes add nothing [N]. Default: the mid-range of the campaign's forces.
-        Zero gives exactly Eq. 33.
+        Reference force F0, at which the changes of the compliances with force are zero [N].
+        Default: the mid-range of the campaign's forces. Zero gives exactly Eq. 33.
     fixed : tuple of str
         Names of parameters held at zero.
 

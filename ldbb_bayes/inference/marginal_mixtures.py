@@ -1,16 +1,17 @@
 """Marginal posterior densities of the parameters as mixtures, from draws of a posterior.
 
-β are the p parameters: compliances, their slopes and geometric errors. φ are the hyper-parameters,
-the scales of the noise and of other effects. Given φ and the readings, β is Gaussian with a mean m
-and a covariance V. The marginal density of a parameter is therefore a mixture of Gaussians, one for
-every draw of φ. The quantiles of the mixture scatter less from seed to seed than those of the draws
-of β themselves (Rao-Blackwell theorem).
+β are the p parameters: compliances, their changes with force, and geometric errors. φ are the
+hyper-parameters, the scales of the noise and of other effects. Given φ and the readings, β is
+Gaussian with a mean m and a covariance V. The marginal density of a parameter is therefore a
+mixture of Gaussians, one for every draw of φ. The quantiles of the mixture scatter less from seed
+to seed than those of the draws of β themselves (Rao-Blackwell theorem).
 
-Truncation, if it is active, restricts β to A β ≥ 0: compliances that are not negative. Parameter j
-is then no longer Gaussian. But each draw of β can be moved along the column V_j of V. Such a move
-changes β_j, but not the combinations of parameters that are independent of β_j. Given these
-combinations, β_j has the density N(m_j, V_jj) between the two values beyond which an element of A β
-is negative. These truncated Gaussians are the components of the mixture.
+If truncation is active, β is restricted to A β ≥ 0, where the elements of A β are the compliances
+that must not be negative. Parameter j is then no longer Gaussian. But each draw of β can be moved
+along the column V_j of V. Such a move changes β_j, but not the combinations of parameters that are
+independent of β_j. Given these combinations, β_j has the density N(m_j, V_jj) between the two
+values beyond which an element of A β is negative. These truncated Gaussians are the components of
+the mixture.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class MarginalMixtures(NamedTuple):
     """Marginal densities of p parameters, each a mixture of n truncated Gaussians of equal weight.
 
     The bounds of a Gaussian are infinite if the parameter is not restricted. A Gaussian with the
-    standard deviation zero stands for the drawn value itself.
+    standard deviation zero stands for the drawn value ``beta`` itself.
     """
 
     beta: Array  #: n draws of the p parameters, shape (n, p)
@@ -147,8 +148,8 @@ def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> Ma
     high = np.full(sd.shape, np.inf)
     truncation = model.bound.truncation
     if truncation.active:
-        # ``rate`` is the change of each compliance that must not be negative, per unit of each
-        # parameter.
+        # ``rate``, shape (w, rows, p), holds the change of each restricted compliance (an element
+        # of A β) if a parameter changes by one unit along its column of the covariance.
         compliances = of_model @ truncation.rows.T
         covariance = conditional.spread(truncation.rows) @ np.swapaxes(spread, 1, 2)
         rate = covariance / sd[:, None] ** 2

@@ -37,9 +37,9 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# The length of the sampler's blocks of steps doubles several times. At the first doublings, up to
-# this number, the number of draws that a block stores doubles too. At every later doubling, the
-# number of stored draws stays the same, and the number of steps from one stored draw to the next
+# The length of the sampler's blocks of steps doubles several times. At the first doublings, as many
+# as this number, the number of draws that a block stores doubles too. At every later doubling, the
+# number of stored draws does not change, and the number of steps from one stored draw to the next
 # doubles.
 _DOUBLINGS_STORED = 2
 # In a move by differential evolution, the step of a walker is a factor times the difference between
@@ -58,7 +58,7 @@ _STOCK = 512
 
 
 class BlockPlan(NamedTuple):
-    """Length of a block of steps of the sampler, and which of its steps are stored as draws."""
+    """Length of a block of steps of the sampler, and which of the steps are stored as draws."""
 
     draws: int  #: number of draws that the block of steps stores of each walker
     thin: int  #: number of steps of the sampler from one stored draw to the next
@@ -71,7 +71,7 @@ class StoppingRule(Shown):
     Sampling stops when every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, and
     the draws span ``lengths`` autocorrelation times. Sampling also stops when another block of
     steps would exceed ``max_steps``. ESS is the effective sample size. R-hat compares the variance
-    of all draws with that within each chain, and is one after convergence.
+    of all draws with the variance within each chain, and is one after convergence.
 
     Examples
     --------
@@ -178,8 +178,7 @@ class WeightedPoints(NamedTuple):
     """
 
     points: Array  #: coordinates of the random points, shape (size, d)
-    #: logarithm of the density to sample divided by the density drawn from, up to a constant, at
-    #: each point, shape (size,)
+    #: ln(density to sample / density drawn from) at each point, up to a constant, shape (size,)
     log_weight: Array
     log_target: Array  #: logarithm of the density to sample at each point, shape (size,)
 

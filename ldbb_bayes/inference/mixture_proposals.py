@@ -60,10 +60,10 @@ _SMALLEST_SHARE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class SplitT:
-    """Distribution of x = centre + root z, where each of h elements of z follows its own split t.
+    """Distribution of ``x = centre + root @ z``, where each of h elements of z follows a split t.
 
-    The elements of z are independent, unless a ``dependence`` is stated: mean and width of each
-    element then depend on the first elements (`coordinate_dependence`). A split t is a Student-t
+    The elements of z are independent if ``dependence`` is None. Otherwise mean and width of each
+    element depend on the first elements (`coordinate_dependence`). A split t is a Student-t
     distribution with different scales and degrees of freedom on its two sides. Its density is
     continuous, as the two sides have the same height at z = 0. The columns of the matrix ``root``
     are the directions of the elements of z in the space of x.
@@ -71,14 +71,14 @@ class SplitT:
 
     #: point x at which the two sides of the distribution meet in every direction, shape (h,)
     centre: Array
-    #: matrix of x = centre + root z, whose columns are the directions of the h split t
-    #: distributions, shape (h, h)
+    #: matrix in ``x = centre + root @ z``, shape (h, h); its columns are the directions of the h
+    #: split t distributions
     root: Array
-    #: scales (widths) of the distribution along each of h directions, in its coordinate z; first
-    #: below the centre, then above it, shape (2, h)
+    #: scales (widths) of the distribution along each of h directions, in units of the coordinate z,
+    #: shape (2, h); the first row is for z < 0, the second row for z > 0
     scale: Array
-    #: degrees of freedom of the distribution along each of h directions; first below the centre,
-    #: then above it, shape (2, h)
+    #: degrees of freedom of the distribution along each of h directions, shape (2, h); the first
+    #: row is for z < 0, the second row for z > 0
     freedom: Array
     #: how mean and width of each element of z depend on the first elements; None if the elements
     #: are independent
@@ -196,7 +196,7 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
     ``points`` has the shape (n, h); the weights, shape (n,), sum to one. The weight of each point
     is divided among the components, in proportion to the density of each component at the point
     times the share of the component in the mixture. Components that receive less than 2 % of the
-    weight stay as they are.
+    weight are not changed.
     """
     by_component = proposal.by_component(points)
     weights = weight * np.exp(by_component - np.logaddexp.reduce(by_component, axis=0))
@@ -269,11 +269,11 @@ class _AxisFit(NamedTuple):
     #: coordinate along each of h directions at which the two sides of the distribution meet, shape
     #: (h,)
     offset: Array
-    #: scales (widths) of the distribution along each of h directions; first below the offset, then
-    #: above it, shape (2, h)
+    #: scales (widths) of the distribution along each of h directions, shape (2, h); the first row
+    #: is for coordinates below the offset, the second row for coordinates above it
     scale: Array
-    #: degrees of freedom of the distribution along each of h directions; first below the offset,
-    #: then above it, shape (2, h)
+    #: degrees of freedom of the distribution along each of h directions, shape (2, h); the first
+    #: row is for coordinates below the offset, the second row for coordinates above it
     freedom: Array
     #: weighted mean of the log density at the points to which the distribution was fitted, for each
     #: of h directions, shape (h,)
@@ -290,8 +290,8 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
     Parameters
     ----------
     centre, root : ndarray, shapes (h,) and (h, h)
-        The transformation x = centre + root z from the coordinates z along h directions to the
-        coordinates x in which the density is given.
+        The transformation ``x = centre + root @ z`` from the coordinates z along h directions to
+        the coordinates x in which the density is given.
     z, weight : ndarray, shape (n, h)
         Coordinates of n points along each of the h directions, and their weights, which sum to one
         along each direction.

@@ -1,10 +1,10 @@
 """Posterior p(φ | y) of the hyper-parameters: modes, weighted nodes, and averages over nodes.
 
 y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
-are the p parameters: compliances, their slopes and geometric errors. β and the effects that are
-modelled but not of interest are integrated out exactly, as readings depend linearly on them.
-Truncation T restricts β to compliances that are not negative; P(T | y, φ) is the probability that β
-meets this condition. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower
+are the p parameters: compliances, their changes with force, and geometric errors. β and the effects
+that are modelled but not of interest are integrated out exactly, as readings depend linearly on
+them. Truncation T restricts β to compliances that are not negative; P(T | y, φ) is the probability
+that β meets this condition. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower
 bound).
 """
 
@@ -140,7 +140,7 @@ class HyperPosterior:
         The model applied to its campaign.
     truncated : bool
         Whether the density is multiplied by P(T | y, φ), the probability, given y and φ, of the
-        condition T that no compliance is negative. The value may differ from what the model
+        condition T that no compliance is negative. This argument may differ from what the model
         requires.
     seed : int
         Seed of the starting points of the search for modes, and of the quasi-random points from
@@ -208,10 +208,10 @@ class HyperPosterior:
     def given(self, free: Array) -> tuple[Array, ParameterConditional]:
         """Return ln p(y | φ), shape (w,), and the Gaussian densities p(β | y, φ) for w values of φ.
 
-        y are the readings, β the parameters (compliances, slopes, geometric errors), and φ the
-        hyper-parameters (scales of the noise and of other effects). ``free``, shape (w, h), holds φ
-        in unbounded coordinates. The Gaussians are not restricted to compliances that are not
-        negative.
+        y are the readings, β the parameters (compliances, their changes with force, geometric
+        errors), and φ the hyper-parameters (scales of the noise and of other effects). ``free``,
+        shape (w, h), holds φ in unbounded coordinates. The Gaussians are not restricted to
+        compliances that are not negative.
         """
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
@@ -376,8 +376,9 @@ class HyperPosterior:
 
         P(T | y, φ) is the probability, given the readings y and φ, that no compliance is negative.
         ``free``, shape (n, h), holds the values of φ in unbounded coordinates. The error of the
-        mean is twice the standard error from the scatter between these values, plus the mean error
-        of P(T | y, φ) itself. ``tolerance`` is the error allowed in ln P(T | y) [nat].
+        mean is twice the standard error that follows from the scatter of P(T | y, φ) between these
+        values, plus the mean numerical error of P(T | y, φ). ``tolerance`` is the error allowed in
+        ln P(T | y) [nat].
         """
         log_values = []
         errors = []
@@ -421,11 +422,11 @@ class HyperPosterior:
     def coarse_probability(self) -> ProbabilityInside:
         """Posterior probability that no compliance is negative, from a few nodes.
 
-        The error of the logarithm of the probability is at most 0.02 nat if a few nodes suffice to
-        reach this error.
+        The error allowed in the logarithm of the probability is 0.02 nat; it is exceeded if too
+        many nodes would be needed.
 
-        Nodes are values of the hyper-parameters. They are picked from the `proposal` of the density
-        that allows negative compliances.
+        Nodes are values of the hyper-parameters. The few nodes are picked from the `proposal` of
+        the density that allows negative compliances.
         """
         return self.probability_inside(self.plain.proposal, _PROBABILITY_TOLERANCE)
 
@@ -492,7 +493,7 @@ class HyperPosterior:
 
     @cached_property
     def _corners(self) -> list[tuple[Array, Array]]:
-        """Maxima of the density with one scale held near zero, for one scale after the other.
+        """Maxima of the density with one scale held near zero: one maximum for each scale.
 
         The posterior density may extend far towards the value zero of a scale, a region in which
         the other hyper-parameters have other values than at the mode. A proposal (the density drawn
@@ -560,8 +561,8 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
     """Return ln P(T | y, φ) at nodes φ (values of the hyper-parameters), with errors.
 
     P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ of a node, that
-    no compliance is negative; it is an integral of the Gaussian density of the parameters.
-    ``orthant`` holds this density for every node. ``tolerance`` is the error allowed in the
+    no compliance is negative. The probability is an integral of the Gaussian density of the
+    parameters, which ``orthant`` holds for every node. ``tolerance`` is the error allowed in the
     logarithm of the mean of P over many nodes [nat]. An error that all nodes have in common may be
     as large as a quarter of the tolerance. Random errors that differ between nodes may be larger,
     because they cancel in the mean.
@@ -623,8 +624,8 @@ class Evidence:
 class _ConditionalMoments(NamedTuple):
     """Means and variances of the parameters, given each of w values of the hyper-parameters.
 
-    The parameters are compliances, slopes and geometric errors; they are also conditional on the
-    readings.
+    The parameters are compliances, their changes with force, and geometric errors. Means and
+    variances are also conditional on the readings.
     """
 
     #: posterior means of the p parameters given each of w values of the hyper-parameters, shape
@@ -637,7 +638,7 @@ class _ConditionalMoments(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Weighted nodes that represent the posterior of the hyper-parameters, and averages over them.
+    """Weighted nodes that represent the posterior of the hyper-parameters; averages over the nodes.
 
     Parameters
     ----------
@@ -714,9 +715,10 @@ class Nodes:
         """Return posterior draws of parameters, shape (size, p), and hyper-parameters, (size, h).
 
         Hyper-parameters (scales of the noise and of other effects; lengths in mm) are picked from
-        the nodes in proportion to the weights. Parameters (compliances, slopes, geometric errors;
-        in mm, N and rad) are drawn at random given the picked hyper-parameters and the readings. No
-        compliance is negative in any draw if the posterior of the nodes is ``truncated``.
+        the nodes in proportion to the weights. Parameters (compliances, their changes with force,
+        geometric errors; in mm, N and rad) are drawn at random given the picked hyper-parameters
+        and the readings. No compliance is negative in any draw if the posterior of the nodes is
+        ``truncated``.
         """
         free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)
@@ -729,10 +731,10 @@ class Nodes:
 
         Means and variances given the hyper-parameters are averaged over the nodes (weighted values
         of the hyper-parameters). The nodes of smallest weight, which together hold at most the
-        share ``spare`` of the weight, are left out. If ``components`` is given and there are more
-        nodes than this number, the averages are over ``components`` nodes, which are picked in
-        proportion to their weights. If compliances must not be negative, means and variances given
-        the hyper-parameters are computed from ``points`` quasi-random points.
+        share ``spare`` of the weight, are left out. If there are more nodes than ``components``,
+        the averages are over ``components`` nodes that are picked in proportion to their weights.
+        If compliances must not be negative, means and variances given the hyper-parameters are
+        computed from ``points`` quasi-random points.
         """
         free, weight = self.integral.heaviest(spare)
         if components is not None and len(free) > components:

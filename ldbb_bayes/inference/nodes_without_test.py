@@ -7,10 +7,10 @@ without the test, then represent the posterior without the test, and the ratio o
 needs to be known at a few hundred of these nodes only (`density_ratio`).
 
 The noise factor λ of the test left out is an exception. Without the test's readings, λ has its
-prior, which is much wider than its posterior. The density without the test is therefore multiplied
-by a Gaussian density of λ's coordinate given the other coordinates, in place of λ's prior. The
-Gaussian is fitted to the nodes of the whole campaign. Its integral over λ is one, as that of the
-prior is, so that the integral over φ does not change. The λ of the resulting nodes are then drawn
+prior, which is much wider than its posterior. In the density without the test, the prior of λ is
+therefore replaced by a Gaussian density of λ's coordinate given the other coordinates. The Gaussian
+is fitted to the nodes of the whole campaign. Both the Gaussian and the prior have the integral one
+over λ, so that the integral over φ does not change. The λ of the resulting nodes are then drawn
 anew from the prior.
 """
 
@@ -79,7 +79,7 @@ def fit_factor(integral: Integral, axis: int) -> GaussianFactor:
 
 
 class NodesWithoutTest:
-    """Nodes of one model for a campaign from which any one of the tests can be left out.
+    """Nodes of one model for a campaign without one of its tests.
 
     Nodes are weighted values of the hyper-parameters (scales of the noise and of other effects).
 

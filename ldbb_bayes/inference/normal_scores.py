@@ -1,9 +1,9 @@
-"""Coordinates of the hyper-parameters in which integrals over hyper-parameters are computed.
+"""Normal scores: coordinates in which integrals over the hyper-parameters are computed.
 
 The hyper-parameters φ are the scales of the noise and of other effects. The normal score z of a
-hyper-parameter is a standard normal variable under the prior: Φ(z) is the prior probability that
-the hyper-parameter is smaller. The logarithm of a scale that the readings hardly determine extends
-far towards minus infinity, with an exponential tail. The normal score of such a scale has a
+hyper-parameter is a standard normal variable under the prior: Φ(z) is the prior probability of a
+smaller value of the hyper-parameter. The logarithm of a scale that the readings hardly determine
+extends far towards minus infinity, with an exponential tail. The normal score of such a scale has a
 Gaussian tail, so that the posterior of all φ together resembles a Gaussian more closely, and fewer
 nodes (weighted values of φ) suffice for an integral over φ. Noise factors of circles are
 transformed to their logarithms instead, which are nearly normal.
@@ -165,8 +165,8 @@ class NormalScores:
 
         φ are the k hyper-parameters with restricted normal priors, and a and b their lower and
         upper bounds. ``free``, shape (..., h), are the given values in unbounded coordinates. The
-        probabilities are computed as if the prior density were the same everywhere as at the bound,
-        which is accurate near the bound. Both arrays have the shape (..., k). The second array is
+        probabilities are computed as if the prior density were everywhere as large as at the bound;
+        near the bound, this is accurate. Both arrays have the shape (..., k). The second array is
         infinite where b is infinite.
         """
         lower, upper = self._bounds
@@ -182,10 +182,10 @@ class NormalScores:
     def log_jacobian(self, scores: Array) -> Array:
         """Return the log Jacobian of the unbounded coordinates with respect to scores, shape (...).
 
-        The Jacobian is the volume in unbounded coordinates per unit of volume in normal scores. It
-        follows from the prior density p of each hyper-parameter φ: the standard normal density of
-        the score z times dz is p(φ) dφ. If u is the unbounded coordinate, and a and b are the
-        bounds of φ, then dφ is (φ − a) du, or (φ − a) (b − φ) / (b − a) du if b is finite.
+        The Jacobian is the volume in unbounded coordinates per unit of volume in normal scores. The
+        Jacobian follows from the prior density p of each hyper-parameter φ: the standard normal
+        density of the score z times dz is p(φ) dφ. If u is the unbounded coordinate, and a and b
+        are the bounds of φ, then dφ is (φ − a) du, or (φ − a) (b − φ) / (b − a) du if b is finite.
         """
         values = self._values(scores)
         above, below = self._log_distances(scores)

@@ -92,9 +92,9 @@ _SMALL_FILE_BYTES = 2**20
 # another edition do not fit the terms and priors of the present edition. The presets ``first`` and
 # ``paper`` are the same in all editions.
 MODEL_EDITION = 3
-# Cache of campaigns of posteriors, the oldest first. A key is all that a posterior states of its
-# campaign. Because of the cache, all analyses of a posterior use the same `Campaign` object and the
-# results that are stored in it.
+# Cache of the campaigns from which posteriors were computed, the oldest first. A key holds all that
+# a posterior states about its campaign. Because of the cache, all analyses of a posterior use the
+# same `Campaign` object and the results that are stored in it.
 _CAMPAIGNS: dict[tuple[str | bytes, ...], Campaign] = {}
 # Largest number of campaigns that the cache holds.
 _KEPT_CAMPAIGNS = 8
@@ -107,9 +107,9 @@ def build_tree(
 ) -> xr.DataTree:
     """Return a DataTree with groups of arrays, and a record as JSON in the group ``provenance``.
 
-    ``groups`` holds the arrays; the first key is the name of the group, the second key that of the
-    array. Arrays of random draws have the shape (chains, draws, …). ``bound``, the model applied to
-    its campaign, gives names and units. ``record`` states what was fitted and how.
+    ``groups`` holds the arrays; the first key is the name of the group, the second key the name of
+    the array. Arrays of random draws have the shape (chains, draws, …). ``bound``, the model
+    applied to its campaign, gives names and units. ``record`` states what was fitted and how.
     """
     from arviz_base import from_dict  # imported here, because it loads Matplotlib
 
@@ -405,7 +405,7 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 
 
 def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
-    """Return all that a posterior states of its campaign: the record's entry and the readings."""
+    """Return all that a posterior states about its campaign: an entry of the record, and readings."""
     constants = posterior["constant_data"].dataset
     names = ("test_index", "angle_as_read_deg", "reading_as_read_um")
     readings = [np.asarray(constants[name].values).tobytes() for name in names]
@@ -421,7 +421,7 @@ def _campaign_text(record_json: str) -> str:
 def _keep_campaign(key: tuple[str | bytes, ...], campaign: Campaign) -> None:
     """Add a campaign to the cache, and remove the oldest campaigns if the cache holds too many.
 
-    ``key`` is all that a posterior states of the campaign, as `_campaign_key` returns it.
+    ``key`` holds all that a posterior states about the campaign, as `_campaign_key` returns it.
     """
     _CAMPAIGNS[key] = campaign
     for oldest in list(_CAMPAIGNS)[:-_KEPT_CAMPAIGNS]:
@@ -459,7 +459,7 @@ def model_of(posterior: xr.DataTree) -> HybridModel:
 
 
 def bound_of(posterior: xr.DataTree) -> BoundModel:
-    """Return the model of a posterior, applied to the campaign as it was for sampling."""
+    """Return the model of a posterior, applied to the campaign of the posterior."""
     return model_of(posterior).bind(campaign_of(posterior))
 
 
@@ -468,11 +468,11 @@ def draws_of(
 ) -> tuple[Array, Array]:
     """Return posterior draws of the p parameters and of the h hyper-parameters.
 
-    Parameters are compliances, slopes and geometric errors, in mm, N and rad; hyper-parameters are
-    the scales of the noise and of other effects, with lengths in mm. The draws of all chains are
-    joined. The results have the shapes (draws, p) and (draws, h). If ``size`` is not None, at most
-    that many draws are returned, evenly spaced. ``bound`` is the posterior's model applied to its
-    campaign.
+    Parameters are compliances, their changes with force, and geometric errors, in mm, N and rad;
+    hyper-parameters are the scales of the noise and of other effects, with lengths in mm. The draws
+    of all chains are joined. The results have the shapes (draws, p) and (draws, h). If ``size`` is
+    not None, at most that many draws are returned, evenly spaced. ``bound`` is the posterior's
+    model applied to its campaign.
     """
     group = posterior["posterior"].dataset
     beta = _stack_draws(group, bound.names)
@@ -492,14 +492,14 @@ def _stack_draws(group: Any, names: tuple[str, ...]) -> Array:
 
 
 def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[ModelDraws]:
-    """Return posterior draws, separately for each of the models that a posterior averages over.
+    """Return posterior draws in a list, with one item for each set of rival explanations.
 
     If the posterior is of one model, the list has one item. The models of an average differ in
-    their rival explanations: effects that readings can mistake for slopes (changes of compliance
-    with force). The effect of a rival explanation on the readings can only be computed from the
-    draws of a model that contains it. Each item has all parameters of the average; a parameter that
-    its model lacks is zero. If ``size`` is given, at most that many draws are returned in total,
-    evenly spaced.
+    their rival explanations: effects that look like a change of compliance with force. The effect
+    of a rival explanation on the readings can be computed only from draws of models that contain
+    this explanation. An item holds the draws of all models with the same rival explanations. Each
+    draw has all parameters of the average; parameters that the model of the draw lacks are zero. If
+    ``size`` is given, at most that many draws are returned in total, evenly spaced.
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)
@@ -523,11 +523,11 @@ def curves_of(
 ) -> Array:
     """Return posterior draws of the compliances C(F) at n forces, shape (draws, n, compliances).
 
-    ``force_N``, shape (n,), holds the forces F [N]. C(F) follows from the compliance at the
-    reference force and its slopes; see `compliance_curves`. At most ``size`` draws are used; if
-    ``size`` is None, all draws are used. If the posterior is an average over models, the draws are
-    grouped by model. ``seed`` determines the random draws of effects that are not among the
-    parameters.
+    ``force_N``, shape (n,), holds the forces F [N]. C(F) is computed from the compliance at the
+    reference force and its slopes (changes with force); see `compliance_curves`. At most ``size``
+    draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
+    models, the draws are grouped by model. ``seed`` determines the random draws of effects that are
+    not among the parameters.
     """
     rng = np.random.default_rng(seed)
     curves = [

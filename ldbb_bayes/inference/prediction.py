@@ -1,6 +1,6 @@
 """Readings of new circles under the posterior, and their credible intervals at every angle.
 
-β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. Shared nuisances are effects that
 are modelled but not of interest and that several tests have in common. The 25 basis coefficients of
 a circle are its harmonics of the orders 0 to 12. Draws are random draws.
@@ -42,8 +42,8 @@ __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_lef
 # Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
 # Number of draws for each value of the hyper-parameters if the circle of one test is predicted from
-# the other tests. Each is a draw of the parameters and of those nuisances (effects that are
-# modelled but not of interest) that several tests have in common.
+# the other tests. Each draw holds the parameters and the nuisances (effects that are modelled but
+# not of interest) that several tests have in common.
 _DRAWS_PER_NODE = 8
 
 
@@ -54,14 +54,15 @@ def predict(
 ) -> pd.DataFrame:
     """Return predicted readings of new circles on the machine that a posterior describes.
 
-    Bar, balls, mount and force device are those of the posterior. The effects of the machine and of
-    shared nuisances (effects that are modelled but not of interest, such as ball form) are drawn
-    from the posterior. Set-up shift (of zero and centre), discrepancy (unexplained deviations of a
-    circle), random force error and white noise are drawn anew. Set-up shift and discrepancy of the
-    new circles scatter as much as those of the measured circles. Effects that the campaign does not
-    show, such as the length of the bar at another radius, are drawn from their prior. If times are
-    not stated, the new circles are predicted as if they were run after the measured circles. To
-    predict a circle that is run between measured circles, state ``time_s`` of all tests.
+    The circles are predicted for the bar, balls, mount and force device of the posterior's
+    campaign. The effects of the machine and of shared nuisances (effects that are modelled but not
+    of interest, such as ball form) are drawn from the posterior. Set-up shift (of zero and centre),
+    discrepancy (unexplained deviations of a circle), random force error and white noise are drawn
+    anew. Set-up shift and discrepancy of the new circles scatter as much as in the measured
+    circles. Effects that do not occur in the campaign, such as the length of the bar at another
+    radius, are drawn from their prior. If times are not stated, the new circles are predicted as if
+    they were run after the measured circles. To predict a circle that is run between measured
+    circles, state ``time_s`` of all tests.
 
     Parameters
     ----------
@@ -225,11 +226,11 @@ class _MeasuredAndPlanned(NamedTuple):
 def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
     """Return a model applied to the measured tests, and the same model applied to planned tests.
 
-    Both results are made as if the measured and the planned tests were of one campaign. Both
-    therefore have the same nuisances (effects that are modelled but not of interest), such as ball
-    forms and bar lengths. ``bound`` is the model applied to the measured campaign; ``plan`` holds
-    the planned tests. Raise an `InputError` if the plan is of another machine, or if its tests
-    depend on parameters that the model lacks.
+    The model is first applied to one campaign that consists of the measured and the planned tests.
+    Both results therefore have the same nuisances (effects that are modelled but not of interest),
+    such as ball forms and bar lengths. ``bound`` is the model applied to the measured campaign;
+    ``plan`` holds the planned tests. Raise an `InputError` if the plan is of another machine, or if
+    its tests depend on parameters that the model lacks.
     """
     campaign = bound.campaign
     machine = (campaign.topology, dict(campaign.frames_mm))
@@ -266,7 +267,7 @@ def replicate_left_out(
     *,
     circles_per_draw: int = 1,
 ) -> Array:
-    """Return random circles that the other tests predict for a test that is left out.
+    """Return random circles of a test that is left out, predicted from the other tests.
 
     Parameters
     ----------
@@ -337,9 +338,9 @@ def band_um(
 
     At each angle, a reading, white noise included, lies between the limits with the probability
     ``prob``; the reading is below or above the limits with equal probabilities. The limits are
-    computed from random draws of circles: ``coefficients``, shape (draws, 25), holds their Fourier
-    coefficients of the orders 0 to 12 [mm], ``sigma_mm``, shape (draws,), the standard deviations
-    of their white noise. ``angle_rad``, shape (angles,), holds the angles.
+    computed from random draws of circles: ``coefficients``, shape (draws, 25), holds the Fourier
+    coefficients of the circles (orders 0 to 12) [mm]; ``sigma_mm``, shape (draws,), holds the
+    standard deviations of the white noise [mm]. ``angle_rad``, shape (angles,), holds the angles.
     """
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3

@@ -1,7 +1,8 @@
 """Simulated readings of circles: random draws from the prior predictive distribution of a model.
 
-Parameters are compliances, slopes and geometric errors; hyper-parameters are the scales of the
-noise and of other effects; nuisances are effects that are modelled but not of interest.
+Parameters are compliances, their changes with force, and geometric errors; hyper-parameters are the
+scales of the noise and of other effects; nuisances are effects that are modelled but not of
+interest.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ def prior_circles(bound: BoundModel, size: int, rng: np.random.Generator) -> Ite
 
     A test has n readings. Each draw from the prior of parameters, hyper-parameters and nuisances
     gives one circle, with white noise. If the model does not allow negative compliances, no
-    compliance is negative in any draw. The measured readings are used for one purpose only: some
-    prior standard deviations are proportional to an estimate Ĉ of the compliances. ``bound`` is the
+    compliance is negative in any draw. The measured readings are used only to compute an estimate Ĉ
+    of the compliances, to which some prior standard deviations are proportional. ``bound`` is the
     model, applied to its campaign; its prior must not be flat.
     """
     beta, phi = prior_draws_of(bound, size, rng)

@@ -1,7 +1,7 @@
 """Marginals of the posterior by quadrature over the hyper-parameters.
 
 The hyper-parameters are the scales of the noise and of other effects. Parameters are compliances,
-their slopes and geometric errors.
+their changes with force, and geometric errors.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Contents of a posterior: its groups of arrays, and the record of campaign, model and sampler.
 
-β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects.
 """
 
@@ -31,10 +31,11 @@ __all__ = ["densities_of", "groups_of", "prior_draws_of", "record_from"]
 def densities_of(draws: ModelDraws) -> dict[str, Array]:
     """Return log posterior and log prior densities of n posterior draws, each of shape (n,).
 
-    The key ``lp`` is for the logarithm of the posterior density, which is not divided by the
-    evidence, in the coordinates of the sampler (see `JointDensity`). The key ``parameters`` is for
-    the log prior density of the parameters (compliances, slopes, geometric errors), ``hyper`` for
-    that of the hyper-parameters (the scales of the noise and of other effects).
+    The entry ``lp`` is the logarithm of the posterior density in the coordinates of the sampler
+    (see `JointDensity`); the density is not divided by the evidence. The entry ``parameters`` is
+    the log prior density of the parameters (compliances, their changes with force, geometric
+    errors). The entry ``hyper`` is the log prior density of the hyper-parameters (scales of the
+    noise and of other effects).
     """
     bound, phi, beta = draws
     density = JointDensity(bound)
@@ -47,13 +48,13 @@ def densities_of(draws: ModelDraws) -> dict[str, Array]:
 
 
 def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return random draws from the prior: of the p parameters, then of the h hyper-parameters.
+    """Return random draws of the p parameters and of the h hyper-parameters from the prior.
 
-    Parameters are compliances, slopes and geometric errors; hyper-parameters are the scales of the
-    noise and of other effects. The arrays have the shapes (size, p) and (size, h). If the model
-    does not allow negative compliances, no compliance is negative in any draw. If the prior of the
-    parameters is flat, their array has the shape (0, 0). ``bound`` is the model, applied to its
-    campaign.
+    Parameters are compliances, their changes with force, and geometric errors; hyper-parameters are
+    the scales of the noise and of other effects. The arrays have the shapes (size, p) and (size,
+    h). If the model does not allow negative compliances, no compliance is negative in any draw. If
+    the prior of the parameters is flat, their array has the shape (0, 0). ``bound`` is the model,
+    applied to its campaign.
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:
@@ -109,9 +110,10 @@ def groups_of(
 def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
     """Return a dict with the random draws of each parameter and hyper-parameter.
 
-    ``beta``, shape (chains, draws, p), holds the draws of the p parameters, ``phi``, shape (chains,
-    draws, h), those of the h hyper-parameters. The keys of the result are the names; the arrays
-    have the shape (chains, draws). ``bound`` is the model, applied to its campaign.
+    ``beta``, shape (chains, draws, p), holds the draws of the p parameters; ``phi``, shape (chains,
+    draws, h), holds the draws of the h hyper-parameters. The keys of the result are the names of
+    parameters and hyper-parameters; the arrays have the shape (chains, draws). ``bound`` is the
+    model, applied to its campaign.
     """
     arrays = {}
     for column in range(beta.shape[2]):

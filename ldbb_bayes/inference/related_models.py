@@ -1,11 +1,11 @@
-"""Nodes and evidence of a model, computed at the nodes of a related larger model.
+"""Nodes and evidence of a model, computed from the nodes of a larger related model.
 
 φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points
-that represent p(φ | y), where y are the readings. Related models have the same hyper-parameters:
-they differ in slopes, in rival explanations of slopes (effects that look like a change of
-compliance with force), and in truncation, which restricts compliances to values that are not
-negative. Their posteriors of φ are much alike. The nodes of one model, weighted with the density of
-another model, therefore represent the posterior of that other model as well.
+that represent p(φ | y), where y are the readings. Related models have the same hyper-parameters.
+They may differ in three ways: how compliances change with force, which rival explanations they
+contain (effects that look like a change of compliance with force), and whether compliances may be
+negative. Their posteriors of φ are much alike. With other weights, the nodes of one model therefore
+represent the posterior of another model as well.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ class RelatedModels:
         ``posterior`` is the posterior of the hyper-parameters under that model. The nodes are those
         of the given model with other weights. If possible, the density of the other model is
         evaluated at some of the nodes only (`density_ratio`). The nodes are computed anew if the
-        other model has other hyper-parameters, or if the error of that model's log evidence from
-        the given nodes would exceed the tolerance.
+        other model has other hyper-parameters, or if the error of its log evidence would exceed the
+        tolerance.
         """
         if posterior.bound.hyper_prior.names != self._names:
             return posterior.nodes(self._tolerance)
@@ -73,7 +73,7 @@ class RelatedModels:
         return posterior.nodes(self._tolerance)
 
     def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
-        """Return the given nodes with new weights: the density of another model at all nodes."""
+        """Return the given nodes with new weights, computed from the density of another model."""
         plain = replace(
             self._integral,
             log_density=in_chunks(posterior.plain.log_density, self._integral.free),

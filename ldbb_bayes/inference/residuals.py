@@ -51,13 +51,13 @@ class FitQuality:
 
 
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
-    """Return root-mean-square residual and fitness of the readings that a posterior predicts.
+    """Return root-mean-square residual and fitness of the prediction of a posterior.
 
     The prediction is the mean over posterior draws of the effects of the machine and of nuisances
     (effects that are modelled but not of interest, such as ball form), without scatter. ``phi``,
     shape (draws, h), holds draws of the hyper-parameters (scales of the noise and of other
-    effects), ``beta``, shape (draws, p), those of the parameters. ``bound`` is the model, applied
-    to its campaign.
+    effects); ``beta``, shape (draws, p), holds draws of the parameters. ``bound`` is the model,
+    applied to its campaign.
     """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 
@@ -99,7 +99,7 @@ def _fitness_percent(rmse_um: float, span_mm: float) -> float:
 
 
 def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
-    """Return the readings minus the predicted readings of every test, each of shape (n,) [mm].
+    """Return one array for every test: readings minus predicted readings, shape (n,) [mm].
 
     A test has n readings. ``predicted``, shape (tests, 25), holds the Fourier coefficients of the
     orders 0 to 12 that are predicted for each test [mm]. ``bound`` is the model, applied to its
@@ -112,7 +112,7 @@ def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
 
 
 def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
-    """Return the reduced readings of every test minus their prediction [mm], each of shape (m,).
+    """Return one array for every test: its reduced readings minus the prediction, shape (m,) [mm].
 
     The readings of a test are reduced to m ≤ 25 numbers that contain all information about its
     Fourier coefficients of the orders 0 to 12. ``predicted``, shape (tests, 25), holds the

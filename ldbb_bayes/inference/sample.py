@@ -1,6 +1,6 @@
 """Sampling of the posterior of a model and a campaign, by emcee or by independent draws.
 
-β are the p parameters: compliances, their slopes and geometric errors. φ are the h
+β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. ESS is the effective sample size.
 """
 
@@ -47,9 +47,9 @@ _CHAINS = 4
 # Number of walkers of an ensemble of emcee, unless four times the number of parameters and
 # hyper-parameters is larger.
 _WALKERS = 128
-# Number of independent draws as a multiple of the required effective sample size. The multiple is
-# above one because the computed effective sample size of every parameter must reach the required
-# value.
+# Number of independent draws, as a multiple of the required effective sample size. The multiple is
+# larger than one, because the computed effective sample size of every parameter must reach the
+# required value.
 _SURPLUS = 1.3
 # Number of further independent draws of each chain, so that the computed effective sample size of
 # every parameter reaches the required value.
@@ -65,11 +65,11 @@ _LENGTHS_WHEN_THINNED = 2.0
 
 
 class SampledDraws(NamedTuple):
-    """Run of a sampler, and its posterior draws of parameters and hyper-parameters."""
+    """Run of a sampler, and the draws of parameters and hyper-parameters that the run gave."""
 
     run: EnsembleRun
-    #: posterior draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
-    #: shape (chains, draws, p)
+    #: posterior draws of the p parameters (compliances, their changes with force, geometric errors)
+    #: in mm, N and rad, shape (chains, draws, p)
     beta: Array
     #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; lengths
     #: in mm), shape (chains, draws, h)
@@ -79,8 +79,8 @@ class SampledDraws(NamedTuple):
 class IndependentDraws(NamedTuple):
     """Posterior draws of parameters and hyper-parameters that are as good as independent."""
 
-    #: posterior draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
-    #: shape (size, p)
+    #: posterior draws of the p parameters (compliances, their changes with force, geometric errors)
+    #: in mm, N and rad, shape (size, p)
     beta: Array
     #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; lengths
     #: in mm), shape (size, h)
@@ -101,12 +101,12 @@ def sample(
     rule: StoppingRule | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> xr.DataTree:
-    """Sample the posterior of compliances, slopes, geometric errors and hyper-parameters.
+    """Return random draws from the posterior of the parameters and hyper-parameters of a model.
 
     The posterior is p(β, φ | y) ∝ p(y | β, φ) p(β) p(φ). y are the readings. β are the parameters:
-    compliances, their slopes and geometric errors. φ are the hyper-parameters: the scales of the
-    noise and of other effects. Nuisances, effects that are modelled but not of interest, are
-    integrated out.
+    compliances, their changes with force, and geometric errors. φ are the hyper-parameters: the
+    scales of the noise and of other effects. Nuisances, effects that are modelled but not of
+    interest, are integrated out.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def run_sampler(
     progress: Callable[[Progress], None] | None = None,
     **ensembles: Any,
 ) -> SampledDraws:
-    """Return posterior draws of parameters and hyper-parameters by the named sampler.
+    """Return posterior draws of parameters and hyper-parameters, drawn by the named sampler.
 
     The draws meet the stopping rule, unless the sampler gave up; ``converged`` of the run states
     whether they do. If independent draws are asked for but their weights cannot be trusted, emcee
@@ -312,7 +312,7 @@ def run_sampler(
         Posterior density of the hyper-parameters (scales of the noise and of other effects), from
         which independent draws, or the starting points of emcee, are taken.
     rule
-        Effective sample size to reach, and when to give up.
+        Rule that states the effective sample size to reach, and when the sampler gives up.
     seed
         Seed of the random draws.
     progress
@@ -383,9 +383,9 @@ def _sample_jointly(
 ) -> SampledDraws:
     """Return a run of emcee over parameters and hyper-parameters, and its posterior draws.
 
-    The walkers start from hyper-parameters (scales of the noise and of other effects) drawn from a
-    density a little wider than their posterior ``start``, and from parameters drawn given these
-    hyper-parameters. ``ensembles`` is the number of ensembles of walkers, and ``walkers`` the
+    The walkers start from random hyper-parameters (scales of the noise and of other effects), drawn
+    from a density a little wider than the posterior ``start``, and from parameters drawn given
+    these hyper-parameters. ``ensembles`` is the number of ensembles of walkers, and ``walkers`` the
     number of walkers of each ensemble. By default there are four times as many walkers as
     coordinates (parameters and hyper-parameters), but at least 128.
     """

@@ -1,10 +1,10 @@
 """Exact random draws of the parameters together with the nuisances that tests share.
 
-β are the p parameters: compliances, their slopes and geometric errors. φ are the hyper-parameters,
-the scales of the noise and of other effects. Nuisances are effects that are modelled but not of
-interest; u are the q coefficients of the nuisances that tests share. Given φ and the readings y,
-the joint density p(u, β | y, φ) is Gaussian, so that several draws cost little more than a single
-draw. Truncation restricts β to compliances that are not negative.
+β are the p parameters: compliances, their changes with force, and geometric errors. φ are the
+hyper-parameters, the scales of the noise and of other effects. Nuisances are effects that are
+modelled but not of interest; u are the q coefficients of the nuisances that tests share. Given φ
+and the readings y, the joint density p(u, β | y, φ) is Gaussian, so that several draws cost little
+more than a single draw. Truncation restricts β to compliances that are not negative.
 """
 
 from __future__ import annotations

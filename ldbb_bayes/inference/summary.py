@@ -1,8 +1,8 @@
-"""Tables of a posterior: parameters, hyper-parameters and shared nuisances.
+"""Tables that summarize a posterior: parameters, hyper-parameters and shared nuisances.
 
-Parameters are compliances, their slopes and geometric errors. Hyper-parameters φ are the scales of
-the noise and of other effects. Shared nuisances are effects that are modelled but not of interest
-and that several tests have in common, such as ball form and bar length.
+Parameters are compliances, their changes with force, and geometric errors. Hyper-parameters φ are
+the scales of the noise and of other effects. Shared nuisances are effects that are modelled but not
+of interest and that several tests have in common, such as ball form and bar length.
 """
 
 from __future__ import annotations
@@ -61,9 +61,9 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
         are filled for proper priors only; for parameters they state the prior without the condition
         that no compliance is negative. ``attrs["fit"]`` says how well the model fits, with warnings
         and whether the numbers can be used (``state``). When the table is printed, units are easy
-        to read, such as nm/N, and slopes such as C_XXX_1 are replaced by the change of each
-        compliance C(F) over the tested forces. The method ``details`` of the table prints the
-        slopes.
+        to read, such as nm/N. The printed table holds the change of each compliance C(F) over the
+        tested forces in place of the coefficients of this change, such as C_XXX_1. The method
+        ``details`` of the table prints these coefficients.
 
     Raises
     ------
@@ -110,10 +110,11 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
 
 
 def _with_changes(table: pd.DataFrame, posterior: xr.DataTree, prob: float) -> pd.DataFrame:
-    """Return a table of parameters that displays changes of compliances instead of slopes.
+    """Return a table of parameters that displays changes of compliances instead of coefficients.
 
-    The change of a compliance is that of its curve C(F) from the smallest force tested to the
-    largest. ``prob`` is the probability of its credible interval.
+    The change is the change of the compliance C(F) from the smallest force tested to the largest.
+    The coefficients, such as C_XXX_1, are the parameters that describe how C(F) depends on F.
+    ``prob`` is the probability of the credible interval of each change.
     """
     curves = force_curves(posterior)
     if not curves.compliances:
@@ -170,8 +171,9 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
 def _entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict[str, Any]:
     """Return the entry of one parameter or hyper-parameter in the JSON result of a fit.
 
-    ``draws`` are its posterior draws in ``unit``, and ``prior_sd`` is its prior standard deviation,
-    or None for a flat prior. ``prob`` is the probability of the credible interval.
+    ``draws`` are the posterior draws of the parameter in ``unit``, and ``prior_sd`` is its prior
+    standard deviation, or None for a flat prior. ``prob`` is the probability of the credible
+    interval.
     """
     numbers = interval_numbers(draws, prob)
     interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
@@ -223,7 +225,8 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
         Table with the columns term, unit, mean, sd and prior_sd, and one row per coefficient. Units
         are made of mm, N, rad, bar, h and K; the unit of a pure number is 1. The prior sd is
         computed with the hyper-parameters (the scales of the noise and of other effects) at their
-        posterior mean. Coefficients of the mount are deviations from its nominal deflection.
+        posterior mean. Coefficients of the work ball's mount are deviations from the nominal
+        deflection of the mount.
 
     Raises
     ------
