@@ -337,7 +337,7 @@ def _without_placeholders(
         if role not in numbers or role not in heading.roles:
             continue
         cells = [columns.cells[heading.roles[role]][row] for row in rows]
-        for k in np.flatnonzero(placeholders_in(cells, numbers[role][rows])):
+        for k in np.flatnonzero(placeholders_in(cells, numbers[role][rows])).tolist():
             left_out[rows[k]] = cells[k]
     if len(left_out) == len(rows):  # no row is left that a later message could name
         return list(rows)
