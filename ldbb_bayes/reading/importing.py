@@ -35,6 +35,7 @@ from ldbb_bayes.reading.lines_above import (
 )
 from ldbb_bayes.reading.loads_above import with_loads_in_header
 from ldbb_bayes.reading.log_start import check_feed_is_whole
+from ldbb_bayes.reading.mount_statement import check_mount_is_clear, unread_mount
 from ldbb_bayes.reading.names import unknown_length_in_name
 from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
@@ -150,7 +151,7 @@ def import_campaign(
     recordings = _split_into_tests(selection, layout, campaign, log)
     for recording in recordings:
         check_feed_is_whole(recording)
-    _check_force_laws(recordings, campaign)
+    _check_lines(recordings, campaign)
     loads = _stated_loads(recordings, layout)
     take_stated_fields(campaign, recordings)
     take_start_times(campaign, recordings, log)
@@ -177,15 +178,18 @@ def import_campaign(
 
 
 def _not_understood_of(recording: Recording) -> dict[str, str]:
-    """Return a dict with notes on lines and names that may state the radius or direction of a test.
+    """Return a dict with notes on lines and names that may state what a test was measured with.
 
-    The keys are fields of the test. Only lines and names that are not understood are noted.
+    They may concern the radius, the direction or the deflection of the mount. The keys are fields.
+    Only lines and names that are not understood are noted.
     """
     lines_above = recording.heading.lines_above
     notes = {}
     unread = unread_direction([*recording.lines_of_all_tests, *lines_above])
     if unread is not None:
         notes["direction"] = f"line {unread.line} says {unread.text!r}, not understood"
+    if "mount" not in recording.statements:
+        notes["mount"] = unread_mount(lines_above)
     if recording.fields.get("radius_mm") is None:
         length = unknown_length([*lines_above, *recording.constant_columns])
         notes["radius_mm"] = length or unknown_length_in_name(recording.names())
@@ -272,16 +276,18 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
     fields["radius_mm"] = quantity_of(recording, "radius_mm", fields.get("radius_mm"))
 
 
-def _check_force_laws(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
-    """Raise an error for a line that states a force law, unless an option states the law.
+def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
+    """Raise an error for a line that states a force law, or about the mount, and is not read.
 
-    ``campaign`` are the fields of the campaign that options state.
+    Nothing is raised about what an option states. ``campaign`` are the fields of the campaign that
+    options state.
     """
-    if "force_law" in campaign:
-        return
     for recording in recordings:
-        check_force_law(recording.place, recording.heading.lines_above)
-        check_force_law(recording.place, recording.lines_of_all_tests)
+        for lines in (recording.heading.lines_above, recording.lines_of_all_tests):
+            if "force_law" not in campaign:
+                check_force_law(recording.place, lines)
+            if "mount" not in campaign:
+                check_mount_is_clear(recording.place, lines)
 
 
 def _check_directions(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:

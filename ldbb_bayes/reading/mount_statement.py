@@ -1,0 +1,111 @@
+"""Statements on whether the deflection of the work ball's mount is still in the readings.
+
+An example is ``Mount deflection not removed``: the readings are then raw.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
+
+__all__ = ["check_mount_is_clear", "mount_state", "statements_of_line", "unread_mount"]
+
+_WORDS = WORDS["mount_statement"]
+# Regular expression for a word for the mount of the work ball.
+_MOUNT = re.compile(_WORDS["mount"], re.IGNORECASE)
+# Regular expression for a word for what was done with the deflection, such as "removed".
+_REMOVED = re.compile(_WORDS["removed"], re.IGNORECASE)
+# Regular expression for a word which says that the deflection is in the readings.
+_CONTAINED = re.compile(_WORDS["contained"], re.IGNORECASE)
+# Regular expression for a negation.
+_NOT = re.compile(_WORDS["negation"], re.IGNORECASE)
+# Regular expression for a word which shows that a text with a word for the mount may say what was
+# done with its deflection, in a form that is not read.
+_DONE = re.compile(_WORDS["done"], re.IGNORECASE)
+# Regular expressions for words for a deflection, and for words which say that it is in the
+# readings.
+_DEFLECTION = re.compile(_WORDS["deflection"], re.IGNORECASE)
+_IN_READINGS = re.compile(_WORDS["in_readings"], re.IGNORECASE)
+# Regular expression for words for raw readings.
+_RAW = re.compile(_WORDS["raw"], re.IGNORECASE)
+# Regular expression for the words that may stand beside the others.
+_BESIDE = re.compile(_WORDS["beside"], re.IGNORECASE)
+# Regular expression for the marks between the statements of a line.
+_BETWEEN_STATEMENTS = re.compile(r"[;|\t]|\.(?=\s|$)|,(?!\d)")
+# An error message shows at most this number of characters of a line.
+_LINE_SHOWN = 80
+
+
+def mount_state(statement: str) -> str:
+    """Return "raw" or "compensated" if a statement says what is done with the mount's deflection.
+
+    Raw readings contain the deflection of the mount. The result is empty for any other statement,
+    and for one with words that are not known: it may be about another correction.
+    """
+    if _MOUNT.search(statement) is None:
+        return ""
+    removed = _REMOVED.findall(statement)
+    contained = _CONTAINED.findall(statement)
+    negations = _NOT.findall(statement)
+    if len(removed) + len(contained) != 1 or len(negations) > 1:
+        return ""
+    remaining = statement
+    for words in (_REMOVED, _CONTAINED, _NOT, _MOUNT, _BESIDE):
+        remaining = words.sub(" ", remaining)
+    if re.search(r"\w", remaining):
+        return ""
+    is_removed = bool(removed) != bool(negations)
+    return "compensated" if is_removed else "raw"
+
+
+def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> None:
+    """Raise an `InputError` for a line that says something else about the mount's deflection.
+
+    Parameters
+    ----------
+    place
+        Name of the table in the error message.
+    lines
+        Number (or place) and text of each line.
+    """
+    for line, text in lines:
+        for statement in statements_of_line(text):
+            if _is_open(statement):
+                raise InputError(
+                    f"{place}: whether the readings contain the deflection of the ball's mount"
+                    f" must be clear, got {statement.strip()[:_LINE_SHOWN]!r} in line {line}. Give"
+                    " --raw if they do, or --mount-um-per-bar (µm per bar) if they are compensated"
+                    " for it."
+                )
+
+
+def unread_mount(lines: Iterable[tuple[int | str, str]]) -> str:
+    """Return a note on the first line about the mount's deflection, or raw data, that is not read.
+
+    An example is ``Mount deflection 2.33 µm/bar``. The note is empty without such a line.
+    """
+    for line, text in lines:
+        for statement in statements_of_line(text):
+            if mount_state(statement):
+                return ""
+            is_of_mount = _MOUNT.search(statement) and _DEFLECTION.search(statement)
+            if is_of_mount or _RAW.search(statement):
+                return f"line {line} says {statement.strip()[:_LINE_SHOWN]!r}, not understood"
+    return ""
+
+
+def statements_of_line(text: str) -> list[str]:
+    """Return the statements of a line, which marks such as a semicolon separate."""
+    return _BETWEEN_STATEMENTS.split(text[:LONGEST_TEXT])
+
+
+def _is_open(statement: str) -> bool:
+    """Return whether a statement is about the deflection of the mount, but is not understood."""
+    if _MOUNT.search(statement) is None or mount_state(statement):
+        return False
+    if _DONE.search(statement):
+        return True
+    return bool(_DEFLECTION.search(statement) and _IN_READINGS.search(statement))
