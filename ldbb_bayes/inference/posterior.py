@@ -405,7 +405,7 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 
 
 def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
-    """Return all that a posterior states about its campaign: an entry of the record, and readings."""
+    """Return all that a posterior states about its campaign: entry of the record, and readings."""
     constants = posterior["constant_data"].dataset
     names = ("test_index", "angle_as_read_deg", "reading_as_read_um")
     readings = [np.asarray(constants[name].values).tobytes() for name in names]
