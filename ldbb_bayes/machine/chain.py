@@ -2,8 +2,8 @@
 
 A topology such as ``wCAFYXZSt`` lists the axes from the workpiece ``w`` through the foundation
 ``F`` to the tool ``t``, in the style of ISO 10791. A circular test drives the two linear axes of
-its plane; the model has compliances and geometric errors at the joints of all tested planes.
-Vectors have the components X, Y and Z of the machine coordinate system.
+its plane; the model has compliances and geometric errors at the joints of the axes of all tested
+planes. Vectors have the components X, Y and Z of the machine coordinate system.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ LINEAR = "XYZ"
 ROTARY = "ABC"
 # Letters that axes may have in a topology; U, V, W are secondary axes, S is the spindle.
 _AXIS_LETTERS = "XYZABCUVWS"
-# Largest coordinate [mm] of a joint's frame; a larger number is probably in another unit.
+# Largest coordinate [mm] that the frame of a joint may have; a larger number is probably in another
+# unit.
 LARGEST_MM = 1e5
 
 
@@ -102,10 +103,10 @@ class Circle(Shown):
 
 @dataclass(frozen=True)
 class Joint:
-    """Joint of a linear axis: its axis, its branch and the position of its frame (X, Y, Z) [mm].
+    """Joint of a linear axis, with its place in the machine and the position of its frame.
 
-    The branch states whether the axis carries the tool or the workpiece. Compliances and error
-    motions of the joint are defined about its frame.
+    The frame is the coordinate system about whose origin the compliances and error motions of the
+    joint are defined.
     """
 
     axis: str  #: name of the linear axis: X, Y or Z
@@ -121,7 +122,7 @@ class Joint:
 
     @property
     def sign(self) -> float:
-        """Sign of the joint's motion: +1 for a joint that carries the tool, −1 for the workpiece.
+        """Sign of the motion: +1 if the joint carries the tool, −1 if it carries the workpiece.
 
         To move the tool by +1 mm relative to the workpiece, a joint that carries the workpiece
         moves by −1 mm.
@@ -134,9 +135,10 @@ class Machine(Shown):
     """A machine tool as a serial chain of axes, and the planes in which it is tested.
 
     The topology lists the axes from the workpiece ``w`` through the foundation ``F`` to the tool
-    ``t``, in the style of ISO 10791. Axes before ``F`` carry the workpiece; in ``wCAFYXZSt`` these
-    are C and A, and Y, X, Z and the spindle S carry the tool. The linear axes of the tested planes
-    are modelled; all other axes are treated as rigid and free of errors.
+    ``t``, in the style of ISO 10791. Axes before ``F`` carry the workpiece, and axes after ``F``
+    carry the tool. In ``wCAFYXZSt``, C and A carry the workpiece; Y, X, Z and the spindle S carry
+    the tool. The linear axes of the tested planes are modelled; all other axes are treated as rigid
+    and free of errors.
 
     Raises
     ------
@@ -246,8 +248,8 @@ class Machine(Shown):
 
         The first joint is the reference. If both joints carry the tool, or both the workpiece, the
         reference is the joint nearer the foundation. If one joint carries the tool and the other
-        the workpiece, the reference is the joint that carries the workpiece. The error turns the
-        direction of the second joint. ``plane`` is XY, YZ or ZX.
+        the workpiece, the reference is the joint that carries the workpiece. The squareness error
+        turns the axis of the second joint. ``plane`` is XY, YZ or ZX.
         """
         a = self.joint(plane[0])
         b = self.joint(plane[1])

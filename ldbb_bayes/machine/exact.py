@@ -30,8 +30,8 @@ def exact_reading_mm(
 
     The geometric part is the distance of the balls minus the radius; homogeneous transforms of the
     whole chain give this distance. The elastic part is F Σ j_C · C, where F is the force, C are the
-    compliances and j_C their readings per unit force and compliance. Equations are those of the
-    paper.
+    compliances, and j_C is the reading per unit force and per unit of each compliance. Equations
+    are those of the paper.
 
     Parameters
     ----------
@@ -139,9 +139,9 @@ def _joint_transform(
     """Return the homogeneous transforms of one joint about its frame, shape (n, 4, 4).
 
     The transforms contain the nominal motion and the error motions of the joint (Eq. 4-5 and 8-9 of
-    the paper). ``coordinate`` (n,) are nominal displacements along the joint's axis [mm], which are
-    minus the machine coordinate if the joint carries the workpiece. ``errors`` holds values of
-    geometric errors; the keys are their names.
+    the paper). ``coordinate`` (n,) holds nominal displacements along the joint's axis [mm]. For a
+    joint that carries the workpiece, the displacement is the machine coordinate times −1.
+    ``errors`` holds values of geometric errors; the keys are their names.
     """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate

@@ -1,17 +1,18 @@
 """Linear effects of compliances and geometric errors on readings, and separable compliances.
 
 A unit force along the bar, whose direction is B̂, loads joint k with the wrench g_k = J_kᵀ B̂ =
-(B̂, lever × B̂), shape (6,): three forces and three moments about the joint's frame. J_k is the
-Jacobian of the joint. A compliance C_ijk is the displacement or rotation i caused by the force or
-moment j at joint k. This compliance changes the reading by g_k,i · g_k,j per unit force and per
-unit of the compliance (Eq. 20 of the paper). An error motion e of joint k, with three displacements
-and three rotations about the same frame, changes the reading by g_k · e if the joint carries the
-tool, and by −g_k · e if it carries the workpiece (Eq. 16-23). If all lever arms lie in the plane,
-this is the paper's planar model.
+(B̂, lever × B̂), shape (6,): three forces and three moments about the joint's frame. The lever is
+the vector from this frame to the ball, and J_k is the Jacobian of the joint. A compliance C_ijk is
+the displacement or rotation i caused by the force or moment j at joint k. This compliance changes
+the reading by g_k,i · g_k,j per unit force and per unit of the compliance (Eq. 20 of the paper). An
+error motion e of joint k, with three displacements and three rotations about the same frame,
+changes the reading by g_k · e if the joint carries the tool, and by −g_k · e if it carries the
+workpiece (Eq. 16-23). If all levers lie in the plane of the circle, this is the paper's planar
+model.
 
 Circles cannot separate all compliances (Table 2 of the paper). Some compliances never change a
-reading (null columns), and some change readings in proportion to each other (proportional sets). Of
-each set, one compliance is kept, which represents the set.
+reading (null columns), and some change readings in proportion to each other (proportional sets).
+One compliance of each set is kept; it represents the set.
 """
 
 from __future__ import annotations
@@ -59,9 +60,9 @@ _PARALLEL = 1e-10
 # the compliance) is smaller than this share of the largest norm of any compliance's column.
 _NULL_SHARE = 1e-10
 # A compliance that is not kept can have a part of its effect in common with a kept compliance. This
-# part is a rounding error if it is smaller than this share of the whole effect. A negative
-# eigenvalue of a matrix of weights is a rounding error if its absolute value is smaller than this
-# share of the largest weight.
+# part is a rounding error if it is smaller than this share of the whole effect. A kept compliance
+# represents a weighted sum of compliances. A negative eigenvalue of the matrix of these weights is
+# a rounding error if its absolute value is smaller than this share of the largest weight.
 _ROUNDING_WEIGHT = 1e-7
 # A column holds the readings per unit of a compliance, scaled to length one. A column is
 # independent of other columns if it has a part that is not a linear combination of the other
@@ -70,7 +71,7 @@ _INDEPENDENT = 1e-8
 
 
 class ErrorBearer(NamedTuple):
-    """Joint at which a geometric error acts, before or after the joint's motion."""
+    """Joint at which a geometric error acts, and whether it acts before the joint's motion."""
 
     joint: Joint  #: joint at which the geometric error acts
     #: whether the geometric error acts before the joint's own motion in the chain from the
@@ -145,13 +146,13 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
 
 
 def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
-    """Return the joint at which a geometric error acts, before or after the motion of the joint.
+    """Return the joint at which a geometric error acts, and whether before the joint's motion.
 
     A squareness error concerns two axes. If both carry the tool, or both the workpiece, the error
     acts after the motion of the reference axis. If one axis carries the tool and the other the
     workpiece, the error acts before the motion of the axis that is not the reference. Gains and
-    straightness deviations act at the joint of their axis, after its motion. The error must not be
-    an offset of the tool, which acts at no joint.
+    straightness deviations act at the joint of their axis, after its motion. ``name`` must not be
+    an offset of the tool, because tool offsets act at no joint.
     """
     if name.kind != "squareness":
         return ErrorBearer(machine.joint(name.axis), before_motion=False)
@@ -224,13 +225,13 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 
     1. prefer a compliance that is not a translation caused by a moment;
     2. prefer the compliance with the fewest rotary components;
-    3. prefer the joint whose axis is the direction of the deflection;
-    4. for a rotation, prefer a joint whose axis lies in the plane of the rotation;
+    3. prefer a compliance at the joint whose axis is the direction of the deflection;
+    4. of rotations, prefer a compliance at a joint whose axis lies in the plane of the rotation;
     5. choose the first compliance in alphabetical order.
 
-    The readings of all circles are examined together: circles with other centres or planes can
-    separate compliances that one circle cannot. If no circles are given, a circle with the radius
-    150 mm about the origin is assumed in every plane of the machine.
+    The readings of all circles are examined together: circles with different centres or planes can
+    separate compliances that one circle cannot separate. If no circles are given, a circle with the
+    radius 150 mm about the origin is assumed in every plane of the machine.
     """
     if not circles:
         circles = tuple(Circle(plane=plane) for plane in machine.planes)
@@ -481,11 +482,11 @@ def hybrid_jacobian(
     """Return the reading per unit of every parameter of the linear hybrid model.
 
     The table is J_H of Eq. 28 and, with reference force F0 = 0, of Eq. 33. The column of a
-    compliance is F j_C, and the column of its slope of degree k is F (F − F0)^k j_C, where j_C is
-    the reading per unit force and compliance. The compliances are those that this circle alone can
-    separate. Columns are named like the parameters in the results of a fit: first compliances such
-    as C_XXX, then slopes such as C_XXX_1, then geometric errors such as E_XX1. Equations are those
-    of the paper.
+    compliance is F j_C, where j_C is the reading per unit force and compliance. The column of a
+    slope of degree k, which is a change of the compliance with force, is F (F − F0)^k j_C. The
+    compliances are those that this circle alone can separate. Columns are named like the parameters
+    in the results of a fit: first compliances such as C_XXX, then slopes such as C_XXX_1, then
+    geometric errors such as E_XX1. Equations are those of the paper.
 
     Parameters
     ----------

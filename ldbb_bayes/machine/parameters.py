@@ -113,8 +113,8 @@ class GeometricName:
     #: tool)
     kind: GeometricKind
     reference: str = ""  #: reference axis of a squareness error; empty for other errors
-    #: number of the set-up to which a tool offset belongs, from 2; 0 for the tool offsets of set-up
-    #: 1 and for all other errors
+    #: number of the set-up to which a tool offset belongs, if this number is 2 or larger; 0 for the
+    #: tool offsets of set-up 1 and for all other geometric errors
     setup: int = 0
 
     @property

@@ -76,10 +76,11 @@ class _SortedColumns(NamedTuple):
 def information_of(bound: BoundModel, phi: Array) -> Information:
     """Return the information that readings carry about all coefficients of a campaign's model.
 
-    The coefficients are the parameters of interest and those of nuisances (effects modelled but not
-    of interest) that are the same in all tests. Nuisances whose coefficients differ between tests
-    are treated as noise of each test. ``bound`` is the model of the campaign. ``phi``, shape (h,),
-    are the hyper-parameters, which are the scales of noise and nuisances; lengths are in mm.
+    The coefficients are the parameters of interest, and all coefficients of nuisances (effects
+    modelled but not of interest) that have the same value in all tests. Nuisances whose
+    coefficients differ between tests are treated as noise of each test. ``bound`` is the model of
+    the campaign. ``phi``, shape (h,), are the hyper-parameters, which are the scales of noise and
+    nuisances; lengths are in mm.
     """
     return next(informations_of(bound, phi[None]))
 
@@ -87,13 +88,13 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     """Yield the information about all coefficients for each of w values of the hyper-parameters.
 
-    The coefficients are the parameters of interest and those of nuisances (effects modelled but not
-    of interest) that are the same in all tests. Nuisances whose coefficients differ between tests
-    are treated as noise of each test. ``bound`` is the model of a campaign. ``phi``, shape (w, h),
-    are the hyper-parameters, which are the scales of noise and nuisances; lengths are in mm. The
-    design matrix holds the effect of one unit of each coefficient on the reduced readings (at most
-    25 numbers for each test). It does not depend on the hyper-parameters and is computed once.
-    Tests with the same noise share one covariance.
+    The coefficients are the parameters of interest, and all coefficients of nuisances (effects
+    modelled but not of interest) that have the same value in all tests. Nuisances whose
+    coefficients differ between tests are treated as noise of each test. ``bound`` is the model of a
+    campaign. ``phi``, shape (w, h), are the hyper-parameters, which are the scales of noise and
+    nuisances; lengths are in mm. The design matrix holds the effect of one unit of each coefficient
+    on the reduced readings (at most 25 numbers for each test). The design matrix does not depend on
+    the hyper-parameters and is computed once. Tests with the same noise share one covariance.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)
@@ -139,12 +140,12 @@ def _sort_columns(bound: BoundModel) -> _SortedColumns:
 def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:
     """Return for each test the index of the first test that has the same noise covariance.
 
-    Tests have the same noise if they have the same angles, if their circles have the same noise
-    factor λ, and if the nuisance effects that act as noise (``noises``) have the same columns in
-    them. Nuisances are effects that are modelled but not of interest; a column is the reading per
-    unit of one coefficient. Equal angles are recognised only in a plan; in a campaign with
-    readings, all tests count as different. ``phi``, shape (w, h), are the hyper-parameters, among
-    them the factors λ. Indices count from 0.
+    Two tests have the same noise if both have the same angles, the same noise factor λ of the
+    circle, and the same columns of all nuisance effects that act as noise (``noises``). Nuisances
+    are effects that are modelled but not of interest; a column is the reading per unit of one
+    coefficient. Equal angles are recognised only in a plan; in a campaign with readings, all tests
+    count as different. ``phi``, shape (w, h), are the hyper-parameters, among them the factors λ.
+    Indices count from 0.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}

@@ -15,8 +15,8 @@ How it works:
    columns. These m later columns are the border of the group.
 2. Entries. A group has s columns of L. Each is stored as s + m + 1 entries: s for the columns of
    the group, m for the columns of the border, and a last one for the right-hand side. All entries
-   of all groups are rows of one array, the workspace. Its second dimension, of length w, holds the
-   values of φ and is contiguous.
+   of all groups are rows of one array, the workspace. The second dimension of the workspace has the
+   length w, one element for each value of φ, and is contiguous.
 3. Assembly. Each entry of P and of Aᵀ D⁻¹ r is a sum over kinds of rows of A (rows with the same
    variance D). A term of the sum is a scalar product of columns, which does not depend on φ, times
    1/D (`gram_entries`).
@@ -51,9 +51,9 @@ _MOST_PHI = 512
 FEWEST_PHI = 256
 # Number of floating-point numbers that are assumed to fit into the processor's cache.
 _CACHE_SIZE = 1 << 19
-# Values of the hyper-parameters are processed in multiples of this number. The library of matrix
-# products (BLAS) rounds such multiples identically, so that results do not depend on how many
-# values are processed together.
+# Values of the hyper-parameters are processed in multiples of this number. For such numbers of
+# values, the library of matrix products (BLAS) always rounds in the same way, so that results do
+# not depend on how many values are processed together.
 BLAS_MULTIPLE = 8
 # Largest number of orders of elimination that the cache holds. Design matrices with zeros in the
 # same places have the same order, so that a comparison of a hundred models needs fewer orders than
@@ -72,7 +72,7 @@ class Update(NamedTuple):
     Eliminating a group of columns changes the matrix entries of a set of later columns, which is
     called the border of the group. The factors of the products are entries of the eliminated
     columns, in the rows of the border. An update multiplies the entries in the rows ``first`` to
-    ``stop`` − 1 of the border with those in all its rows from ``first`` on.
+    ``stop`` − 1 of the border with the entries in all rows of the border from ``first`` on.
     """
 
     #: Slice that selects, among all groups of columns that are eliminated together, the groups to
@@ -141,11 +141,12 @@ class Front(NamedTuple):
             workspace[update.targets] -= np.einsum("akiw,akjw->aijw", left, right)
 
     def solve(self, workspace: Array, solution: Array) -> None:
-        """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for some groups of columns.
+        """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for the groups of this front.
 
         P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
         ``workspace`` (entries, w) holds the entries of L. ``solution`` (columns of A, w) is changed
-        in place; it already holds the coefficients of columns that are eliminated later.
+        in place. It already holds the coefficients of all columns that are eliminated after these
+        groups.
         """
         columns = self.shape[1]
         matrix = workspace[self.entries].reshape(*self.shape, workspace.shape[1])
@@ -263,8 +264,9 @@ class EliminationPlan:
 
         The workspace is the array of all matrix entries. A border is the set of m later columns
         that a group of columns changes when it is eliminated. Entries in the rows ``first`` to
-        ``stop`` − 1 of the border are multiplied with those in all its rows from ``first`` on, and
-        with the right-hand side. The result has the shape (stop − first, m + 1 − first).
+        ``stop`` − 1 of the border are multiplied with the entries in all rows of the border from
+        ``first`` on, and with the right-hand side. The result has the shape (stop − first, m + 1 −
+        first).
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]
@@ -441,9 +443,8 @@ class DesignRows:
     def elimination(self, last: int) -> Elimination:
         """Return the Cholesky elimination of all coefficients, in an order that needs little work.
 
-        Shared coefficients are the same in all tests. ``last`` states how many of them, counted
-        from the last one, are eliminated after all other coefficients; these are eliminated in the
-        order of their columns.
+        Shared coefficients are the same in all tests. The last ``last`` of the shared coefficients
+        are eliminated after all other coefficients, in the order of their columns.
         """
         if last not in self._eliminations:
             last_columns = np.arange(self._shared - last, self._shared)

@@ -189,7 +189,7 @@ class Gaussian(Shown):
         """Return the posterior of q coefficients x: this prior of x times a Gaussian likelihood.
 
         The likelihood is Π N(values; rows · x, 1), a product over n readings. The ``log_integral``
-        of the posterior is that of the prior plus the log evidence, ln p(values).
+        of the posterior is the ``log_integral`` of the prior plus the log evidence, ln p(values).
 
         Parameters
         ----------
@@ -324,9 +324,9 @@ class Gaussian(Shown):
         Parameters
         ----------
         combinations
-            Matrix A whose m rows are linear combinations of the q coefficients, shape (..., m, q);
-            its leading dimensions are broadcast with those of the Gaussian functions. If it is
-            given, X is the square root of the covariance of the m combinations.
+            Matrix A whose m rows are linear combinations of the q coefficients, shape (..., m, q).
+            The leading dimensions of A are broadcast with the dimensions "..." of the Gaussian
+            functions. If A is given, X is the square root of the covariance of the m combinations.
 
         Returns
         -------
@@ -401,8 +401,8 @@ class Gaussian(Shown):
     ) -> Array:
         """Return independent random draws of the q coefficients, shape ``(*size, ..., q)``.
 
-        ``size`` is the shape of the array of draws of each Gaussian, by default a single draw. The
-        dimensions "..." hold the Gaussians.
+        ``size`` is the shape of the array of draws from each Gaussian function; by default, there
+        is one draw from each. The dimensions "..." hold the Gaussian functions.
         """
         return self.from_standard(rng.standard_normal((*size, *self.mean.shape)))
 

@@ -68,7 +68,7 @@ class _DenseGram(NamedTuple):
     #: out.
     first: int
     #: For each group of columns, the indices of the k kinds of rows (rows with the same variance)
-    #: to which its Gram entries (scalar products of columns) belong, shape (groups, k).
+    #: to which the group's Gram entries (scalar products of columns) belong, shape (groups, k).
     kinds: NDArray[np.intp]
     #: Gram entries (scalar products of columns of the design matrix) for each of k kinds of rows,
     #: shape (groups, columns, entries of a column, k).
@@ -96,8 +96,8 @@ class GramEntries:
         Blocks of entries. One more entry, the last one, belongs to no block and remains zero.
     place
         Index, among all entries, of the product of columns i and j, shape (columns, columns + 1);
-        the last column is for products with the readings. It is used only if column i is eliminated
-        before column j, or i = j.
+        the last column is for products with the readings. The index of columns i and j is used only
+        if column i is eliminated before column j, or if i = j.
     columns
         Design matrix A, shape (rows, columns).
     values
@@ -145,10 +145,11 @@ def _sparse_gram(
     values: Array,
     kinds: NDArray[np.intp],
 ) -> csr_array:
-    """Return all Gram entries, shape (entries, kinds); the parameters are those of `GramEntries`.
+    """Return all Gram entries, shape (entries, kinds), for a design matrix and readings.
 
-    ``size`` is the number of entries. Each row of the design matrix adds the products of all pairs
-    of its elements that are not zero. The readings count as a last column of the matrix.
+    ``size`` is the number of entries; `GramEntries` explains the other arguments. Each row of the
+    design matrix adds the products of all pairs of elements of this row that are not zero. The
+    readings count as a last column of the matrix.
     """
     order = np.argsort(np.diagonal(place))
     table = np.column_stack([columns[:, order], values])
@@ -175,9 +176,9 @@ def _sparse_gram(
 def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     """Return the Gram entries of a block as dense arrays, or an empty list.
 
-    Gram entries are scalar products of columns of the design matrix; a block holds those of several
-    groups of columns. The list is empty if most of the entries are zero, or if the block has too
-    few entries. ``gram`` (entries, kinds) holds the Gram entries of all blocks.
+    Gram entries are scalar products of columns of the design matrix; a block holds the scalar
+    products of several groups of columns. The list is empty if most of the entries are zero, or if
+    the block has too few entries. ``gram`` (entries, kinds) holds the Gram entries of all blocks.
     """
     groups = block.shape[0]
     columns = block.shape[1]

@@ -102,7 +102,7 @@ def _default_terms() -> tuple[Term, ...]:
 
 @dataclass(frozen=True)
 class HybridModel(Result):
-    """Model for any campaign: its nuisance terms and its priors.
+    """Model that can be applied to any campaign; it consists of nuisance terms and priors.
 
     A reading is ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε. F is the force, F0 the
     reference force, C_0 the compliances at F0, C_1 and C_2 their slopes (linear and quadratic
@@ -206,14 +206,14 @@ class HybridModel(Result):
     def first(cls, degree: int = 1) -> HybridModel:
         """Return the model's first edition (preset ``first``), with fewer effects than the default.
 
-        The prior sd of the form of the balls falls as 1/n with its order n (waves in a turn).
+        The prior sd of a form error of the balls with n waves in a turn is proportional to 1/n.
         ``degree`` is the degree of the compliance as a polynomial in force, 0, 1 or 2.
         """
         return cls(degree, first_edition(), Prior.first(), preset="first")
 
     @classmethod
     def paper(cls, degree: int = 0) -> HybridModel:
-        """Return the model whose point estimate is that of the paper (Eq. 31).
+        """Return the model whose point estimate is the estimate of the paper (Eq. 31).
 
         The model has flat priors and no nuisances (effects modelled but not of interest), and its
         compliances may be negative. ``degree`` is the degree of the compliance as a polynomial in
@@ -236,7 +236,8 @@ class HybridModel(Result):
         """Return the same model with another degree of the compliance as a polynomial in force.
 
         The degree is 0, 1 or 2. If it is smaller than before, some slopes no longer exist; priors
-        that the user gave for these slopes are dropped, and so are their names in ``fixed``.
+        that the user gave for these slopes are dropped, and the names of these slopes are removed
+        from ``fixed``.
         """
         fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
         overrides = {
@@ -249,8 +250,8 @@ class HybridModel(Result):
         """Return the same model with another ``slope_scale``, a factor without unit.
 
         The prior sds of all slopes (changes of compliances with force) are proportional to this
-        factor. Prior sds of slopes that the user gave are multiplied by the ratio of the new to the
-        old factor.
+        factor. Prior sds that the user gave for slopes are multiplied by the ratio of the new
+        factor to the old factor.
         """
         factor = scale / self.prior.slope_scale
         overrides = dict(self.prior.overrides)
@@ -299,8 +300,8 @@ class HybridModel(Result):
         Raises
         ------
         InputError
-            For a name that belongs neither to a parameter nor to a field of `Prior`, for a
-            parameter without mean and sd, and for a value whose unit does not fit.
+            If a name belongs neither to a parameter nor to a field of `Prior`, if the value for a
+            parameter is not a pair of mean and sd, or if the unit of a value does not fit.
 
         Examples
         --------
@@ -341,7 +342,7 @@ class HybridModel(Result):
     def with_term(self, *terms: Term) -> HybridModel:
         """Return the same model with the given nuisance terms added.
 
-        A term of the same class that the model already has is replaced.
+        If the model already has a term of the same class, the new term replaces it.
 
         Examples
         --------
@@ -393,7 +394,7 @@ class HybridModel(Result):
         """Return the same model with only the named rivals.
 
         Rivals are effects that resemble a change of compliance with force, such as ``joint load``;
-        the property `rivals` names those of the model. All rivals that are not named here are
+        the property `rivals` names the rivals that the model has. All rivals except ``names`` are
         removed.
         """
         model = self
@@ -410,10 +411,10 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the model: the sd σ of white noise, then those of the nuisance terms.
+        """Hyper-parameters of the model: the sd σ of white noise, then those that scale nuisances.
 
-        Nuisance terms are effects modelled but not of interest. Their hyper-parameters are the
-        scales (sds) of these effects, or numbers without unit.
+        Nuisance terms are effects modelled but not of interest. The hyper-parameters of a nuisance
+        term are scales (sds) of its effects, or numbers without unit.
         """
         scales = [_SIGMA]
         for term in self.nuisances:
@@ -445,7 +446,7 @@ class HybridModel(Result):
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
-        """Return the model of one campaign or plan, with its parameters, columns and priors.
+        """Return this model bound to one campaign or plan, with numerical columns and priors.
 
         The most recently bound models are kept in a cache, so that several analyses of one campaign
         use the same object. Raise an `InputError` if the campaign has too few different forces for
@@ -470,7 +471,7 @@ class HybridModel(Result):
         hyper_um: Mapping[str, float] | None = None,
         exact: bool = False,
     ) -> Simulation:
-        """Simulate the readings of a plan, or readings that replace those of a campaign.
+        """Simulate readings for a plan, or new readings for the tests of a campaign.
 
         Parameters
         ----------
@@ -480,10 +481,11 @@ class HybridModel(Result):
             Seed of the random numbers.
         parameters : mapping of str to float, optional
             True compliances, slopes and geometric errors by name, in internal units (mm, N, rad);
-            those not named are zero. By default, all are drawn at random from the prior.
+            parameters that are not named are zero. By default, all parameters are drawn at random
+            from the prior.
         hyper_um : mapping of str to float, optional
             True hyper-parameters (scales of noise and other effects) by name, with lengths in µm;
-            those not named are drawn at random from their priors.
+            hyper-parameters that are not named are drawn at random from their priors.
         exact : bool, default False
             Whether geometric errors act through the exact forward model (Eq. 1-14 of the paper)
             instead of the linear one.
@@ -585,10 +587,10 @@ def _draw_hyper_parameters(
 def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[float]) -> None:
     """Raise an `InputError` if a true hyper-parameter is out of range.
 
-    The true value ``value`` is one that a user gives for a simulation. ``law`` is the kind of the
+    ``value`` is the true value that a user gives for a simulation. It is in µm for a length; the
+    decay and the noise factor of a circle have no unit. ``law`` is the kind of the
     hyper-parameter's prior. ``bounds`` are the least and the greatest permitted value; they are
-    used only for the decay, the power by which form error falls with its order. ``value`` is in µm
-    for a length; the decay and the noise factor of a circle have no unit.
+    used only for the decay p (form errors with n waves in a turn are proportional to n^(−p)).
     """
     if law == "decay":
         low, high = bounds
@@ -650,25 +652,23 @@ class BoundModel(Shown):
     """The model of one campaign: ρ = H β + nuisances + ε, with numerical columns and priors.
 
     ρ are the readings, β the p parameters of interest (compliances, slopes and geometric errors), H
-    the readings per unit of each of them, and ε white noise. Nuisances are effects that are
+    the readings per unit of each parameter, and ε white noise. Nuisances are effects that are
     modelled but not of interest.
 
-    Parameters
-    ----------
-    model : model for any campaign.
-    campaign : campaign or plan.
-    keep_tests : names of the tests to use; by default all. The reference force F0, the force range,
-        the region of physical compliances and the estimate Ĉ of the compliances stay those of the
-        whole campaign. The whole campaign also decides whether the model has one form error for
-        both balls or one for each ball.
-    pilot : for a plan, the campaign whose F0, force range and Ĉ are used instead of the plan's own.
+    Parameters ---------- model : model for any campaign. campaign : campaign or plan. keep_tests :
+    names of the tests to use; by default all. The reference force F0, the range of forces,
+        the region of physical compliances and the estimate Ĉ of the compliances are always computed
+        from the whole campaign. Whether the model has one form error for both balls or one for each
+        ball also depends on the whole campaign.
+    pilot : for a plan, a campaign from which F0, the force range and Ĉ are taken.
 
     Attributes
     ----------
     parameters, names, prior_sd, prior_mean : tuples, and ndarrays of shape (p,)
-        Parameters of interest that are not fixed: compliances, their slopes degree by degree, and
-        geometric errors; with their names, prior sds and prior means in mm, N and rad. With a flat
-        prior the sd is infinite and the mean zero.
+        Parameters of interest that are not fixed, and the names, prior sds and prior means of these
+        parameters, in mm, N and rad. Compliances come first, then linear slopes, then quadratic
+        slopes, then geometric errors. With a flat prior, every sd is infinite and every mean is
+        zero.
     test_names, reduced, setting : tuple of str, tuple of Reduced, Setting
         Names, reduced readings and conditions of the tests that are used.
     interest : ndarray, shape (tests, 25, p)

@@ -1,7 +1,7 @@
 """Priors of the hyper-parameters φ, and the unbounded coordinates in which φ are sampled.
 
 The h hyper-parameters are the scales (standard deviations) of the noise and of other effects on the
-readings, and the power by which the amplitude of form error falls with its order.
+readings, and the decay p: the amplitude of a form error of order n is proportional to n^(−p).
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from ldbb_bayes.results import Array
 __all__ = ["HyperPrior"]
 
 
-# Lower bound of the decay, the power by which the amplitude of form error falls with its order
-# (number of waves in a turn).
+# Lower bound of the decay p: the amplitude of a form error with n waves in a turn is proportional
+# to n^(−p).
 _LEAST_DECAY = 0.5
 
 
-# Upper bound of the decay, the power by which the amplitude of form error falls with its order
-# (number of waves in a turn).
+# Upper bound of the decay p: the amplitude of a form error with n waves in a turn is proportional
+# to n^(−p).
 _MOST_DECAY = 3.5
 
 
@@ -62,10 +62,10 @@ class HyperPrior:
     """Independent prior densities of the h hyper-parameters, which are of three kinds (``laws``).
 
     The prior of a length (such as the sd of the noise) is half-normal, with the scale ``scale``
-    [mm] and values not less than ``lower`` [mm]. The prior of a decay, the power by which the
-    amplitude of form error falls with its order, is Normal(``scale``, ``decay_sd``) restricted to
-    [0.5, 3.5]. The square of the noise factor λ of a circle has an inverse gamma distribution,
-    λ² ~ InvGamma(3/2, 3/2). Decay and λ have no unit.
+    [mm] and values not less than ``lower`` [mm]. The prior of a decay p (the amplitude of a form
+    error of order n is proportional to n^(−p)) is Normal(``scale``, ``decay_sd``) restricted to
+    [0.5, 3.5]. The square of the noise factor λ of a circle has an inverse gamma distribution, λ² ~
+    InvGamma(3/2, 3/2). Decay and λ have no unit.
     """
 
     names: tuple[Hyper, ...]
@@ -106,14 +106,14 @@ class HyperPrior:
         return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
 
     def carried(self, other: HyperPrior, phi: Array) -> Array:
-        """Return values of these h hyper-parameters from those of another model, shape (..., h).
+        """Return values of this model's hyper-parameters, taken from another model, shape (..., h).
 
-        ``other`` is the prior of the other model, and ``phi`` are the values of its
-        hyper-parameters, one for each element of the last dimension. Each hyper-parameter of this
-        model gets the value of the hyper-parameter of ``other`` with the same name. If ``other``
-        lacks the size ω of the machine's pattern (geometric and cyclic errors of higher orders), ω
-        gets the size τ of the balls' form, because the pattern is then part of the form. All other
-        hyper-parameters that ``other`` lacks get their prior median. Lengths are in mm.
+        ``other`` is the prior of the other model, and ``phi`` holds values of the other model's
+        hyper-parameters along its last dimension. Each hyper-parameter of this model gets the value
+        of the hyper-parameter of ``other`` with the same name. If ``other`` lacks the size ω of the
+        machine's pattern (geometric and cyclic errors of higher orders), ω gets the size τ of the
+        balls' form, because the pattern is then part of the form. All other hyper-parameters that
+        ``other`` lacks get their prior median. Lengths are in mm.
         """
         median = self.quantile(np.full(len(self.names), 0.5))
         values = np.broadcast_to(median, (*phi.shape[:-1], len(self.names))).copy()
@@ -244,8 +244,8 @@ class HyperPrior:
     def _mass(self) -> Array:
         """Probability that each hyper-parameter in mm exceeds its lower bound, shape (lengths,).
 
-        Hyper-parameters in mm are lengths, such as the sd of the noise. The probability is that of
-        the half-normal prior without the bound.
+        Hyper-parameters in mm are lengths, such as the sd of the noise. The probability is computed
+        from the half-normal density that is not restricted by the bound.
         """
         return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
 
@@ -253,8 +253,8 @@ class HyperPrior:
     def _decay_levels(self) -> Array:
         """Probabilities that a decay is below its lower and below its upper bound, (2, decays).
 
-        The probabilities are those of the normal prior without the bounds. The decay is the power
-        by which the amplitude of form error falls with its order.
+        The probabilities are computed from the normal density that is not restricted by the bounds.
+        The decay p states that the amplitude of a form error of order n is proportional to n^(−p).
         """
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
         return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))
@@ -321,7 +321,8 @@ class HyperPrior:
     def sd(self) -> Array:
         """Prior standard deviations of the h hyper-parameters, shape (h,).
 
-        Standard deviations of lengths are in mm; those of other hyper-parameters have no unit.
+        Standard deviations of lengths are in mm; standard deviations of other hyper-parameters have
+        no unit.
         """
         centre = np.where(self._decay, self.scale, 0.0)
         spread = np.where(self._decay, self.decay_sd, self.scale)

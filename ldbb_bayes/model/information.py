@@ -1,11 +1,11 @@
 """Information that readings carry about parameters and nuisances, at given hyper-parameters.
 
-Parameters are compliances, their slopes with force and geometric errors. Nuisances are effects that
-are modelled but not of interest. Hyper-parameters are the scales of noise and nuisances. The module
-computes the uncertainty of each coefficient, and what the uncertainty would be if a nuisance were
-known. `identify`, uncertainty budgets and designs use this module. The computation needs the forces
-and angles of the readings, but not their values. Reduced readings are the at most 25 numbers to
-which the module `reduction` reduces the readings of a test.
+Parameters are compliances, their slopes (changes with force) and geometric errors. Nuisances are
+effects that are modelled but not of interest. Hyper-parameters are the scales of noise and
+nuisances. The module computes the uncertainty of each coefficient, and what the uncertainty would
+be if a nuisance were known. `identify`, uncertainty budgets and designs use this module. The
+computation needs the forces and angles of the readings, but not their values. Reduced readings are
+the at most 25 numbers to which the module `reduction` reduces the readings of a test.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ __all__ = ["Information"]
 # Singular values below this share of the largest count as zero when the effects of the parameters
 # of interest are removed from the readings.
 _RANK_TOLERANCE = 1e-9
-# If the readings alone give a coefficient a precision (1 / variance) below this, in units of its
-# prior precision, the precision is a rounding error, and the readings do not depend on the
-# coefficient.
+# The precision (1 / variance) that the readings alone give to a coefficient is compared with the
+# prior precision of the coefficient. If the ratio is below this number, it is a rounding error, and
+# the readings do not depend on the coefficient.
 _ROUNDING = 1e-9
 
 
@@ -38,11 +38,12 @@ class Information:
     """Linear model z = A c + e of the readings, at given scales of the noise and of other effects.
 
     z are the reduced readings, scaled so that their noise e is white and has unit variance. c (m,)
-    are all coefficients divided by their ``scale`` (prior sd), and A is the design matrix of c.
-    Coefficients are the parameters of interest and those of nuisances (effects modelled but not of
-    interest) that are the same in all tests. The posterior covariance of c is (1 + AᵀA)⁻¹ if no
-    prior is flat. Methods can take terms and coefficients as known, and then leave them out of c
-    and e.
+    are all coefficients divided by their ``scale`` (prior sd), and A is the design matrix of c. The
+    coefficients are the parameters of interest, and all coefficients of nuisances (effects modelled
+    but not of interest) that have the same value in all tests. The posterior covariance of c is (1
+    + AᵀA)⁻¹ if no prior is flat. The argument ``fixed`` of methods names terms and coefficients
+    that are treated as known: known coefficients are left out of c, and known noise is left out of
+    e.
     """
 
     #: Names of the m coefficients: parameters of interest, then nuisance coefficients, which belong
@@ -75,7 +76,8 @@ class Information:
     def interest(self) -> NDArray[np.intp]:
         """Indices of the p coefficients that are parameters of interest, shape (p,).
 
-        Parameters of interest are compliances, their slopes with force and geometric errors.
+        Parameters of interest are compliances, their slopes (changes with force) and geometric
+        errors.
         """
         return np.flatnonzero([owner == OWN for owner in self.owners])
 
@@ -154,7 +156,7 @@ class Information:
     def root(
         self, fixed: Collection[str] = (), *, times: float = 1.0
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Return a square root of the posterior precision matrix, and the indices of its columns.
+        """Return a square root of the posterior precision matrix, and the coefficients in it.
 
         The coefficients are divided by their prior sd. Coefficients that are taken as known are
         left out of the matrix.
@@ -260,8 +262,8 @@ class Information:
         """Return the posterior variances of the p parameters of interest, shape (p,).
 
         The variances are divided by the squares of ``scale``, which are the prior variances unless
-        the prior is flat. Parameters of interest are compliances, their slopes with force and
-        geometric errors.
+        the prior is flat. Parameters of interest are compliances, their slopes (changes with force)
+        and geometric errors.
 
         Parameters
         ----------
@@ -320,8 +322,9 @@ class Information:
         ----------
         weights
             Weights of the m coefficients in q weighted sums, shape (q, m); the coefficients are in
-            units of their prior sds. The covariances are then those of the errors of these sums,
-            shape (q, q). By default, they are those of the errors of the parameters of interest.
+            units of their prior sds. If weights are given, the covariances describe the errors of
+            the q sums, shape (q, q). By default, they describe the errors of the parameters of
+            interest.
         """
         joint = self.covariance()
         interest = self.interest
@@ -387,8 +390,8 @@ class Information:
     def _range_of_parameters(self) -> Array:
         """Return an orthonormal basis of the effects of the parameters of interest, (k, rank).
 
-        The effects are those on the k reduced readings of all tests, scaled to unit noise; a test
-        has at most 25 reduced readings.
+        An effect is the change of the k reduced readings of all tests, scaled to unit noise, per
+        unit of a parameter. A test has at most 25 reduced readings.
         """
         columns = self._all_rows[:, self.interest]
         length = np.linalg.norm(columns, axis=0)

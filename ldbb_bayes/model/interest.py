@@ -30,14 +30,14 @@ __all__ = [
 
 Group = Literal["compliance", "slope", "geometric"]
 # The prior sd of a slope (change of a compliance with force) is proportional to the estimated size
-# of the compliance. The smallest size used is the typical size of the compliance (usually its prior
-# sd) divided by this number.
+# of the compliance. The size is replaced by the typical size of the compliance (usually its prior
+# sd) divided by this number, if it is smaller.
 _SD_PER_LEAST_SIZE = 20.0
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """Parameter of interest: a compliance, its slope with force, or a geometric error."""
+    """Parameter of interest: a compliance, its change with force (slope), or a geometric error."""
 
     name: str
     unit: str  #: internal unit of the parameter, made of mm, N and rad
@@ -45,7 +45,7 @@ class Parameter:
     #: prior is flat
     prior_sd: float
     group: Group
-    #: power of F − F0 (force less reference force) that multiplies a slope; 0 for compliances and
+    #: power of F − F0 (force minus reference force) that multiplies a slope; 0 for compliances and
     #: geometric errors
     degree: int = 0
     #: mean of the parameter's prior, in internal units (mm, N, rad); zero if the prior is flat
@@ -71,7 +71,7 @@ class _Row(NamedTuple):
 
 @dataclass(frozen=True)
 class ParametersOfInterest:
-    """Parameters of interest β = (C_0, C_1, …, E) of a campaign, fixed parameters included.
+    """Parameters of interest β = (C_0, C_1, …, E) of a campaign, including those fixed at zero.
 
     C_0 are the compliances at the reference force, C_1 and C_2 their slopes (linear and quadratic
     change with force) and E the geometric errors. ``degree`` is the degree of the compliance as a
@@ -135,11 +135,11 @@ class ParametersOfInterest:
         """Return the prior sd of all parameters of interest, shape (parameters,).
 
         The sds are in internal units (mm, N, rad). Sds that the user gave are not changed. The
-        default prior sd of a slope is proportional to the size of its compliance, which ``setting``
-        holds: the estimate and its standard uncertainty, added in quadrature. A very small size is
-        replaced by a share of the compliance's prior sd. In the model's first edition (preset
-        ``first``), the prior sd of a slope is proportional to the prior sd of the compliance
-        instead.
+        default prior sd of a slope is proportional to the size of its compliance. ``setting`` holds
+        this size: the estimate of the compliance and its standard uncertainty, added in quadrature.
+        A very small size is replaced by a share of the compliance's prior sd. In the model's first
+        edition (preset ``first``), the prior sd of a slope is proportional to the prior sd of the
+        compliance instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
@@ -154,8 +154,8 @@ class ParametersOfInterest:
 
         Some compliances are not in the model, because their effect on the readings is a combination
         of the effects of other compliances. These other compliances are in the model and represent
-        them. The prior sd of a compliance includes contributions of the compliances that it
-        represents, unless the user gave the sd.
+        the compliances that are not. The prior sd of a compliance includes contributions of the
+        compliances that it represents, unless the user gave the sd.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
@@ -165,9 +165,9 @@ class ParametersOfInterest:
         """Return the size of every compliance of the model, shape (compliances,).
 
         A compliance of the model may represent, in part, compliances that are not in the model
-        (`Kept.absorbed`). The sizes of the latter, multiplied by weights, are then added in
-        quadrature to the size of the former. ``size_of`` is a function that returns the sizes of
-        named compliances before this addition.
+        (`Kept.absorbed`). The sizes of the represented compliances, multiplied by weights, are then
+        added in quadrature to the size of the compliance that represents them. ``size_of`` is a
+        function that returns the sizes of named compliances before this addition.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
@@ -182,10 +182,10 @@ def interest_columns(setting: Setting, degree: int) -> Array:
     """Return the reading per unit of all parameters of interest, shape (tests, 25, parameters).
 
     The reading is given as 25 Fourier coefficients. For compliances (k = 0) and their slopes of
-    degree k it is F (F − F0)^k j_C, and for geometric errors j_G. F is the force, F0 the reference
-    force, j_C the reading per unit force and compliance, and j_G the reading per unit geometric
-    error. ``setting`` are the conditions of the tests, and ``degree`` is the degree of the
-    compliance as a polynomial in force.
+    degree k, the reading per unit is F (F − F0)^k j_C; for geometric errors, it is j_G. F is the
+    force, F0 the reference force, j_C the reading per unit force and compliance, and j_G the
+    reading per unit geometric error. ``setting`` are the conditions of the tests, and ``degree`` is
+    the degree of the compliance as a polynomial in force.
     """
     lever = setting.force_N - setting.reference_force_N
     columns = []
@@ -210,7 +210,7 @@ def compliance_rows(
     parameters
         The parameters β, one for each column.
     lever_N
-        F − F0, the force less the reference force [N].
+        F − F0, the force minus the reference force [N].
     """
     labels = [name.label for name in compliances]
     rows = np.zeros((len(labels), len(parameters)))
@@ -229,14 +229,15 @@ def physical_rows(
 ) -> Array:
     """Return the matrix A of the region A β ≥ 0 of physical parameters β, shape (rows, p).
 
-    Each row gives a compliance C(F) at a force F that must not be negative, because it is a
-    deflection in the direction of the load itself. Raise an `InputError` for a compliance that is
-    fixed at zero while its free slope would make it negative on one side of the reference force F0.
+    The product of a row of A with β is a compliance C(F) at one force F. This compliance must not
+    be negative, because it is a deflection in the direction of the load itself. Raise an
+    `InputError` if a compliance is fixed at zero, but has a free slope that would make the
+    compliance negative on one side of the reference force F0.
 
     Parameters
     ----------
     interest
-        All parameters of interest, with those that are fixed at zero.
+        All parameters of interest, including those that are fixed at zero.
     parameters
         The p parameters β that are not fixed, one for each column of A.
     levers_N
@@ -264,10 +265,11 @@ def _check_slope_has_compliance(
     """Raise an `InputError` if a compliance that is fixed at zero is negative at some force.
 
     A compliance that is fixed at zero is zero at the reference force, but changes with force if its
-    slope is free. It is negative on one side of this force if its linear slope is free, it has no
-    free quadratic slope, and tested forces lie on both sides. ``label`` is the name of the
-    compliance, and ``parameters`` are the p parameters that are not fixed. ``rows`` holds one array
-    (p,) for each tested force; its product with the parameters is the compliance at this force.
+    slope is free. Its values are negative on one side of the reference force if the linear slope is
+    free, no quadratic slope is free, and tested forces lie on both sides of the reference force.
+    ``label`` is the name of the compliance, and ``parameters`` are the p parameters that are not
+    fixed. ``rows`` holds one array (p,) for each tested force; the product of this array with the
+    parameters is the compliance at the force.
     """
     belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
     degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]

@@ -68,11 +68,11 @@ class _Batch(NamedTuple):
     weight: Array
     #: Part of Aᵀ D⁻¹ r from rows that depend on the parameters β, shape (columns of A, w) for w
     #: values of the hyper-parameters. A is the design matrix of the nuisance coefficients, D the
-    #: diagonal noise covariance, and r the readings less their part from β. None if no β is given.
+    #: diagonal noise covariance, and r the readings minus the effect of β. None if no β is given.
     shift: Array | None
     #: Part −½ Σ ln D − ½ rᵀ D⁻¹ r + constant of the log density of the readings, shape (w,) for w
-    #: values of the hyper-parameters. D is the diagonal noise covariance and r the readings less
-    #: their part from the parameters of interest.
+    #: values of the hyper-parameters. D is the diagonal noise covariance and r the readings minus
+    #: the effect of the parameters of interest.
     log_density: Array
 
     @property
@@ -107,7 +107,7 @@ class StructuredGaussian:
         Known part of the readings, as 25 Fourier coefficients of every test, shape (tests, 25)
         [mm]; it is subtracted from the readings.
     hypers
-        Names of the h hyper-parameters φ, in the order of their values.
+        Names of the h hyper-parameters φ, in the order in which arrays hold their values.
     interest
         Reading per unit of each of the p parameters β, as 25 Fourier coefficients, shape
         (tests, 25, p). Values of β are then given in every call. By default there are no such
@@ -235,10 +235,10 @@ class StructuredGaussian:
     def draw_shared(self, phi: Array, standard: Array, rng: np.random.Generator) -> Array:
         """Return random draws of the coefficients that are the same in all tests.
 
-        The last p of these coefficients are given by their standard coordinates. Their density is
-        the one that `conditional` returns; its method `from_standard` turns standard coordinates
-        into coefficients. All other coefficients are drawn from their density given the readings
-        and the last p coefficients.
+        The caller gives the last p of these coefficients as standard coordinates. `conditional`
+        returns the density of these p coefficients; the method `from_standard` of this density
+        turns standard coordinates into coefficients. All other coefficients are drawn from their
+        density given the readings and the last p coefficients.
 
         Parameters
         ----------
@@ -319,8 +319,8 @@ class StructuredGaussian:
         """Yield, for batches of values of φ, the quantities that elimination needs (`_Batch`).
 
         φ are the hyper-parameters. A is the design matrix of the nuisance coefficients, D the
-        diagonal noise covariance, and r the readings less their part from the parameters of
-        interest β.
+        diagonal noise covariance, and r the readings minus the effect of the parameters of interest
+        β.
 
         Parameters
         ----------

@@ -7,7 +7,7 @@ size of a compliance. This size is √(Ĉ² + u(Ĉ)²), with the standard uncert
 estimate. For a plan, which has no readings, typical values of Ĉ are assumed.
 
 The estimate is the posterior mean that the linearised model gives, and the model is linearised
-about the estimate. The estimate is therefore found in steps, of which the first starts from the
+about the estimate. The estimate is therefore found by iteration, which starts from the
 least-squares estimate (module `reference_posterior`).
 """
 
@@ -45,7 +45,8 @@ _USUAL_DIRECT_COMPLIANCE = 5e-5
 class MachineEstimate(NamedTuple):
     """Estimated compliances and geometric errors of a machine, one number for each.
 
-    The numbers are in internal units (mm, N, rad) and in the order of the model's names.
+    The numbers are in internal units (mm, N, rad) and in the order in which the model names
+    compliances and geometric errors.
     """
 
     compliances: Array
@@ -64,9 +65,9 @@ def linearise(
     """Return the conditions of the tests with an estimated machine and its predicted readings.
 
     ``setting`` are the conditions of the tests, ``estimate`` is the estimated machine, and
-    ``compliances`` are the names of its compliances. The result is a copy of ``setting`` with the
-    estimated compliances and their sizes, the size of the direct compliance along each axis, and
-    the readings that the estimate predicts.
+    ``compliances`` are the names of the machine's compliances. The result is a copy of ``setting``
+    with the estimated compliances and their sizes, the size of the direct compliance along each
+    axis, and the readings that the estimate predicts.
     """
     axial = np.zeros(3)
     axial_sd = np.zeros(3)
@@ -117,11 +118,11 @@ def estimate_machine(
 ) -> MachineEstimate:
     """Return compliances and geometric errors estimated by least squares from the whole campaign.
 
-    Compliances are taken as constant in force. If the least-squares solution is not unique, it is
-    the one nearest to the prior mean, with distances in units of the prior sd. Compliances that
-    change no reading get the values assumed for a plan. For a plan, which has no readings, all
-    compliances get these values, and the geometric errors get their prior means. The compliances of
-    the result count as known exactly.
+    Compliances are taken as constant in force. If the least-squares solution is not unique, the
+    solution nearest to the prior mean is returned, with distances in units of the prior sd.
+    Compliances that change no reading get the values assumed for a plan. For a plan, which has no
+    readings, all compliances get these values, and the geometric errors get their prior means. The
+    compliances of the result count as known exactly.
 
     Parameters
     ----------
@@ -167,8 +168,8 @@ def fit_nearest(
         Reading per unit of each of the p parameters, as 25 Fourier coefficients, shape
         (tests, 25, p).
     near
-        Point in the space of the parameters, shape (p,). It decides which estimate is returned if
-        several fit the readings equally well.
+        Point in the space of the parameters, shape (p,). If several estimates fit the readings
+        equally well, the estimate nearest to this point is returned.
     scale
         Unit of each parameter when the distance from the point is computed, shape (p,).
     reduced

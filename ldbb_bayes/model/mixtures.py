@@ -128,7 +128,7 @@ def weighted_quantiles(
     """Return quantiles of weighted random draws, shape (levels, ...).
 
     Quantiles are interpolated linearly between the sorted draws. The probability at each draw is
-    the sum of the weights of all smaller draws plus half its own weight.
+    the sum of the weights of all smaller draws plus half the weight of the draw itself.
 
     Parameters
     ----------

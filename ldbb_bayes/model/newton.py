@@ -53,7 +53,7 @@ def newton(
         The search ends when a step raises the log density by no more than this [nat].
     stop
         Function that takes a point (h,) and returns whether the search may end there, for example
-        because it is near a mode that is known.
+        because the point is near a mode that is already known.
     """
     point = np.array(start, dtype=float)
     fractions = np.array(_FRACTIONS)

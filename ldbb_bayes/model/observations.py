@@ -7,11 +7,11 @@ parameters of interest (compliances, their slopes and geometric errors), with th
 (rows, p). x are the coefficients of nuisances, which are effects modelled but not of interest, with
 the design matrix A (rows, coefficients); each coefficient is expressed in a unit of its own
 (`Observations.unit`). Shared coefficients are the same in all tests; private ones belong to a
-single test. The rows of a test are rotated so that the covariance of all its noise is diagonal.
-Every prior of a coefficient adds one row, unless it is flat. Only the diagonal matrix D depends on
-the hyper-parameters φ, the scales (standard deviations) of the noise and of nuisances. The entries
-of D are sums of known numbers times squared sources of variance; a source is a hyper-parameter or a
-product of hyper-parameters.
+single test. The rows of a test are rotated so that the covariance of all noise in the test is
+diagonal. Every prior of a coefficient adds one row, unless the prior is flat. Only the diagonal
+matrix D depends on the hyper-parameters φ, the scales (standard deviations) of the noise and of
+nuisances. The entries of D are sums of known numbers times squared sources of variance; a source is
+a hyper-parameter or a product of hyper-parameters.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class Observations(NamedTuple):
 
 
 class _Nuisances(NamedTuple):
-    """Nuisances (effects modelled but not of interest), sorted by their part in the equations.
+    """Nuisances (effects modelled but not of interest), sorted by how they enter the equations.
 
     The observation equations are z − H β = A x + N(0, D), with diagonal D. The coefficients x of
     ``shared`` columns of A are the same in all tests; in ``private`` columns every test has its own
@@ -159,8 +159,9 @@ class _Scaled(NamedTuple):
     """Observation equations whose nuisance coefficients are expressed in units of their own.
 
     ``unit`` holds these units, shape (coefficients,): the prior sd of each coefficient divided by
-    the hyper-parameter that scales it, or for a flat prior the reciprocal norm of its column.
-    ``log_volume`` is the constant that all flat priors together add to the log density.
+    the hyper-parameter that scales this sd, or for a flat prior the reciprocal norm of the
+    coefficient's column. ``log_volume`` is the constant that all flat priors together add to the
+    log density.
     """
 
     rows: Rows
@@ -196,8 +197,8 @@ def observation_equations(
     Returns
     -------
     Observations
-        The rows of the readings, test by test, followed by the rows of the priors. The sources of
-        variance and the constants of the log density are returned with them.
+        The rows of the readings, test by test, followed by the rows of the priors. The result also
+        holds the sources of variance and the constants of the log density.
     """
     near_uniform = [test.near_uniform for test in reduced if test.near_uniform is not None]
     all_uniform = len(near_uniform) == len(reduced)
@@ -215,8 +216,8 @@ def observation_equations(
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
     # The rows of circles with nearly uniform angles were multiplied by a matrix whose log
-    # determinant is −½ Σ ln(1 + departure), where the departures are those of `NearUniform`. This
-    # log determinant is added to the log density as a constant.
+    # determinant is −½ Σ ln(1 + departure), where `NearUniform` explains ``departure``. This log
+    # determinant is added to the log density as a constant.
     if all_uniform:
         for r, test in enumerate(near_uniform):
             log_constants[r] -= 0.5 * np.log1p(test.departure).sum()
@@ -247,10 +248,9 @@ def _sort_nuisances(
     terms
         Columns and noise of the nuisance terms.
     near_uniform
-        Departures of the angles of every test from uniform ones. None if some test is not a full
-        circle with nearly uniform angles: the covariance of only one term of noise can then be made
-        diagonal. This is the term that affects the most Fourier coefficients; the other noise
-        becomes private columns.
+        Departures of the angles of every test from uniform spacing. None if some test is not a full
+        circle with nearly uniform angles. Then only one term of noise can be made diagonal, the
+        term that affects the most Fourier coefficients; all other noise becomes private columns.
     tests
         Number of tests.
     """
@@ -300,9 +300,9 @@ def _sort_sources(
     """Return every source of variance once, in the order of the hyper-parameters.
 
     A source of variance is a hyper-parameter (the sd of an effect) or a product of
-    hyper-parameters. The sources are those of the terms, the sd σ of white noise, and the constant
-    1, which is the source of variances that no hyper-parameter scales. ``hypers`` are the names of
-    the hyper-parameters.
+    hyper-parameters. The result contains all sources of the terms, the sd σ of white noise, and the
+    constant 1, which is the source of variances that no hyper-parameter scales. ``hypers`` are the
+    names of the hyper-parameters.
     """
     sources = {Source(), Source("sigma")}
     for term in terms:
@@ -326,10 +326,11 @@ def _reading_rows(
 ) -> Rows:
     """Return the rows of the observation equations that are readings, test by test.
 
-    The last row of each test represents the part of its readings that Fourier series to order 12
-    cannot describe. ``offset`` (tests, 25) is the known part of the readings and ``interest``
-    (tests, 25, p) the effect of the p parameters of interest, both as Fourier coefficients [mm].
-    ``all_uniform`` states whether all tests are full circles with nearly uniform angles.
+    The last row of each test represents the part of the test's readings that Fourier series to
+    order 12 cannot describe. ``offset`` (tests, 25) is the known part of the readings and
+    ``interest`` (tests, 25, p) the effect of the p parameters of interest, both as Fourier
+    coefficients [mm]. ``all_uniform`` states whether all tests are full circles with nearly uniform
+    angles.
     """
     tests = len(reduced)
     shared_values = _stack_values(nuisances.shared, tests)
@@ -445,9 +446,9 @@ def _coefficient_priors(
 ) -> _CoefficientPriors:
     """Return the priors of all nuisance coefficients (of effects modelled but not of interest).
 
-    Coefficients that are the same in all tests come first, then those of each test. ``sources`` are
-    the sources of variance (hyper-parameters and their products) to which the indices in the result
-    refer.
+    Coefficients that are the same in all tests come first, then the coefficients of each single
+    test. ``sources`` are the sources of variance (hyper-parameters and their products) to which the
+    indices in the result refer.
     """
     sd = [np.zeros(0)]
     stated_sd = [np.zeros(0)]
@@ -532,18 +533,19 @@ def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> C
     """Return columns that correct the reading noise for angles that are not spaced uniformly.
 
     Suppose the 25 Fourier coefficients of a test are fitted to readings with the noise sd σ, and
-    each is multiplied by the norm of its Fourier function (diagonal matrix S). Their covariance is
-    then σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ), where the orthogonal matrix V and the diagonal
-    matrix λ are the directions and departures of `NearUniform`. Each column v of V with a
-    significant λ becomes a column S⁻¹ v √(|λ|/(1 + λ)) whose coefficient has the sd σ.
+    each coefficient is multiplied by the norm of its Fourier function (diagonal matrix S). The
+    covariance of the 25 products is σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ), where the
+    orthogonal matrix V and the diagonal matrix λ are the directions and departures of
+    `NearUniform`. Each column v of V with a significant λ becomes a column S⁻¹ v √(|λ|/(1 + λ))
+    whose coefficient has the sd σ.
 
     Parameters
     ----------
     circles
-        Departure of the angles of every test from uniform ones.
+        Departure of the angles of every test from uniform spacing.
     sign
         +1 for the directions in which readings are sparse (λ < 0), whose columns add noise; −1 for
-        those in which readings are dense (λ > 0), whose columns remove noise, by a negative
+        the directions in which readings are dense (λ > 0), whose columns remove noise by a negative
         variance.
 
     Returns

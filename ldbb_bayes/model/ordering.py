@@ -2,11 +2,12 @@
 
 The observation equations r = A x + noise have one column of A for each coefficient x. Two columns
 are neighbours if both are not zero in some row. When a column is eliminated, all its neighbours
-become neighbours of each other, and the time needed is proportional to the square of their number.
-The order therefore matters:
+become neighbours of each other, and the time needed is proportional to the square of the number of
+these neighbours. The order therefore matters:
 
-1. The column with the fewest neighbours is always eliminated next (minimum degree). Only columns
-   whose Cholesky factor is wanted are eliminated at the end, in the order in which they stand.
+1. The column with the fewest neighbours is always eliminated next (minimum degree). The only
+   exceptions are columns whose Cholesky factor is wanted: they are eliminated last, in the order in
+   which they stand in A.
 2. The neighbours that a column has when it is eliminated are its border. The first of these
    neighbours to be eliminated is the parent of the column. All columns and their parents form a
    forest (the elimination tree).
@@ -42,8 +43,7 @@ _COLUMN_COST = 200.0
 # Time of the function calls for the products of `PRODUCT_COLUMNS` columns of a border (the later
 # columns that a group changes), in multiplication times.
 _PRODUCT_CALL_COST = 250.0
-# Time to subtract one product of two columns from the matrix entry of these columns, which are
-# eliminated later, in multiplication times.
+# Time to subtract one product from the matrix entry of two later columns, in multiplication times.
 _UPDATE_COST = 1.0
 # Largest number of computed elimination times that the cache holds. A cache is useful because
 # groups with the same numbers of columns occur again and again.
@@ -59,14 +59,14 @@ class ColumnGroup(NamedTuple):
 
     #: Columns of the group, shape (s,).
     columns: NDArray[np.intp]
-    #: Columns eliminated later that are neighbours of the group, shape (m,): those that have a row
-    #: in common with a column of the group, and those that become neighbours when earlier columns
-    #: are eliminated.
+    #: Columns eliminated later that are neighbours of the group, shape (m,): columns that have a
+    #: row in common with a column of the group, and columns that become neighbours when earlier
+    #: columns are eliminated.
     border: NDArray[np.intp]
 
 
 class _Node(NamedTuple):
-    """Columns that are eliminated together, and the later columns that this changes.
+    """Columns that are eliminated together, and the later columns that their elimination changes.
 
     ``columns`` is the set of the columns that are eliminated, and ``border`` the set of the later
     columns. Each set is stored as an integer whose bit k is set if the column at place k in the
@@ -95,8 +95,8 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
     pattern
         Whether each element of the design matrix is not zero, shape (rows, columns).
     last
-        Indices of the columns that are eliminated after all others, in this order. These columns
-        need not all be in one group.
+        Indices of the columns that are eliminated after all other columns, in the order of their
+        elimination. These columns need not all be in one group.
 
     Returns
     -------
@@ -117,12 +117,12 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
 
 
 def heights(groups: list[ColumnGroup]) -> list[int]:
-    """Return one number for each group of columns, by which groups can be eliminated together.
+    """Return the height of each group of columns; groups of equal height are eliminated together.
 
-    The number is called the height of the group. It is 0 if the elimination of no other group
-    changes a column of this group. Otherwise it is larger than the heights of all groups whose
-    elimination changes a column of this group. Groups of the same height can therefore be
-    eliminated at the same time. ``groups`` are in the order of elimination.
+    The height of a group is 0 if the elimination of no other group changes a column of this group.
+    Otherwise the height is larger than the heights of all groups whose elimination changes a column
+    of this group. Groups of equal height therefore do not depend on each other. ``groups`` are in
+    the order of elimination.
     """
     group_of = {}
     for k, group in enumerate(groups):
@@ -141,8 +141,8 @@ def _bit_sets(matrix: NDArray[np.bool_]) -> list[int]:
 
     Bit k of the integer is set if column k belongs to the set.
 
-    Sets of columns are integers because Python unites and counts the bits of long integers faster
-    than NumPy does the elements of short arrays.
+    Sets of columns are stored as integers, because operations on the bits of long integers in
+    Python are faster than operations on short arrays in NumPy.
     """
     packed = np.packbits(matrix, axis=1, bitorder="little")
     return [int.from_bytes(row.tobytes(), "little") for row in packed]
@@ -187,9 +187,9 @@ def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
     ``neighbours`` (columns, columns) states which columns have a row in common; rows and columns of
     this matrix are in the order of elimination. The border of a column is the set of its neighbours
     that are eliminated later. When the column is eliminated, the columns of its border become
-    neighbours of each other. Only the first of them gets the others as additional neighbours here;
-    when this first one is eliminated, the second gets the remaining ones in the same way, and so
-    on.
+    neighbours of each other. This function gives the other columns of the border only to the first
+    of these columns, as additional neighbours. When this first column is eliminated, the second
+    column gets the remaining columns in the same way, and so on.
     """
     linked = _bit_sets(np.triu(neighbours, k=1))
     nodes = []

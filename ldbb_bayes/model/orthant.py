@@ -1,14 +1,15 @@
 """Probabilities P(u ≥ 0) of Gaussian vectors u, and exact random draws of u given u ≥ 0.
 
-Each element u_j is one constraint u_j ≥ 0, such as a compliance that must not be negative. The
+Each element u_j has the constraint u_j ≥ 0, such as a compliance that must not be negative. The
 region u ≥ 0 is called the orthant. Small probabilities and random draws are computed by minimax
 tilting, that is by sampling from a shifted density (`tilting`). Most probabilities P are computed
-without sampling, because they lie between close bounds. Let u₁ and u₂ be the two constraints most
-likely to fail, and P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0); then
+without sampling, because they lie between close bounds. Let u₁ ≥ 0 and u₂ ≥ 0 be the two
+constraints that are most likely to fail, and P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0). Then
 
     P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁) ≤ P ≤ P₁₂.
 
-The tightest constraint is the one most likely to fail: its mean, divided by its sd, is smallest.
+The tightest constraint u_j ≥ 0 is the constraint that is most likely to fail: the mean of u_j
+divided by the sd of u_j is the smallest.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NoisyLogProbability", "Orthant", "OrthantMoments"]
 
-# Constraints are rows of coefficients. A constraint counts as a linear combination of others if the
-# part of its row that is perpendicular to their rows is shorter than this share of the row.
+# Each constraint has a row of coefficients. A constraint counts as a linear combination of other
+# constraints if the part of its row that is perpendicular to the rows of these other constraints is
+# shorter than this share of the row.
 _DEPENDENT = 1e-7
 # A constraint u_j ≥ 0 counts as certain to hold if the mean of u_j is more than this many sd of u_j
 # above zero.
@@ -61,8 +63,8 @@ _SCRAMBLES = 8
 # Numbers of quasi-random points in a scramble (shifted copy of the set of points), tried in turn
 # until the error of ln P(u ≥ 0) is small enough.
 _SIZES = (32, 128, 512, 2048, 8192)
-# Factor (as Student's t) by which the standard error of a probability is enlarged, because it is
-# computed from the scatter of only eight estimates.
+# Factor (as Student's t) by which the standard error of a probability is enlarged, because the
+# standard error is computed from the scatter of only eight estimates.
 _STUDENT = 1.5
 # The stated error of a probability is at least this share of the error that the same number of
 # plain random points would give, because eight estimates may agree by chance.
@@ -74,26 +76,27 @@ _CHUNK = 1 << 20
 # lower bounds of its constraints times this factor, modulo 1. Different vectors thereby use
 # different points.
 _DIGITS = 1e5
-# Absolute error of SciPy's implementation of Owen's T function, from which the probabilities of two
-# constraints are computed.
+# Absolute error of SciPy's implementation of Owen's T function. This function gives the probability
+# that two constraints both hold.
 _OWEN_ERROR = 1e-15
 # The bound of P(u ≥ 0) from pairs of constraints is not used if the probability that the two
 # constraints most likely to fail both hold is smaller than this. The bound is then too inaccurate.
 _LEAST_PAIR = 1e-9
-# The computed probability that two constraints both hold counts as too inaccurate if their
-# correlation is closer to ±1 than this.
+# The computed probability that two constraints u_i ≥ 0 and u_j ≥ 0 both hold counts as too
+# inaccurate if the correlation of u_i and u_j is closer to ±1 than this.
 _LEAST_DIFFERENCE = 1e-6
 # P(u ≥ 0) is first bounded by the probability of the constraint most likely to fail. If the
 # relative error of this bound is below this number, pairs of constraints are not considered.
 _NEGLIGIBLE_ERROR = 1e-9
-# Number that replaces zero limits h or k in Owen's formula for P(x < h, y < k), which divides by
-# them.
+# Number that replaces h or k in Owen's formula for P(x < h, y < k) if h or k is zero, because the
+# formula divides by both numbers.
 _NEARLY_ZERO = 1e-300
 # Generating vector of a lattice of quasi-random points, one number for each of ten dimensions
 # (F. Y. Kuo, lattice-32001-1024-1048576). For further dimensions random odd numbers are used.
 _LATTICE = (1, 182667, 469891, 498753, 110745, 446979, 250185, 118627, 245333, 283199)
 # Random shifts of the lattice of quasi-random points are generated for at least this many
-# dimensions, so that the shifts of the first dimensions do not depend on how many are used.
+# dimensions, so that the shifts of the first dimensions do not depend on the number of dimensions
+# that are used.
 _SHIFT_DIMENSIONS = 32
 
 
@@ -194,10 +197,10 @@ class Orthant:
         bounds if their distance is small enough for the tolerance; if not, it is computed from up
         to 65 536 quasi-random points. In the second case, the error is the standard error from the
         scatter between eight random shifts of the points, times a factor from Student's t. The true
-        value of ln P is then within three errors of the result with a probability of 99 %. The
-        result of a problem does not depend on the other problems. All problems use the same points,
-        so that their errors are correlated. If no point satisfies all constraints, ln P is replaced
-        by its upper bound and the error is infinite.
+        value of ln P then differs from the result by at most three times this error, with a
+        probability of 99 %. The result of a problem does not depend on the other problems. All
+        problems use the same points, so that their errors are correlated. If no point satisfies all
+        constraints, ln P is replaced by its upper bound and the error is infinite.
 
         Parameters
         ----------
@@ -281,7 +284,7 @@ class Orthant:
         of e along the directions `axes`; perpendicular to these directions, e stays standard
         normal. The moments are weighted means over quasi-random points. The points of a problem are
         shifted by an amount that is computed from its constraints alone. Errors therefore average
-        out over many problems, and the result of a problem does not depend on the others in the
+        out over many problems, and the result of a problem does not depend on other problems in the
         batch.
 
         Parameters
@@ -313,9 +316,9 @@ class Orthant:
     def axes(self) -> Array:
         """Orthonormal directions of e that the constraints depend on, shape (w, d, q).
 
-        e is the standard normal vector of q elements of each of w problems, and u = mean + spread e
-        are its constraints. Constraints that are certain to hold in all problems are left out. The
-        d coordinates of e along these directions are x = axes e.
+        Each of w problems has a standard normal vector e of q elements and constraints u ≥ 0, where
+        u = mean + spread e. Constraints that are certain to hold in all problems are left out. The
+        d coordinates of e along the directions are ``x = axes @ e``.
         """
         return self._solved.axes
 
@@ -325,11 +328,11 @@ class Orthant:
         *,
         max_proposals: int = _MOST_PROPOSALS,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return an exact random draw of x = axes e given u ≥ 0 for each of w problems.
+        """Return an exact random draw of ``x = axes @ e`` given u ≥ 0 for each of w problems.
 
-        e is the standard normal vector of a problem, u = mean + spread e are its constraints, and x
-        are the d coordinates of e along the directions `axes`. A rejection sampler proposes x from
-        a shifted (tilted) normal density.
+        Each problem has a standard normal vector e and constraints u ≥ 0, where u = mean + spread
+        e. x are the d coordinates of e along the directions `axes`. A rejection sampler proposes x
+        from a shifted (tilted) normal density.
 
         Parameters
         ----------
@@ -371,8 +374,8 @@ class Orthant:
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return an exact random draw of e ~ N(0, I) given u = mean + spread e ≥ 0.
 
-        u are the constraints of a problem, and e is its standard normal vector of q elements. Each
-        of the w problems gets one draw, by a rejection sampler.
+        Each problem has a standard normal vector e of q elements and the constraints u ≥ 0. A
+        rejection sampler makes one draw for each of the w problems.
 
         Returns
         -------
@@ -392,16 +395,16 @@ class Orthant:
     ) -> tuple[Array, Array]:
         """Return a random draw of e from the shifted density, and its log importance weight.
 
-        Each of w problems has a standard normal vector e of q elements and m constraints
-        u = mean + spread e ≥ 0, which depend on e along d directions only (`axes`). The draw has
-        the shape (w, q). Its weight, shape (w,), is ln (density of e given u ≥ 0 / shifted
-        density), without the constant ln P(u ≥ 0); it is −inf if the draw violates a constraint.
+        Each of w problems has a standard normal vector e of q elements and m constraints u = mean +
+        spread e ≥ 0, which depend on e along d directions only (`axes`). The draw has the shape (w,
+        q). The log weight, shape (w,), is ln (density of e given u ≥ 0 / shifted density), without
+        the constant ln P(u ≥ 0). It is −inf if the draw violates a constraint.
 
         Parameters
         ----------
         uniform
-            Uniform random numbers between 0 and 1, shape (w, m). The first d ≤ m of them give the
-            coordinates of e along `axes`; the others are not used.
+            Uniform random numbers between 0 and 1, shape (w, m). The first d ≤ m numbers give the
+            coordinates of e along `axes`; the remaining numbers are not used.
         normal
             Standard normal random numbers, shape (w, q), which give e perpendicular to `axes`.
         """
@@ -435,7 +438,7 @@ class Orthant:
     def _sum_points(self, tolerance: float, points: _Points) -> tuple[Array, Array]:
         """Return ln P(u ≥ 0) and its error [nat] from quasi-random points, each of shape (w,).
 
-        u are the constraints of each of w problems. The number of points is multiplied by four
+        u ≥ 0 are the constraints of each of w problems. The number of points is multiplied by four
         until the error is within ``tolerance`` [nat] or 65 536 points are used.
         """
         tilted = self._tilted
@@ -488,8 +491,9 @@ class Orthant:
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
         # ``core`` holds the rows of linearly independent constraints. All other constraints are
-        # linear combinations of these. Each of the others is expressed as a row of length one that
-        # multiplies x, the coordinates of the standard normal vector along the directions ``axes``.
+        # linear combinations of these constraints. Each of the other constraints is expressed as a
+        # row of length one that multiplies x, the coordinates of the standard normal vector along
+        # the directions ``axes``.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)
@@ -534,11 +538,12 @@ def _bound_in_closed_form(
 ) -> tuple[Array, Array]:
     """Return ln P(u ≥ 0) from analytical bounds, and its largest error, each of shape (w,).
 
-    u are the m constraints of each of w problems. P is at most the probability of u_j ≥ 0 for the
-    tightest constraint alone, whose mean divided by its sd is smallest. P is at least this
-    probability minus the probabilities that the other elements of u are negative. Where the two
-    bounds differ, closer ones are computed from pairs of constraints. ln P is returned with the
-    largest error that the closest bounds permit; this error may be infinite.
+    u ≥ 0 are the m constraints of each of w problems. P is at most the probability that the
+    tightest constraint holds, that is, the constraint u_j ≥ 0 with the smallest ratio of mean and
+    sd of u_j. P is at least this probability minus the probabilities that the other elements of u
+    are negative. Where the two bounds differ, closer bounds are computed from pairs of constraints.
+    ln P is returned with the largest error that the closest bounds permit; this error may be
+    infinite.
 
     Parameters
     ----------
@@ -577,9 +582,9 @@ def _bound_by_pairs(
     tail: Array,
     unit: Array,
 ) -> tuple[Array, Array]:
-    """Return ln P(u ≥ 0) midway between bounds from pairs of constraints, and its error.
+    """Return ln P(u ≥ 0), with P midway between bounds from pairs of constraints, and its error.
 
-    u are the m constraints of each of w problems. Both results have shape (w,). The error is
+    u ≥ 0 are the m constraints of each of w problems. Both results have shape (w,). The error is
     infinite if rounding makes the bounds unreliable. The upper bound is P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of
     the first two constraints. The lower bound is P₁₂ − Σ_{j>2} p_j, where p_j is the smallest of
     P(u_j < 0), P(u_j < 0 ≤ u₁) and P(u_j < 0 ≤ u₂).
@@ -776,15 +781,16 @@ def _binding_rows(
     """Return the indices of linearly independent constraints of one problem, the tightest first.
 
     The problem has m constraints on a standard normal vector e of q elements. Consider the most
-    probable e that satisfies all constraints: constraints that hold with equality there are chosen
-    first. Further constraints are chosen one by one, each time the constraint whose row has the
-    longest part perpendicular to the rows chosen before, until ``rank`` constraints are chosen. The
-    result is in increasing order of ``distance``.
+    probable e that satisfies all constraints. Constraints that hold with equality at this e are
+    chosen first. Further constraints are chosen one by one, each time the constraint whose row has
+    the longest part perpendicular to the rows chosen before, until ``rank`` constraints are chosen.
+    The result is in increasing order of ``distance``.
 
     Parameters
     ----------
     distance
-        Mean of each constraint divided by its sd, shape (m,); it is smallest for the tightest.
+        Mean of each constraint divided by its sd, shape (m,); it is smallest for the tightest
+        constraint.
     unit
         Rows of coefficients of the constraints, scaled to length one, shape (m, q).
     rank

@@ -1,9 +1,9 @@
 """Priors of the parameters of interest, and settings of the priors of the hyper-parameters.
 
-Parameters of interest are the compliances, their slopes with force and the geometric errors.
-Hyper-parameters are the scales (standard deviations) of the noise and of the other effects, such
-as the form errors of the balls, and an exponent, the decay. The decay is the power of the order
-(waves per turn) with which the standard deviation of the balls' form errors decreases.
+Parameters of interest are the compliances, their slopes (changes with force) and the geometric
+errors. Hyper-parameters are the scales (standard deviations) of the noise and of the other effects,
+such as the form errors of the balls, and an exponent, the decay. The decay p states that the
+standard deviation of a form error of the balls with n waves in a turn is proportional to n^(−p).
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ _GEOMETRIC_NAMES: dict[GeometricKind, re.Pattern[str]] = {
 def compliance_unit(name: ComplianceName, degree: int = 0) -> str:
     """Return the internal unit of a compliance, or of its slope, such as mm/N or mm/N/N.
 
-    ``degree`` is 0 for the compliance itself, and 1 or 2 for its linear or quadratic slope with
-    force. Units are made of mm, N and rad.
+    ``degree`` is 0 for the compliance itself, and 1 or 2 for its slope, that is, its linear or
+    quadratic change with force. Units are made of mm, N and rad.
     """
     return _COMPLIANCES[name.kind].unit + ("", "/N", "/N^2")[degree]
 
@@ -116,7 +116,7 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
     """Return a value of a parameter in internal units (mm, N, rad).
 
     Raise an `InputError` for a value that is no number, for a text whose unit does not fit, and for
-    a text if the name is not that of a parameter.
+    a text if ``parameter`` is not the name of a parameter.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def settings_of_sd(parameter: str) -> tuple[str, ...]:
 
 
 def _kind_of(parameter: str) -> _Kind | None:
-    """Return a parameter's internal unit, and which field of `Prior` is its default prior sd.
+    """Return a parameter's internal unit, and the field of `Prior` with its default prior sd.
 
     For C_XXX, these are mm/N and direct_mm_per_N. Return None if no parameter can have the name.
     """
@@ -188,23 +188,23 @@ def degree_of(parameter: str) -> int:
 class Prior(Shown):
     """Gaussian priors of the parameters of interest and half-normal priors of the scales.
 
-    Parameters of interest are compliances, their slopes with force and geometric errors. Scales are
-    the standard deviations of the noise and of other effects. The defaults are wide for any machine
-    tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, a scale error of 2e-4 is 200 µm/m.
-    Give other priors by `HybridModel.with_prior` or in TOML; every value may be text with its unit.
+    Parameters of interest are compliances, their slopes (changes with force) and geometric errors.
+    Scales are the standard deviations of the noise and of other effects. The defaults are wide for
+    any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, and a scale error of 2e-4
+    is 200 µm/m. Give other priors by `HybridModel.with_prior` or in the TOML file of a model; every
+    value may be a text with its unit.
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
-    slope with force is always zero, because the model of constant compliance is the linear model
-    with all slopes at zero. If ``means`` names a compliance, its prior sd in ``overrides`` states
-    how well the compliance is known, not how large it may be. The prior sds of its slopes therefore
-    follow from the default prior sd for this kind of compliance.
+    slope is always zero, because the model of constant compliance is the linear model with all
+    slopes at zero. If ``means`` names a compliance, its prior sd in ``overrides`` states how well
+    the compliance is known, not how large it may be. The prior sds of its slopes therefore follow
+    from the default prior sd for this kind of compliance.
 
     Raises
     ------
     InputError
-        For a prior sd or scale that is not positive, a unit that does not fit, a mean of a slope,
-        a mean too large for any machine, and for a flat prior that is truncated or has means or
-        overrides.
+        If a prior sd or scale is not positive, if a unit does not fit, if a mean belongs to a slope
+        or is too large for any machine, or if a flat prior is truncated or has means or overrides.
 
     Examples
     --------
@@ -215,11 +215,11 @@ class Prior(Shown):
     {'E_XX1': 0.0001}
     """
 
-    #: prior sd of direct compliances, such as C_XXX (displacement along an axis per force along it)
-    #: [mm/N]
+    #: prior sd of direct compliances, such as C_XXX (displacement along an axis per force along the
+    #: same axis) [mm/N]
     direct_mm_per_N: float = 1e-4
     #: prior sd of cross compliances, such as C_XYX (displacement along one axis per force along
-    #: another) [mm/N]
+    #: another axis) [mm/N]
     cross_mm_per_N: float = 1e-5
     #: prior sd of rotations caused by a force, such as C_CXY (rotation about Z per force along X)
     #: [rad/N]
@@ -252,18 +252,18 @@ class Prior(Shown):
     omega_um: float = 1.5
     #: scale of the half-normal prior of η, the sd of hysteresis that does not depend on force [µm]
     eta_um: float = 2.0
-    #: prior mean of the power by which the sds of the balls' form errors, and of the machine's
-    #: errors of higher orders, fall with the order (waves in a turn); the prior is Gaussian,
-    #: restricted to [0.5, 3.5]
+    #: prior mean of the decay p: the sds of the balls' form errors, and of the machine's errors of
+    #: higher orders, are proportional to n^(−p) at the order n (waves in a turn). The prior is
+    #: Gaussian, restricted to [0.5, 3.5].
     decay: float = 2.0
-    #: prior sd of the power by which the sds of the balls' form errors, and of the machine's errors
-    #: of higher orders, fall with the order (waves in a turn)
+    #: prior sd of the decay p, which the field ``decay`` explains, before the restriction to [0.5,
+    #: 3.5]
     decay_sd: float = 0.7
     #: whether the prior sd of a slope (change of a compliance with force) is proportional to the
-    #: estimate of its compliance. If true, the size of the compliance that ``slope_scale``
-    #: multiplies is max(√(Ĉ² + u²), sd(C)/20), where Ĉ is the estimate of the compliance, u its
-    #: standard uncertainty, and sd(C) the prior sd of the compliance. If false, the size is sd(C),
-    #: as in the model's first edition (preset ``first``).
+    #: estimate of its compliance. If true, ``slope_scale`` multiplies the size max(√(Ĉ² + u²),
+    #: sd(C)/20) of the compliance, where Ĉ is the estimate of the compliance, u the standard
+    #: uncertainty of the estimate, and sd(C) the prior sd of the compliance. If false,
+    #: ``slope_scale`` multiplies sd(C), as in the model's first edition (preset ``first``).
     slopes_of_estimate: bool = True
     #: whether compliances that are deflections in the direction of the load itself (such as C_XXX,
     #: C_YYY and C_CCY) must not be negative at the tested forces
@@ -361,7 +361,7 @@ class Prior(Shown):
 
     @classmethod
     def paper(cls) -> Prior:
-        """Return the flat prior, with which estimates are those of least squares as in the paper.
+        """Return the flat prior, with which estimates are least-squares estimates as in the paper.
 
         Compliances may be negative.
         """
@@ -370,8 +370,8 @@ class Prior(Shown):
     def compliance_sd(self, names: Sequence[ComplianceName]) -> Array:
         """Return the prior sd of each named compliance, shape (compliances,), in mm, N and rad.
 
-        The sd is the one that the user gave for the compliance, else the default for this kind of
-        compliance.
+        The sd is the value that the user gave for the compliance. If there is none, the sd is the
+        default for this kind of compliance.
         """
         return self._overridden([name.label for name in names], self._usual_sd(names))
 
@@ -380,8 +380,8 @@ class Prior(Shown):
     ) -> Array:
         """Return the prior sd of the slope of each named compliance, shape (compliances,).
 
-        The sd is the one that the user gave for the slope, else slope_scale · size / force
-        range^degree, in mm, N and rad.
+        The sd is the value that the user gave for the slope. If there is none, the sd is
+        slope_scale · size / (force range)^degree. Sds are in mm, N and rad.
 
         Parameters
         ----------
@@ -414,7 +414,8 @@ class Prior(Shown):
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
         """Return the prior sd of each named geometric error, shape (errors,), in mm and rad.
 
-        The sd is the one that the user gave for the error, else the default for this kind of error.
+        The sd is the value that the user gave for the error. If there is none, the sd is the
+        default for this kind of error.
         """
         return self._overridden(
             [name.label for name in names],
@@ -451,8 +452,8 @@ class Prior(Shown):
             lower_bound = 0.0
             if scale.name == "sigma":
                 lower_bound = resolution_um / np.sqrt(12.0)
-            # Hyper-parameters with a half-normal prior are lengths, converted from µm to mm; the
-            # others have no unit.
+            # Hyper-parameters with a half-normal prior are lengths and are converted from µm to mm.
+            # All other hyper-parameters have no unit.
             mm_per_unit = 1e-3 if scale.law == "half-normal" else 1.0
             prior_scales.append(prior_scale * mm_per_unit)
             lower_bounds.append(lower_bound * mm_per_unit)

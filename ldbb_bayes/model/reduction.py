@@ -3,8 +3,8 @@
 The model describes readings at the angles θ by the 25 Fourier functions 1, cos θ, sin θ, …, cos
 12θ, sin 12θ. Let B be the matrix of these functions at the n angles of a test, and B = Q R its QR
 decomposition. The at most 25 numbers Qᵀ · readings, and the sum of squares of the part of the
-readings that the functions cannot describe, hold all that the readings say about the model, however
-many readings there are.
+readings that the functions cannot describe, contain all information that the readings carry about
+the model, whatever the number of readings is.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _ROUNDING = 1e-12
 
 
 class NearUniform(NamedTuple):
-    """Full circle of nearly uniform angles, and the departure of the angles from uniform ones.
+    """Full circle of nearly uniform angles, and the departure of the angles from uniform spacing.
 
     R is the triangular factor in the QR decomposition of the 25 Fourier functions at the test's
     angles, and RᵀR = S (1 + V λ Vᵀ) S. The diagonal matrix S holds the norms of these functions,
@@ -46,9 +46,9 @@ class NearUniform(NamedTuple):
     #: Norms of the 25 Fourier functions at uniform angles, the diagonal of S in
     #: RᵀR = S (1 + V λ Vᵀ) S, shape (25,).
     column_norms: Array
-    #: Relative departures λ of RᵀR = S (1 + V λ Vᵀ) S from S², its value at uniform angles, the
-    #: largest absolute value first, shape (25,). R is the triangular factor in the QR decomposition
-    #: of the Fourier functions at the test's angles.
+    #: Relative departures λ of the matrix RᵀR = S (1 + V λ Vᵀ) S from S², the value of the matrix
+    #: at uniform angles. They have the shape (25,), and the largest absolute value is first. R is
+    #: the triangular factor in the QR decomposition of the Fourier functions at the test's angles.
     departure: Array
     #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25); each column belongs to one
     #: departure λ from uniform angles.
@@ -69,8 +69,8 @@ class Reduced:
     """
 
     #: Reduced readings Qᵀ y [mm], where y are the n readings of the test and Q is the orthogonal
-    #: factor of the Fourier functions at its angles; shape (m,) with m = min(n, 25). None for a
-    #: planned test, which has no readings.
+    #: factor of the Fourier functions at the test's angles; shape (m,) with m = min(n, 25). None
+    #: for a planned test, which has no readings.
     reading_mm: Array | None
     #: Triangular factor R of the 25 Fourier functions at the test's n angles, shape (m, 25) with
     #: m = min(n, 25). It turns Fourier coefficients into reduced readings.
@@ -83,7 +83,7 @@ class Reduced:
 
     @cached_property
     def near_uniform(self) -> NearUniform | None:
-        """Departure of the test's angles from uniformly spaced ones on a full circle.
+        """Departure of the test's angles from uniform spacing on a full circle.
 
         The value is None if the test is an arc, has fewer than 25 readings, or has angles that are
         spaced too unevenly.

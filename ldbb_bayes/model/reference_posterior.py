@@ -45,7 +45,7 @@ _FLAT_SDS = 1e6
 
 
 class _SharedCoefficients(NamedTuple):
-    """Coefficients that all tests share: first those of nuisances, then parameters of interest.
+    """Coefficients that all tests share: nuisance coefficients, then parameters of interest.
 
     Nuisances are effects that are modelled but not of interest.
     """

@@ -113,10 +113,12 @@ class Setting:
     # The fields from `reference_force_N` on describe the whole campaign, and the method `select`
     # leaves them unchanged. The exceptions are `circle` and `fitted`, which have one row for each
     # test; `select` selects their rows too.
-    #: reference force F0 [N], at which compliances are stated; slopes multiply F − F0
+    #: reference force F0 [N], at which compliances are stated; slopes (changes of compliances with
+    #: force) are multiplied by powers of F − F0
     reference_force_N: float
     force_range_N: float  #: largest minus smallest force of the campaign [N]
-    #: whether the form of work ball and tool ball is modelled separately, instead of their sum
+    #: whether the forms of work ball and tool ball are modelled separately; if not, only the sum of
+    #: both forms is modelled
     two_balls: bool
     #: whether the clocking angle, by which a ball is turned in its socket, differs between tests
     clocked: bool
@@ -184,9 +186,10 @@ class Setting:
     def driven_axes(self) -> list[tuple[int, float]]:
         """Return the machine axes that the circles drive, with the size of their compliance [mm/N].
 
-        The result is a list of pairs. The first element is the index of the axis (X is 0, Y is 1, Z
-        is 2), the second the size of its direct compliance (displacement along the axis per force
-        along it). Axes without a direct compliance are left out.
+        The result is a list of pairs. The first element of a pair is the index of the axis (X is 0,
+        Y is 1, Z is 2). The second element is the size of the axis' direct compliance (displacement
+        along the axis per force along the same axis). Axes without a direct compliance are left
+        out.
         """
         moves = np.abs(self.direction).max(axis=(0, 1)) > 0.0
         axes = []
@@ -367,8 +370,8 @@ def setting_of(
 ) -> Setting:
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
-    The fields for estimates of the machine are zero, and those for the names of circles' noise
-    factors are empty. Both are filled in when a model is bound to the campaign.
+    The estimates of the machine are zero, and the names of the circles' noise factors are empty.
+    These fields are filled in when a model is bound to the campaign.
 
     Parameters
     ----------
@@ -380,8 +383,8 @@ def setting_of(
         Reference force F0 [N]; None means the middle of the range of forces.
     pilot
         Campaign from which a plan takes F0 (if ``reference_force_N`` is None), the range and
-        largest value of the forces, and the mean time and temperature. If it is None, they are
-        taken from ``campaign`` itself.
+        largest value of the forces, and the mean time and temperature. If it is None, these values
+        are taken from ``campaign`` itself.
     """
     machine = campaign.machine()
     tests = campaign.tests
@@ -458,9 +461,9 @@ def _by_setup(campaign: Campaign, columns: Array) -> Array:
     """Return the columns of a campaign's geometric errors; each set-up has its own offsets.
 
     A column is the reading per unit of one error, as Fourier coefficients. ``columns``, shape
-    (tests, 25, errors), are those of the errors of the machine. Each offset of the tool ball
-    becomes several offsets, one for every set-up, each of which acts only in the tests of its
-    set-up.
+    (tests, 25, errors), holds the columns of the machine's errors. Each offset of the tool ball
+    becomes several offsets, one for every set-up. The offset of a set-up acts only in the tests of
+    this set-up.
     """
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)
@@ -480,10 +483,10 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     run in the order in which they are listed, one every six minutes. All values are NaN if the
     campaign states that its tests were run in another order, or if all tests have the same time.
 
-    If a pilot campaign is given whose tests state their times, the mean is that of the pilot, and
-    tests without times are placed at this mean. If the tests of neither campaign state their times,
-    and the first tests of the plan are those of the pilot, the times of these tests follow from
-    their order in the pilot. All further tests are placed at the mean.
+    If a pilot campaign is given and its tests state their times, the mean time of the pilot is
+    used, and tests without times are placed at this mean. If the tests of neither campaign state
+    their times, and the first tests of the plan have the names of the pilot's tests, the times of
+    these tests follow from their order in the pilot. All further tests are placed at the mean.
     """
     stated_s = _recorded("time_s", campaign)
     relative_s = np.zeros(len(stated_s))
@@ -529,9 +532,10 @@ def _relative_to_mean(
     """Return a quantity of every test minus the mean of this quantity, shape (tests,).
 
     ``field`` is the name of the field of a test, such as temperature_C. If a pilot campaign is
-    given, the mean is that of the pilot, and tests without a value are assumed to be at the mean.
-    Otherwise the mean is that of the campaign, and tests without a value get NaN. All values are
-    NaN if the quantity is not recorded in any of the tests from which the mean is computed.
+    given, the mean over the tests of the pilot is used, and tests without a value are assumed to be
+    at this mean. Otherwise the mean over the tests of the campaign is used, and tests without a
+    value get NaN. All values are NaN if the quantity is not recorded in any of the tests from which
+    the mean is computed.
     """
     values = _recorded(field, campaign)
     reference = _recorded(field, pilot or campaign)

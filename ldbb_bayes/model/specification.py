@@ -79,12 +79,12 @@ def model_to_toml(model: HybridModel) -> str:
 def model_from_toml(text: str) -> HybridModel:
     """Return the model that the TOML text of a model file describes.
 
-    Settings that the text omits are those of the preset that it names: ``default``, ``first`` or
-    ``paper``. A text without a preset means ``default``. If the text omits the degree of the
-    compliance as a polynomial in force, the degree is 0 for the preset ``paper`` and 1 for the
-    other presets. If the text has a table ``[terms]``, the model has exactly the nuisances (effects
-    that are modelled but not of interest) listed there. Raise an `InputError` for a mistake in the
-    text.
+    Settings that the text omits have the values of the preset that the text names: ``default``,
+    ``first`` or ``paper``. If the text names no preset, the preset is ``default``. If the text
+    omits the degree of the compliance as a polynomial in force, the degree is 0 for the preset
+    ``paper`` and 1 for the other presets. If the text has a table ``[terms]``, the model has
+    exactly the nuisances (effects that are modelled but not of interest) listed there. Raise an
+    `InputError` for a mistake in the text.
     """
     return _model_of(parse_toml(text, "model"), "model", None)
 
@@ -92,9 +92,10 @@ def model_from_toml(text: str) -> HybridModel:
 def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> HybridModel:
     r"""Return the model that a TOML file describes.
 
-    Settings that the file omits are those of the preset that it names: ``default``, ``first`` or
-    ``paper``. A file without a preset means ``default``. If the file has a table ``[terms]``, the
-    model has exactly the nuisances (effects that are modelled but not of interest) listed there.
+    Settings that the file omits have the values of the preset that the file names: ``default``,
+    ``first`` or ``paper``. If the file names no preset, the preset is ``default``. If the file has
+    a table ``[terms]``, the model has exactly the nuisances (effects that are modelled but not of
+    interest) listed there.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
     degree : int, optional
         Degree of the compliance as a polynomial in force, 0, 1 or 2, for a file that states no
         degree. By default, the degree of such a file is 0 for the preset ``paper`` and 1 for the
-        others.
+        other presets.
 
     Returns
     -------
@@ -127,14 +128,18 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
 
 
 def model_sha256(model: HybridModel) -> str:
-    """Return the SHA-256 digest of a model's TOML text (`model_to_toml`), which identifies it."""
+    """Return the SHA-256 digest of a model's TOML text; the digest identifies the model.
+
+    The function `model_to_toml` returns this text.
+    """
     return hashlib.sha256(model_to_toml(model).encode()).hexdigest()
 
 
 def _model_of(content: dict[str, Any], place: str, degree: int | None) -> HybridModel:
     """Return the model that the content of a model file describes.
 
-    ``degree`` is used only if the file states none. ``place`` names the file in error messages.
+    ``degree`` is used only if the file states no degree. ``place`` names the file in error
+    messages.
     """
     spec = validated(_SpecFile, content, place)
     with placed(place):
@@ -154,10 +159,10 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
 
 
 def _degree_of(spec: _SpecFile, degree: int | None) -> int:
-    """Return the degree of the compliance as a polynomial in force that a model file states.
+    """Return the degree that a model file states for the compliance as a polynomial in force.
 
-    ``spec`` is the content of the file. If it states no degree, return ``degree``. If ``degree`` is
-    None too, return 0 for the preset ``paper`` and 1 for the other presets.
+    ``spec`` is the content of the file. If the file states no degree, return ``degree``. If
+    ``degree`` is None too, return 0 for the preset ``paper`` and 1 for the other presets.
     """
     if spec.degree is not None:
         return spec.degree
@@ -170,7 +175,7 @@ def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) 
     """Return the nuisance terms that the tables under [terms] of a model file list.
 
     ``tables`` holds the settings of every term; the keys are class names. Settings that a table
-    omits are those that the term has in ``model``. If ``model`` lacks the term, the omitted
+    omits have the values that the term has in ``model``. If ``model`` lacks the term, the omitted
     settings are the defaults of the class.
     """
     check_known(
@@ -246,19 +251,19 @@ class Truths:
     #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad); None
     #: if they are drawn at random from the prior
     parameters: dict[str, float] | None
-    #: true hyper-parameters (scales of noise and other effects) by name, with lengths in µm; those
-    #: not named are drawn at random from their priors
+    #: true hyper-parameters (scales of noise and other effects) by name, with lengths in µm;
+    #: hyper-parameters that are not named are drawn at random from their priors
     hyper_um: dict[str, float]
     #: whether geometric errors act on the simulated readings through the exact kinematic equations,
-    #: instead of linearised ones
+    #: instead of linearised equations
     exact: bool
 
 
 def is_truths(path: Path) -> bool:
     """Return whether a file is a TOML file of true values for a simulation.
 
-    Every valid TOML file (suffix ``.toml``) that lists no tests counts as such a file; a campaign
-    lists tests.
+    Every valid TOML file (suffix ``.toml``) that lists no tests counts as such a file; the file of
+    a campaign lists tests.
     """
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False

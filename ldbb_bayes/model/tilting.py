@@ -11,10 +11,10 @@ distribution function)
 is bounded by its value at the saddle point. With this bound rejection sampling is exact, and
 averages of weights are efficient, however small the probability of the constraints is (Botev, J. R.
 Statist. Soc. B 79, 125-148, 2017). The e_j are called edges: they are the lower limits of the
-shifted variables x_j − μ_j. There may be further constraints, which are linear combinations of
-those above. Each further constraint bounds the last x_j on which it depends, from below or from
-above, and so only reduces the weights. Functions of this module treat w problems at once, that is,
-w sets of constraints.
+shifted variables x_j − μ_j. There may be further constraints, which are linear combinations of the
+constraints above. Each further constraint bounds the last x_j on which it depends, from below or
+from above, and so only reduces the weights. Functions of this module treat w problems at once, that
+is, w sets of constraints.
 """
 
 from __future__ import annotations
@@ -37,12 +37,14 @@ __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_dist
 ROUNDING = 1e-10
 # Largest number of steps of Newton's method for the saddle point of the log importance weight.
 _ITERATIONS = 60
-# Number of lengths that are tried for one step of Newton's method, each half of the one before.
+# Number of lengths that are tried for one step of Newton's method; each length is half of the
+# length before.
 _HALVINGS = 20
 # Where the log probability that all constraints hold is below minus this number, an inexact saddle
 # point is accepted, because such a probability is too small to matter.
 _NEGLIGIBLE_LOG_PROBABILITY = 1e7
-# Uniform random numbers smaller than this are replaced by it, so that their logarithm is finite.
+# Uniform random numbers smaller than this number are replaced by this number, so that their
+# logarithm is finite.
 _LEAST_UNIFORM = 1e-300
 
 
@@ -133,8 +135,8 @@ class Tilted(NamedTuple):
     """Batch of w problems, each with constraints on a standard normal vector x (d,).
 
     The d independent constraints are unit · x ≥ bound, with a lower triangular matrix ``unit``; the
-    constraint most likely to fail is first. There may be k further constraints,
-    dependent_mean + dependent · x ≥ 0, which are linear combinations of the independent ones.
+    constraint most likely to fail is first. There may be k further constraints, dependent_mean +
+    dependent · x ≥ 0, which are linear combinations of the independent constraints.
     """
 
     #: Lower triangular matrix of the d independent constraints unit · x ≥ bound on a standard
@@ -146,7 +148,7 @@ class Tilted(NamedTuple):
     #: last element is zero.
     x: Array
     #: Shift (tilt) of the normal density from which each of the d elements x_j is drawn at random,
-    #: shape (d, w) for w problems; the last one is zero.
+    #: shape (d, w) for w problems; the last shift is zero.
     tilt: Array
     #: Coefficients of x in the k further constraints, dependent_mean + dependent · x ≥ 0, shape
     #: (k, d, w) for w problems.
@@ -159,7 +161,7 @@ class Tilted(NamedTuple):
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
-        """Return the object for the problems with the indices ``members``, counted from 0."""
+        """Return the batch of the problems with the indices ``members``, counted from 0."""
         return Tilted(
             self.unit[..., members],
             self.bound[..., members],
@@ -232,9 +234,9 @@ class Tilted(NamedTuple):
         tilt_j is the shift of the normal density from which x_j is drawn at random. The limits
         follow from the constraints on x. ``x`` holds s points for each of w problems, shape (d, s,
         w). Each limit has the shape (s, w), or (1, w) if it is the same for all points. Only the
-        dependent constraints, which are linear combinations of the independent ones, can bound x_j
-        from above. The upper limit is None if there is no dependent constraint whose last element
-        is x_j.
+        dependent constraints, which are linear combinations of the independent constraints, can
+        bound x_j from above. The upper limit is None if there is no dependent constraint whose last
+        element is x_j.
         """
         # The first constraint depends on x_0 alone. The lower limit of x_0 is therefore the same
         # for all points.
@@ -280,8 +282,8 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
     """Return log tail probabilities of random points of a standard normal variable in an interval.
 
-    The tail is to the left or to the right of a point, as ``interval.direction`` states. Its
-    probability is uniform between the values at the two ends of the interval; the random numbers
+    The tail is to the left or to the right of a point, as ``interval.direction`` states. The tail
+    probability is uniform between its values at the two ends of the interval; the random numbers
     ``uniform``, between 0 and 1, determine where the probability lies between these two values.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)

@@ -27,7 +27,7 @@ def eliminate(front: Array, *, signs: Array | None = None) -> None:
     front
         First s columns of many matrices P, shape (groups, s, n, w) with n ≥ s; the number of
         matrices is groups · w. Of column j, only the part from the diagonal on is used, which is
-        ``front[group, j, j:]``. The columns of L overwrite those of P.
+        ``front[group, j, j:]``. The columns of L overwrite the columns of P.
     signs
         Signs ±1 on the diagonal of S, shape (groups, s); None if all are positive.
     """
@@ -91,7 +91,8 @@ def solve_upper(lower: Array, right: Array) -> Array:
 def solve_columns(columns: Array, right: Array) -> Array:
     """Return L⁻ᵀ x, shape (q, ...), for lower triangular matrices L and right-hand sides x.
 
-    Unlike in `solve_upper`, the dimensions of the matrices come first.
+    Unlike in `solve_upper`, the dimensions q of each matrix come first, and the dimensions "..." of
+    the stack come last.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
-"""Region of parameters where compliances are not negative, and quantiles of a Gaussian in it.
+"""Region of parameters where no compliance is negative, and quantiles of Gaussians in this region.
 
-The region is A β ≥ 0. β (p,) are the parameters (compliances, their slopes with force and geometric
-errors); each row of A (m, p) gives one compliance at one force that must not be negative.
+The region is A β ≥ 0. β (p,) are the parameters: compliances, their slopes (changes with force) and
+geometric errors. Each row of A (m, p), multiplied by β, is a compliance at one force; this
+compliance must not be negative.
 """
 
 from __future__ import annotations
@@ -200,7 +201,7 @@ def _first_density(
     edge: Array,
     size: int,
 ) -> tuple[Array, Array]:
-    """Return a grid over the range of the first coordinate of z, and its density on the grid.
+    """Return a grid over the range of the first coordinate of z, and the density on this grid.
 
     z is a standard normal vector of k elements restricted by m constraints rows · z ≥ edge. The
     coefficients ``rows`` have shape (m, k), the lower bounds ``edge`` (..., m) for many problems.
@@ -256,13 +257,13 @@ def _eliminate_last(
     rows: Array,
     edge: Array,
 ) -> tuple[Array, Array]:
-    """Return the constraints that rows · z ≥ edge implies on all coordinates of z but the last.
+    """Return the constraints on all coordinates of z but the last that follow from rows · z ≥ edge.
 
     The m constraints have the coefficients ``rows``, shape (m, k), and the lower bounds ``edge``,
-    shape (..., m) for many problems; the new constraints are returned in the same form. Some are
-    constraints that do not contain the last coordinate. The others are sums of two constraints, of
-    which one bounds the last coordinate from below and the other from above; they are scaled so
-    that this coordinate cancels.
+    shape (..., m) for many problems; the new constraints are returned in the same form. Some of
+    them are old constraints that do not contain the last coordinate. The other new constraints are
+    sums of two old constraints: one bounds the last coordinate from below, the other from above,
+    and both are scaled so that this coordinate cancels.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)
@@ -280,8 +281,8 @@ def _eliminate_last(
 def _opposite_pairs(last: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the indices of all pairs of a positive and a negative element of ``last``.
 
-    The first array holds the indices of the positive elements, the second those of the negative
-    ones.
+    The first array holds the indices of the positive elements, the second array the indices of the
+    negative elements.
     """
     positive = np.flatnonzero(last > 0.0)
     negative = np.flatnonzero(last < 0.0)

@@ -29,8 +29,8 @@ _FORM_ORDERS = range(2, MAX_ORDER + 1)
 # Orders n of the harmonics cos nθ, sin nθ of the machine's pattern (geometric and cyclic errors of
 # higher orders). They start at 4, because other geometric errors describe the lower orders.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
-# Hyper-parameter p, the power by which the sds of the balls' form errors, and of the machine's
-# errors of higher orders, fall with the order n (waves in a turn).
+# Hyper-parameter p (decay). The sds of the balls' form errors, and of the machine's errors of
+# higher orders, are proportional to n^(−p) at the order n (waves in a turn).
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # Prior variance of each coefficient of a ball's form at the orders 2 and 3 (waves in a turn),
 # divided by the square of the ball's deviation from sphericity (peak to valley).
@@ -89,14 +89,14 @@ class BallForm(Term):
 
     θ is the angle on the circle and ψ the clocking angle, by which the ball is turned in its
     socket. Each ball adds to the prior variance of each coefficient. Let S be the ball's deviation
-    from sphericity, peak to valley. If its certificate or grade states S, the ball adds
-    S²/24 · min(1, 3/n)², because what is stated bounds the form at every order. If nothing is
-    stated about a ball, it adds τ²/2 (n/6)^(−2p) at all orders, and also S²/24 at the orders 2 and
-    3, with ``sphericity_um`` for S. The hyper-parameters are τ, the scale of the form of both balls
-    at order 6, and p, the power with which form error decreases as its order grows; they exist only
-    if the form of at least one ball is not stated. Harmonics that a certificate states have their
-    mean and variance from the certificate. If the field ``law`` is ``1/n``, as in the model's first
-    edition (preset ``first``), the prior sd is τ/n instead.
+    from sphericity, peak to valley. If its certificate or grade states S, the ball adds S²/24 ·
+    min(1, 3/n)², because what is stated bounds the form at every order. If nothing is stated about
+    a ball, it adds τ²/2 (n/6)^(−2p) at all orders, and also S²/24 at the orders 2 and 3, with
+    ``sphericity_um`` for S. The hyper-parameters are τ, the scale of the form of both balls at
+    order 6, and p, the exponent of the decrease with the order n. Both exist only if the form of at
+    least one ball is not stated. For harmonics that a certificate states, mean and variance are
+    taken from the certificate. If the field ``law`` is ``1/n``, as in the model's first edition
+    (preset ``first``), the prior sd is τ/n instead.
 
     If both balls keep their clocking in all tests, the forms of the two balls are modelled as one
     sum. If the clocking of a ball changes between tests, each ball has its own form: the work ball
@@ -125,11 +125,11 @@ class BallForm(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the balls' form: its scale τ at Fourier order 6, and its decay.
+        """Hyper-parameters of the balls' form: the scale τ at Fourier order 6, and the decay p.
 
-        The decay is the power with which form error decreases as its order n (waves in a turn)
-        grows. If the field ``law`` is ``1/n``, there is only τ. If the form of both balls is
-        stated, a campaign's model has neither, because they scale no coefficient.
+        The prior sd of a form error with n waves in a turn is proportional to n^(−p). If the field
+        ``law`` is ``1/n``, there is only τ. If the form of both balls is stated, a campaign's model
+        has neither τ nor p, because no coefficient depends on them.
         """
         tau = Scale("tau", "tau_um", "τ", "ball form")
         return (tau, _DECAY) if self.law == "decay" else (tau,)
@@ -137,9 +137,9 @@ class BallForm(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the balls' form for the tests of a campaign.
 
-        A column is the reading per unit of one coefficient, and is zero for tests in other planes
-        than its own. Every plane has one set of columns for each ball, or one set for the sum of
-        both balls.
+        A column is the reading per unit of one coefficient. Every plane has one set of columns for
+        each ball, or one set for the sum of both balls. The columns of a plane are zero for tests
+        in other planes.
         """
         columns = []
         for group in setting.groups_by("plane"):
@@ -155,7 +155,7 @@ class BallForm(Term):
         return tuple(columns)
 
     def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
-        """Return the prior of the form of one ball, or of the sum of the forms of both.
+        """Return the prior of the form of one ball, or of the sum of the forms of both balls.
 
         ``balls`` are the balls that have a part in the form. The result is a dict; its keys are
         those arguments of `Columns` that describe the prior.
@@ -178,7 +178,7 @@ class BallForm(Term):
         }
 
     def _coefficient_prior(self, balls: Sequence[_TurnedBall], orders: Array) -> _CoefficientPrior:
-        """Return the prior of the coefficients of one ball's form, or of the sum of both forms.
+        """Return the prior of the form coefficients of one ball, or of the sum of both balls.
 
         ``balls`` are the balls that have a part in the form, and ``orders`` the orders of the
         coefficients.
@@ -205,9 +205,9 @@ class BallForm(Term):
         """Return the prior sds of form coefficients from a ball's sphericity [µm], shape (n,).
 
         ``orders``, shape (n,), are the orders of the coefficients, at least 2. If the ball's
-        certificate or grade states its deviation from sphericity S, the sd is
-        S/√24 · min(1, 3/order). Otherwise it is ``sphericity_um``/√24 at the orders 2 and 3, and
-        zero at higher orders.
+        certificate or grade states its deviation from sphericity S, the sd is S/√24 · min(1,
+        3/order). Otherwise the sd is ``sphericity_um``/√24 at the orders 2 and 3, and zero at
+        higher orders.
         """
         sphericity = ball.stated_sphericity_um
         relative = np.minimum(1.0, _LAST_SPHERICITY_ORDER / orders)
@@ -221,9 +221,10 @@ class BallForm(Term):
 
         The assumptions are the sds of the coefficients, and the amplitudes and sds that
         certificates state. The orders are 2 to 12 if a certificate or grade states the deviation
-        from sphericity. If none does, the orders are 2, 3 and those of the harmonics that a
-        certificate states. The part of the sd from the hyper-parameter τ, the scale of form, is not
-        included. If the field ``law`` is ``1/n``, nothing is yielded.
+        from sphericity. If no certificate or grade states this deviation, the orders are 2, 3 and
+        the orders of all harmonics that a certificate states. The part of the sd from the
+        hyper-parameter τ, the scale of form, is not included. If the field ``law`` is ``1/n``,
+        nothing is yielded.
         """
         if self.law != "decay":
             return
@@ -294,7 +295,7 @@ def _forms(setting: Setting) -> list[_Form]:
 
     If clockings (angles by which a ball is turned in its socket) differ between tests, there is one
     form error for each ball, as a function of the angle on this ball. Otherwise there is only the
-    sum of both, as a function of the angle on the work ball.
+    sum of the form errors of both balls, as a function of the angle on the work ball.
     """
     work = setting.instrument.work
     tool = setting.instrument.tool
@@ -385,8 +386,8 @@ def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[C
     The pattern is an error of the machine that repeats with every turn: cosine and sine of several
     orders of the angle. A column is the reading per unit of one coefficient; it is zero in tests of
     other planes and radii. Each direction of travel in which the tests run has its own columns. The
-    prior sds of the coefficients have the common scale ω (``omega``) and fall with the order by the
-    power ``decay``, which is a hyper-parameter too.
+    prior sd of a coefficient of the order n is ω (n/6)^(−p), with the hyper-parameters ω
+    (``omega``) and p (``decay``).
 
     Parameters
     ----------

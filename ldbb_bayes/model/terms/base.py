@@ -71,7 +71,7 @@ class Uncertainty:
     #: name of the field of `Instrument` that holds the uncertainty from a certificate, such as
     #: bar_U_um; empty text if no field does
     certificate: str
-    stated: bool  #: whether the uncertainty is that of a certificate, not a default
+    stated: bool  #: whether a certificate states the uncertainty; if not, it is a default
 
 
 @dataclass(frozen=True)
@@ -96,21 +96,21 @@ class Uncertainties(Result):
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
     """Return what nuisance terms assume about the instrument of a campaign or plan.
 
-    Printed, the result is a table that says where in ``campaign.toml`` the value of a certificate
-    belongs.
+    When the result is printed, it is a table. The table also names the field of ``campaign.toml``
+    into which the value of each certificate belongs.
 
     Parameters
     ----------
     campaign : Campaign
         Campaign or plan.
     terms : iterable of Term, optional
-        The terms; by default those of the default model.
+        Nuisance terms; by default the nuisance terms of the default model.
 
     Returns
     -------
     Uncertainties
-        Value and standard uncertainty of each quantity of the instrument that the terms assume, and
-        the names of the certificates.
+        Value and standard uncertainty that the terms assume for each quantity of the instrument,
+        and the names of the certificates.
 
     Examples
     --------
@@ -162,8 +162,9 @@ class Term(Shown):
     The effect is a sum of columns (functions of the angle) times coefficients with Gaussian priors.
     To define a term of your own, derive a frozen dataclass from this class; fits, results, designs
     and model files then know the term by the name of your class. The fields of your class are the
-    settings of the term (positive numbers or strings), and the keys of its table under ``[terms]``
-    of a model file. Only the method `columns` must be written; everything else has defaults.
+    settings of the term (positive numbers or strings). In a model file, the names of these fields
+    are the keys of the term's table under ``[terms]``. Only the method `columns` must be written;
+    everything else has defaults.
 
     Examples
     --------
@@ -307,7 +308,7 @@ class Term(Shown):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return internal and displayed unit of a coefficient of this term, given its name."""
+        """Return internal and displayed unit of a coefficient, from the coefficient's name."""
         return cls.unit
 
     @classmethod

@@ -29,8 +29,8 @@ Covariate = Literal["time", "temperature"]
 # ``first``).
 _FIRST_EDITION_ORDERS = 4
 # Highest order n of the harmonics cos nθ, sin nθ of hysteresis in a plane whose circles all run in
-# one direction. There hysteresis cannot be distinguished from bar length, geometric errors and
-# compliances, whose effects have orders up to this one.
+# one direction. In such a plane, hysteresis cannot be distinguished from bar length, geometric
+# errors and compliances, whose effects have orders up to this one.
 _ONE_WAY_ORDERS = 3
 # Prior sd of the part of hysteresis that is proportional to force, in a plane whose circles all run
 # in one direction, divided by the prior sd in a plane with both directions.
@@ -108,7 +108,7 @@ class Discrepancy(Term):
     array([0. , 0. , 0. , 0.5, 0.5])
     """
 
-    #: power by which the prior sd of the discrepancy falls with the order n of the harmonics
+    #: exponent of the prior sd κ/n^decay of the discrepancy, where n is the order of the harmonics
     #: cos nθ, sin nθ
     decay: float = 1.0
     remedy = "Run more circles: what differs from one to the next averages out."
@@ -190,9 +190,10 @@ class Hysteresis(Term):
     In a plane whose circles run in both directions, the orders are n = 0 … 12. The prior sds are
     η/n, with the hyper-parameter η, and ``proportional_um_per_kN``/n. If all circles of a plane run
     in one direction, or none states its direction, hysteresis cannot be separated from bar length,
-    geometric errors and compliances; it then widens their intervals. In this case, the orders of
-    hysteresis are n = 0 … 3, which are also the orders of these effects, and the prior sds are
-    ``constant_um``/n and 0.6 ``proportional_um_per_kN``/n.
+    geometric errors and compliances; hysteresis then widens the intervals of these parameters. In
+    this case, hysteresis has the orders n = 0 … 3; the effects of bar length, geometric errors and
+    compliances have the same orders. The prior sds are ``constant_um``/n and 0.6
+    ``proportional_um_per_kN``/n.
 
     If ``law`` is ``fixed``, as in the model's first edition (preset ``first``), the term acts only
     in planes with both directions, on the orders n = 0 … 4, and ``constant_um`` replaces η.
@@ -328,8 +329,8 @@ def _columns_of_plane(
 class Drift(Term):
     """Drift of the bar's length and of the circle's centre with time or temperature.
 
-    Let u be the time of each test in hours or its temperature in kelvins, as ``over`` states, minus
-    the mean of the campaign. A drift of the bar's length changes the reading by u times its
+    Let u be the time [h] or the temperature [K] of a test, as ``over`` states, minus the mean of
+    all tests of the campaign. A drift of the bar's length changes the reading by u times its
     coefficient. A drift of the centre's coordinates, with the vector c of their coefficients,
     changes the reading by u B̂ · c, where B̂ is the unit vector along the bar. ``length_um`` and
     ``centre_um`` are the prior sds of the coefficients, per hour or kelvin; a steel bar of 150 mm

@@ -1,8 +1,8 @@
 """Columns of nuisance terms, Gaussian priors of their coefficients, and hyper-parameters.
 
-A nuisance term is an effect that is modelled but not of interest. Its columns are its effect on the
-readings per unit of each of its coefficients. Hyper-parameters scale the prior standard deviations
-of the coefficients, and those of the noise.
+A nuisance term is an effect that is modelled but not of interest. A column of a term is the effect
+on the readings per unit of one coefficient of the term. Hyper-parameters scale the prior standard
+deviations of the coefficients, and the standard deviations of the noise.
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ NOISE = "ReadingNoise"
 # scale ω of the machine's errors of higher orders are stated. At any order n, the prior sds are
 # proportional to (n/6)^(−decay).
 FORM_ORDER = 6.0
-# Kinds of prior distribution of a hyper-parameter: half-normal for scales, decay for the power by
-# which the amplitude of form falls with its order, circle for the noise factor λ of one circle.
+# Kinds of prior distribution of a hyper-parameter: half-normal for scales, decay for the exponent p
+# (the amplitude of form of order n is proportional to n^(−p)), circle for the noise factor λ of one
+# circle.
 Law = Literal["half-normal", "decay", "circle"]
 
 
@@ -40,9 +41,9 @@ class Scale(NamedTuple):
     """Hyper-parameter of the model, with its prior.
 
     Most hyper-parameters are prior sds of coefficients or of noise [mm], and have a half-normal
-    prior. Two kinds, named in the field ``law``, have no unit: ``decay`` is the power by which the
-    amplitude of form falls with its order, and ``circle`` is the factor λ on the noise of one
-    circle, whose square has the inverse gamma prior InvGamma(3/2, 3/2).
+    prior. Two kinds, named in the field ``law``, have no unit: ``decay`` is the exponent p (the
+    amplitude of form of order n is proportional to n^(−p)), and ``circle`` is the factor λ that
+    multiplies the noise of one circle; λ² has the inverse gamma prior InvGamma(3/2, 3/2).
 
     Examples
     --------
@@ -62,8 +63,9 @@ class Scale(NamedTuple):
     prior_um: float | str
     symbol: str = ""  #: symbol of the hyper-parameter in reports, such as σ
     words: str = ""  #: description of the hyper-parameter in reports, such as white noise
-    #: kind of prior of the hyper-parameter: ``half-normal`` for a length, ``decay`` for the power
-    #: by which form falls with its order, or ``circle`` for the noise factor λ of one circle
+    #: kind of prior of the hyper-parameter: ``half-normal`` for a length, ``decay`` for the
+    #: exponent p (form of order n is proportional to n^(−p)), or ``circle`` for the noise factor λ
+    #: of one circle
     law: Law = "half-normal"
 
     def __repr__(self) -> str:
@@ -75,9 +77,8 @@ class Source(NamedTuple):
 
     The factor is hyper · circle · (order/6)^(−decay), with the values of three hyper-parameters.
     Their names are in the fields ``hyper`` (the scale of an effect), ``circle`` (the noise factor λ
-    of a circle) and ``decay`` (the power with which form error decreases as its order grows). Where
-    a name is None, that part of the product is 1. ``order`` is the order of the coefficient's
-    harmonic.
+    of a circle) and ``decay`` (the exponent). If a name is None, its part of the product is 1.
+    ``order`` is the order of the coefficient's harmonic.
     """
 
     hyper: Hyper | None = None
@@ -109,10 +110,10 @@ class Columns(Shown):
     """Columns of one term's p coefficients, with the Gaussian prior of the coefficients.
 
     A column is the reading per unit of a coefficient, as a function of the angle θ on the circle.
-    It is stored as its Fourier coefficients: those of 1, cos θ, sin θ, cos 2θ, sin 2θ, … to the
-    order 12. The prior sd of coefficient j is sd_j · hyper · λ · (order_j/6)^(−decay), with the
-    hyper-parameters hyper, λ (noise factor of the test's circle) and decay. If the field ``stated``
-    is given, its value for coefficient j is added in quadrature.
+    The function is stored as its Fourier coefficients, which multiply 1, cos θ, sin θ, cos 2θ, sin
+    2θ, … to the order 12. The prior sd of coefficient j is sd_j · hyper · λ · (order_j/6)^(−decay),
+    with the hyper-parameters hyper, λ (noise factor of the test's circle) and decay. If the field
+    ``stated`` is given, its value for coefficient j is added in quadrature.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Nuisance terms (effects modelled but not of interest) of the first edition of the model.
 
-The first edition of the model is the one that the first edition of this software had; its preset is
+The first edition of the model is the model of the first edition of this software. Its preset is
 named ``first``.
 """
 
@@ -17,10 +17,10 @@ __all__ = ["first_edition"]
 def first_edition() -> tuple[Term, ...]:
     """Return the nuisance terms of the model's first edition (preset ``first``).
 
-    Nuisance terms are effects modelled but not of interest. The prior sd of the balls' form falls
-    as 1/n with its order n (waves in a turn). Mount deflection and force error have no curvature.
-    The noise of all circles has the same scale. The part of hysteresis that does not depend on
-    force has a fixed prior sd.
+    Nuisance terms are effects modelled but not of interest. The prior sd of a form error of the
+    balls with n waves in a turn is proportional to 1/n. Mount deflection and force error have no
+    curvature. The noise of all circles has the same scale. The part of hysteresis that does not
+    depend on force has a fixed prior sd.
     """
     return (
         BallForm(law="1/n"),

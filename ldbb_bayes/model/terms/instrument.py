@@ -22,7 +22,7 @@ __all__ = ["Angle", "BarLength", "ForceError", "Mount"]
 def _standard_uncertainty(
     expanded: float | None, assumed: float, unit_per_stated: float = 1.0
 ) -> float:
-    """Return the standard uncertainty: half of the expanded one (k = 2) that a certificate states.
+    """Return the standard uncertainty: half of the expanded uncertainty (k = 2) of a certificate.
 
     If ``expanded`` is None, return the standard uncertainty ``assumed``. ``unit_per_stated``
     converts the stated value to the unit of the result, such as 0.01 for percent.
@@ -319,8 +319,8 @@ class Angle(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the standard uncertainties that the term assumes for angle reference and lag.
 
-        If ``campaign`` holds an uncertainty that a certificate states for the angle, both results
-        follow from it. If not, both are equal to the field ``sd_deg``.
+        If ``campaign`` holds an expanded uncertainty (k = 2) of the angle from a certificate, both
+        standard uncertainties are half of it. Otherwise both are equal to the field ``sd_deg``.
         """
         sd = self._sd_rad(campaign.instrument)
         for name in ("angle_reference", "angle_lag"):

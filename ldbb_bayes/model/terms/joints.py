@@ -46,18 +46,19 @@ _LAWS = {
 class JointLoad(Term):
     """Nonlinear deflection of each machine axis a, under its own load F u_a and under the force F.
 
-    u is the unit vector along the bar, F the bar's force, F0 the reference force and F_max the
-    largest force of the campaign. The term has three columns (readings per unit coefficient) for
-    each axis: F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact; F^⅔ F0^⅓ |u_a|^(5/3) −
-    F u_a², for bolted contact (deflection ~ load^⅔); and (F^⅔ F0^⅓ − F) u_a², for a seat that
-    yields to the bar's whole force. All columns are zero where F = F0 and the bar is along the
-    axis. The direct compliance C_aa of the axis is therefore the axis' deflection per force at this
-    force and direction (secant compliance). The prior sd of each coefficient is ``relative_sd``
-    times the size of C_aa: its estimate and the standard uncertainty of the estimate, added in
-    quadrature.
+    u_a is the component along the axis of the unit vector along the bar, F the bar's force, F0 the
+    reference force and F_max the largest force of the campaign. The term has three columns
+    (readings per unit coefficient) for each axis: F u_a² (F |u_a| − F0)/F_max, for preload and
+    rolling contact; F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔); and
+    (F^⅔ F0^⅓ − F) u_a², for a seat that yields to the bar's whole force. All columns are zero where
+    F = F0 and the bar is along the axis. The direct compliance C_aa of the axis is therefore the
+    axis' deflection per force at this force and direction (secant compliance). The prior sd of each
+    coefficient is ``relative_sd`` times the size of C_aa. This size is the estimate of C_aa and the
+    standard uncertainty of the estimate, added in quadrature.
 
-    F0 must be positive: a contact that yields to its own load has no compliance at no load, and
-    with F0 = 0 two of the columns would be −F u², which no reading separates from C_aa.
+    F0 must be positive: the compliance of a contact that yields to its own load is not defined at
+    zero load. With F0 = 0, two of the columns would be −F u_a², and readings could not separate
+    them from the effect of C_aa.
 
     Examples
     --------
@@ -194,10 +195,10 @@ class Position(Term):
 
     Screw and guideway are stiffer near their bearings. On a circle, the position of axis a is
     proportional to u_a, where u is the unit vector along the bar. The term has two columns
-    (readings per unit coefficient) for each axis: F u_a³ for a linear change, and
-    F (u_a⁴ − u_a²/2) for a quadratic change, with the force F. The prior sds of the coefficients
-    are ``linear_sd`` and ``quadratic_sd``, times the size of the axis' direct compliance C_aa: its
-    estimate and the standard uncertainty of the estimate, added in quadrature.
+    (readings per unit coefficient) for each axis: F u_a³ for a linear change, and F (u_a⁴ − u_a²/2)
+    for a quadratic change, with the force F. The prior sds of the coefficients are ``linear_sd``
+    and ``quadratic_sd`` times the size of the axis' direct compliance C_aa. This size is the
+    estimate of C_aa and the standard uncertainty of the estimate, added in quadrature.
 
     Examples
     --------
@@ -209,10 +210,10 @@ class Position(Term):
     """
 
     #: prior sd of the linear change of an axis' compliance along its travel, as a share of the size
-    #: of its direct compliance
+    #: of the axis' direct compliance
     linear_sd: float = 0.07
     #: prior sd of the quadratic change of an axis' compliance along its travel, as a share of the
-    #: size of its direct compliance
+    #: size of the axis' direct compliance
     quadratic_sd: float = 0.04
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
