@@ -39,16 +39,16 @@ __all__ = [
 
 # Number of values of the hyper-parameters at which possible circles are compared.
 _NODES = 16
-# Number of posterior draws of the parameters, and number of values of the hyper-parameters from
-# which the means and standard deviations of the parameters are computed.
+# Number of posterior draws of the parameters. The means and standard deviations of the parameters
+# are computed from the same number of values of the hyper-parameters.
 _DRAWS = 1024
 # Least distance between an estimate and a tolerance limit, in present standard uncertainties. When
 # a circle is chosen, a smaller distance is replaced by this one. If the estimate were exactly at
 # the limit, no campaign would be long enough for a decision.
 _LEAST_DISTANCE = 0.2
-# Least standard uncertainty that an aim asks for, as a fraction of the present standard
-# uncertainty. Without this limit, a goal in percent of a parameter that may be zero would ask for
-# an uncertainty of zero.
+# Smallest standard uncertainty that may be the target of an aim, as a fraction of the present
+# standard uncertainty. Without this limit, the target of a goal in percent of a parameter would be
+# zero if the parameter may be zero.
 _LEAST_TARGET = 1e-3
 
 
@@ -64,16 +64,15 @@ class GoalSoFar(Result):
     unit: str
     value: float  #: posterior mean of the parameter
     U: float  #: expanded uncertainty of the parameter now
-    #: largest U that the goal permits; if the goal is a percentage of the parameter, the limit at
-    #: the parameter's posterior mean
+    #: largest U that the goal permits; a goal in percent is a percentage of the posterior mean here
     limit: float
-    #: probability that the goal is met already; 0 or 1, unless the goal is a percentage of the
-    #: parameter, whose true value is not known
+    #: probability that the goal is met already. The probability is 0 or 1, unless the goal is a
+    #: percentage of the parameter: the true value of the parameter is not known.
     probability: float
     U_next: float  #: U expected after the best next circle
     probability_next: float  #: probability that the goal is met after the best next circle
-    #: U that would remain if the best possible circles were repeated very many times; if this U is
-    #: above ``limit``, circles alone do not reach the goal
+    #: U that would remain if the best possible circles were repeated very many times. If this U is
+    #: above ``limit``, no number of circles reaches the goal.
     U_floor: float
 
 
@@ -82,11 +81,11 @@ class ToleranceSoFar(Result):
     """Decision whether a quantity keeps its tolerance: now, and after the best next circle."""
 
     now: Conformity  #: present decision, as `assess_conformity` returns it
-    decided_next: float  #: probability of a decision after the best next circle
+    decided_next: float  #: probability that a decision is possible after the best next circle
 
     @property
     def decided(self) -> bool:
-        """Whether it is decided already that the quantity conforms, or that it does not."""
+        """Whether the quantity is already known to conform, or known not to conform."""
         return self.now.decision is not Decision.NOT_DECIDED
 
 
@@ -118,17 +117,18 @@ def known_from(nodes: Nodes, seed: int) -> Known:
 def _inflation(sd: float, weights: Array, covariance: Array) -> float:
     """Return the factor by which unknown hyper-parameters increase a standard uncertainty.
 
-    The standard uncertainty is that of a combination of the p parameters with the weights
-    ``weights``, shape (p,). ``sd`` is its value for unknown hyper-parameters. ``covariance``, shape
-    (K, p, p), are the covariances of the parameters for K known values of the hyper-parameters.
-    These covariances give K standard uncertainties; ``sd`` is divided by their root mean square.
+    The uncertain quantity is a combination of the p parameters with the weights ``weights``, shape
+    (p,). ``sd`` is the standard uncertainty of this combination for unknown hyper-parameters.
+    ``covariance``, shape (K, p, p), are the covariances of the parameters for K known values of the
+    hyper-parameters. These covariances give K standard uncertainties of the combination. The result
+    is ``sd`` divided by the root mean square of these K values.
     """
     return sd / float(np.sqrt((covariance @ weights @ weights).mean()))
 
 
 @dataclass(frozen=True, eq=False)
 class GoalState:
-    """A goal, what is known of its parameter now, and the goal as an aim for the next circle."""
+    """A goal, the present estimate of its parameter, and the aim for the next circle."""
 
     goal: Goal
     unit: str  # internal unit of the parameter (made of mm, N, rad)
@@ -140,8 +140,8 @@ class GoalState:
     def is_met(self) -> Array:
         """Return, for each posterior draw of the parameter, whether the goal is met now.
 
-        The result has the shape (n,), for n draws. The goal may limit U to a percentage of the
-        parameter's value; the value is then that of the draw.
+        The result has the shape (n,), for n draws. If the goal limits U to a percentage of the
+        parameter, the percentage is taken of each draw.
         """
         return self.goal.is_met(self.draws, self.sd)
 
@@ -158,8 +158,9 @@ class GoalState:
     def so_far(self, after: Array, floor: Array) -> GoalSoFar:
         """Return U and the probability that the goal is met: now, and after further circles.
 
-        U is the expanded uncertainty (k = 2) of the goal's parameter. Both are given now and after
-        the best next circle; U is also given after very many circles.
+        U is the expanded uncertainty (k = 2) of the goal's parameter. The result states U and the
+        probability for the present and for the time after the best next circle. It also states U
+        after very many circles.
 
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
         circle, at K values of the hyper-parameters. ``floor``, of the same shape, are the
@@ -184,7 +185,7 @@ class GoalState:
 def goal_states(
     goals: Mapping[str, Goal], known: Known, covariance: Array, confidence: float
 ) -> dict[str, GoalState]:
-    """Return every goal with what is known of its parameter before the next circle.
+    """Return every goal with the present estimate of its parameter and the aim that follows.
 
     The keys of the result are the names of the goals' parameters.
 
@@ -243,14 +244,14 @@ def tolerance_states(
     covariance: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return the present decision on every tolerance, and the aim to decide on it.
+    """Return, for every tolerance, the present decision and the aim to reach a decision.
 
     The decision is whether a quantity, such as a stiffness, keeps its tolerance. The keys of the
-    result are the names of the quantities. Each quantity is approximated by a linear function of
-    the parameters, which is fitted to the draws in ``posterior``. ``tolerances`` holds the
-    tolerance of each quantity. ``known`` is the posterior given the circles run. ``covariance``,
-    shape (K, p, p), are the covariances of the p parameters at K values of the hyper-parameters.
-    ``confidence`` is the least probability of a decision.
+    result are the names of the quantities. For the aim, each quantity is approximated by a linear
+    function of the parameters. This function is fitted to the draws in ``posterior``.
+    ``tolerances`` holds the tolerance of each quantity. ``known`` is the posterior given the
+    circles run. ``covariance``, shape (K, p, p), are the covariances of the p parameters at K
+    values of the hyper-parameters. ``confidence`` is the least probability of a decision.
     """
     decisions = assess_conformity(posterior, tolerances, confidence=confidence)
     draws = quantity_draws(posterior, decisions)

@@ -1,7 +1,7 @@
-"""The model for an analysis of planned tests alone, without the readings of their pilot.
+"""The model for an analysis of planned tests alone, without the readings of the pilot.
 
-The pilot is the campaign or plan that a design starts from. The reference force of the model and
-the prior standard deviations of the slopes are those of the pilot.
+The pilot is the campaign or plan that a design starts from. The model takes its reference force,
+and the prior standard deviations of the slopes (changes of compliance with force), from the pilot.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ __all__ = ["analysis_model"]
 
 
 def analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
-    """Return the model for an analysis of planned tests alone, without the readings of their pilot.
+    """Return the model for an analysis of planned tests alone, without the readings of the pilot.
 
-    The reference force of the model and the prior standard deviations of the slopes are those of
-    the pilot: the campaign or plan that the design starts from. ``space`` holds the model and the
-    pilot of the design, and ``tests`` are the planned tests.
+    The pilot is the campaign or plan that the design starts from. The model takes its reference
+    force, and the prior standard deviations of the slopes (changes of compliance with force), from
+    the pilot. ``space`` holds the model and the pilot of the design, and ``tests`` are the planned
+    tests.
     """
     model = space.model
     setting = space.bound.setting

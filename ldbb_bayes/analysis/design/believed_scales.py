@@ -1,17 +1,16 @@
-"""Scales of noise and effects that the analysis of planned tests may believe in.
+"""Scales of noise and effects that the analysis of planned tests may find likely.
 
 φ are the hyper-parameters: the scales of the noise and of other effects. An analysis does not know
 the true scales of a machine; it estimates them from the readings and the prior. The uncertainty
-that the analysis states is an average over all scales that it believes to be possible. Large scales
-remain possible even if the readings scatter little: three circles that agree do not prove that a
-fourth circle would agree with them.
+that the analysis states is an average over all scales that are possible given the readings. Large
+scales remain possible even if the readings scatter little: three circles that agree do not prove
+that a fourth circle would agree with them.
 
 The normal score of a scale is the standard normal quantile of the scale's cumulative prior
 probability, so that the prior of the scores v is N(0, 1). Readings y ~ N(0, V(v)) carry the Fisher
-information I_ij = ½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV) about the scores. What the analysis believes about the
-scores is approximated by a Gaussian with the precision 1 + I and the mean (1 + I)⁻¹ I v̂. Here v̂ ~
-N(v, I⁻¹) is a random estimate, which scatters about the true scores v as an efficient estimate
-does.
+information I_ij = ½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV) about the scores. The posterior of the scores is
+approximated by a Gaussian with the precision 1 + I and the mean (1 + I)⁻¹ I v̂. Here v̂ ~ N(v, I⁻¹)
+is a random estimate of the true scores v, with the covariance of an efficient estimate.
 """
 
 from __future__ import annotations
@@ -35,9 +34,9 @@ _LARGEST_SCORE = 6.0
 # Step of the normal scores in the central differences that give the derivatives of variances with
 # respect to the normal scores.
 _STEP = 0.1
-# If there are more circles than this, the analysis is assumed to know the true scales. An average
-# over the scales that the analysis finds likely would then differ little from the value at the true
-# scales, but would take a long time to compute.
+# If a plan has more circles than this number, the analysis is assumed to know the true scales. The
+# average over likely scales would then differ little from the value at the true scales, but its
+# computation would take a long time.
 _MOST_CIRCLES = 24
 
 
@@ -53,7 +52,7 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     phi
         True hyper-parameters of K possible machines, shape (K, h), lengths in mm.
     draws
-        Number of sets of hyper-parameters drawn for each machine.
+        Number of likely sets of hyper-parameters that are drawn for each machine.
     seed
         Seed of the random numbers.
 
@@ -102,7 +101,7 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
 
     ``truth``, shape (K, h), are the true scores. ``information``, shape (K, h, h), is the Fisher
     information of the readings about the scores. ``error``, shape (K, h), are standard normal
-    random numbers, from which the errors of the estimates are computed.
+    random numbers, from which the errors of the estimated scores are computed.
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
@@ -126,7 +125,7 @@ def _along(axes: Array, values: Array) -> Array:
 def fisher_information(bound: BoundModel, scores: Array) -> Array:
     """Return the Fisher information of planned readings about the normal scores of the scales.
 
-    Scales are hyper-parameters: those of the noise and of other effects.
+    The scales of the noise and of other effects are the hyper-parameters.
 
     The parameters of interest and all other effects are integrated out: the readings have the
     covariance V = Σ_c s_c x_c x_cᵀ + σ² 1. Here x_c is the column of changes of the readings per
@@ -160,8 +159,8 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
         information[k] = _information_at(
             effects.columns, variances[k, 0], noise[k, 0], slopes, noise_slope
         )
-        # The readings of a test are reduced to fewer values, which hold all effects. The other
-        # degrees of freedom of the readings, ``spare`` in number, hold white noise alone.
+        # The readings of a test are reduced to a few values that contain all effects. The other
+        # ``spare`` degrees of freedom of the readings contain white noise alone.
         information[k] += 0.5 * spare * np.outer(noise_slope, noise_slope) / noise[k, 0] ** 2
     return information
 
@@ -171,7 +170,7 @@ def _information_at(
 ) -> Array:
     """Return the Fisher information of N reduced readings about h normal scores, shape (h, h).
 
-    The readings of a test are reduced to fewer values, which hold all effects. The normal score of
+    The readings of a test are reduced to a few values that contain all effects. The normal score of
     a scale (hyper-parameter) is the standard normal quantile of the scale's cumulative prior
     probability.
 
@@ -203,10 +202,10 @@ def _information_at(
 
 
 class _Effects(NamedTuple):
-    """All effects on the reduced readings of planned tests, and their variances.
+    """All effects on the reduced readings of planned tests, and the variances of these effects.
 
-    The readings of a test are reduced to fewer values, which hold all effects. There are variances
-    for each of w sets of hyper-parameters.
+    The readings of a test are reduced to a few values that contain all effects. The variances are
+    given for each of w sets of hyper-parameters.
     """
 
     columns: Array  # changes of the N reduced readings per unit of each of C effects, shape (N, C)

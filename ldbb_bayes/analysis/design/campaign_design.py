@@ -44,12 +44,12 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# The sensitivity of a candidate test is the rate at which the criterion grows with the candidate's
-# fraction of all tests. The fractions are treated as proven optimal if the largest sensitivity
-# exceeds the mean of the sensitivities, weighted by the fractions, by at most this relative amount.
+# The share of a candidate test is its number of runs divided by the number of all runs. The
+# sensitivity of the candidate is the derivative of the criterion with respect to its share. The
+# shares are treated as proven optimal if the largest sensitivity exceeds the mean of the
+# sensitivities, weighted by the shares, by at most this relative amount.
 _CERTIFICATE_TOLERANCE = 1e-4
-# Candidate tests whose share (fraction) of the tests is below this are left out of the table of the
-# best shares.
+# Candidate tests with a share below this number are left out of the table of the best shares.
 _LISTED_SHARE = 1e-4
 # More circles are treated as useless for a parameter if more than this share of its expected
 # standard uncertainty would remain even if every circle of the design were run very many times.
@@ -68,9 +68,9 @@ class Certificate(Result):
 
     A candidate is a test that could be run; its share is its number of runs divided by the number
     of all runs. The criterion is the figure of merit that the design makes large. The sensitivity
-    of a candidate is the rate at which the criterion grows with the candidate's share. The bound is
-    the mean of the sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960), the
-    shares are optimal if the largest sensitivity of all candidates does not exceed the bound.
+    of a candidate is the derivative of the criterion with respect to the candidate's share. The
+    bound is the mean of the sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960),
+    the shares are optimal if the largest sensitivity of all candidates does not exceed the bound.
     ``holds`` is true if the largest sensitivity exceeds the bound by at most 0.01 %. For criterion
     D with flat priors the bound is the number of parameters. If the criterion is not concave,
     ``is_global`` is false: the certificate then proves only that no small change of the shares is
@@ -101,15 +101,16 @@ class Judged(Forecast):
 class Limits(Result):
     """Limits of what the tests of a design can show."""
 
-    #: number of different forces of the tests, if these forces are too few to show that the model's
-    #: compliances need a higher degree as polynomials of force; None if the forces are enough, or
-    #: if the tests only add to tests already run
+    #: number of different forces of the tests if there are too few forces; None if there are enough
+    #: forces, or if the tests only add to tests already run. The forces are too few if the tests
+    #: cannot show that compliances are polynomials of force of a higher degree than in the model.
     levels: int | None
     #: direction of travel of each plane in which all circles run in the same direction although the
     #: model includes hysteresis in this plane; the keys are the planes
     one_way: dict[str, str]
-    #: whether the model includes drift and the machine may have drifted in the campaign that the
-    #: design starts from; the forecast assumes that drift does not depend on the tests' settings
+    #: whether drift may limit the result: the model includes drift, and the machine may have
+    #: drifted in the campaign that the design starts from. The forecast assumes that drift does not
+    #: depend on the settings of the tests.
     drift: bool
     #: parameters whose expected standard deviation would decrease by less than 20 % even if every
     #: test were run very many times
@@ -117,7 +118,8 @@ class Limits(Result):
     #: combinations of coefficients that no reading resolves and that involve parameters of
     #: ``shared``
     degeneracies: tuple[Degeneracy, ...]
-    #: for each item of ``degeneracies``, the remedies that resolve it, such as further tests
+    #: the remedies for each item of ``degeneracies``: further tests or a calibration with which the
+    #: readings resolve the combination
     cures: tuple[tuple[Cure, ...], ...]
 
 
@@ -182,15 +184,16 @@ class Design(Forecast):
     compared: tuple[Judged, ...]
     limits: Limits  #: limits of what the recommended tests can show
     #: root mean square of the values of each hyper-parameter (scales of the noise and of other
-    #: effects) that the forecast averages over; lengths in µm; the relative scatter λ of a circle,
-    #: and the decay of the balls' form errors with their order, are pure numbers
+    #: effects) that the forecast averages over; lengths in µm. The noise factor λ of a circle has
+    #: no unit. Neither has the decay, the power by which the balls' form errors fall with the
+    #: number of waves per turn.
     hyper_um: dict[str, float]
-    #: whether the values of the hyper-parameters come from the readings of the campaign that the
-    #: design starts from; if not, they come from the prior
+    #: whether the hyper-parameters are estimated from the readings of the campaign that the design
+    #: starts from; if not, their values come from the prior
     measured: bool
     pilot: Pilot  #: campaign or plan that the design starts from
     #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity, the
-    #: rate at which the criterion grows with the share of the candidate, at the best shares
+    #: derivative of the criterion with respect to the share of the candidate, at the best shares
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
     #: the recommended tests, the tests to choose from, and the model for the analysis; None if the
     #: design was read from a file
@@ -218,8 +221,9 @@ class Design(Forecast):
     def model(self) -> HybridModel:
         """The model for the analysis of the recommended tests.
 
-        Its reference force F0 and the prior standard deviations of the slopes are those of the
-        campaign or plan that the design starts from, whatever the forces of the tests are.
+        The model takes its reference force F0, and the prior standard deviations of the slopes
+        (changes of compliance with force), from the campaign or plan that the design starts from.
+        They do not depend on the forces of the recommended tests.
         """
         return self._require_planned().model
 
@@ -264,11 +268,11 @@ class Design(Forecast):
         -------
         pandas.DataFrame
             One row per parameter, in internal units (mm, N, rad). ``sd`` is the expected standard
-            deviation, and ``sd_error`` its standard error, from the scatter over possible machines.
-            Three columns are for comparison: ``prior_sd`` is the prior standard deviation,
-            ``floor_sd`` is the standard deviation that would remain if every test were run very
-            many times, and ``baseline_sd`` is the standard deviation expected of a design in equal
-            steps of force.
+            deviation. ``sd_error`` is the standard error of ``sd``, from the scatter over possible
+            machines. Three columns are for comparison: ``prior_sd`` is the prior standard
+            deviation, ``floor_sd`` is the standard deviation that would remain if every test were
+            run very many times, and ``baseline_sd`` is the standard deviation expected of a design
+            in equal steps of force.
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
@@ -367,15 +371,16 @@ def design(
     certificates: Mapping[str, float] = MappingProxyType({}),
     probability: float = 0.9,
 ) -> Design | GoalDesign:
-    """Return the best tests to run next or, if goals are given, the cheapest campaigns for these.
+    """Return the best tests to run next or, if goals are given, the cheapest campaigns for them.
 
     The pilot is the campaign or plan that the design starts from. Everything is computed for the
     linear Gaussian model and averaged over the hyper-parameters (the scales of the noise and of
     other effects): over their posterior given the pilot, or over their prior if the pilot is a
-    plan. The expected standard deviations account for the truncation (compliances must not be
-    negative); criteria and evidence do not account for it. The reference force F0, the force range
-    and the estimate Ĉ of the compliances about which the model is linearised are those of the
-    pilot. The plan must therefore be analysed with the attribute ``model`` of the design.
+    plan. The expected standard deviations account for the condition that compliances are not
+    negative. The criteria, and the expected evidence about slopes, ignore this condition. The
+    reference force F0, the force range and the estimate Ĉ of the compliances about which the model
+    is linearised are those of the pilot. The plan must therefore be analysed with the attribute
+    ``model`` of the design.
 
     Parameters
     ----------
@@ -405,12 +410,13 @@ def design(
         Names of the parameters of interest; all other parameters are nuisances. Default: all
         parameters that the criterion is about.
     augment : bool
-        Whether the new tests are added to those of the pilot and analysed together with them;
-        ``tests`` is then the number of new tests.
+        Whether the new tests are analysed together with the tests of the pilot. If so, ``tests`` is
+        the number of new tests.
     against : mapping of str to Campaign
-        Designs for comparison: campaigns or plans, whose names are the keys.
+        Campaigns or plans that are compared with the design; the keys are names for them.
     slope_size : float
-        Size of the slopes that the tests are to detect, in prior standard deviations.
+        Size of the slopes (changes of compliance with force) that the tests are to detect, in prior
+        standard deviations.
     seed : int
         Seed of the random numbers of search and forecast.
     goals : mapping of str to str, float or Goal, optional
@@ -423,11 +429,11 @@ def design(
         min for a set-up and 5 min for a turn of the balls; 60 units of money for an hour.
     certificates : mapping of str to float
         With goals: prices of certificates that could be bought, such as {"balls G10": 300.0, "bar":
-        150.0}. Other certificates are "work ball G10", "tool ball G10", "mount", "force" and
-        "angle".
+        150.0}. The other names are "work ball G10", "tool ball G10", "mount" (its compliance),
+        "force" and "angle".
     probability : float
-        With goals: share of the machines, of those that are likely given the pilot, on which all
-        goals are to be met.
+        With goals: least share of the possible machines on which all goals are to be met. Possible
+        machines are those that are likely given the pilot.
 
     Returns
     -------
@@ -437,9 +443,9 @@ def design(
     Raises
     ------
     InputError
-        For numbers out of range, unknown names, a design in ``against`` that is of another machine,
-        a model or criterion that does not suit the parameters, or tests that leave parameters
-        undetermined.
+        For numbers out of range, unknown names, or a design in ``against`` that is of another
+        machine. Also if model or criterion do not suit the parameters, or if the tests leave
+        parameters undetermined.
 
     Examples
     --------
@@ -640,7 +646,7 @@ def _describe_design(
 
 
 def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Judged:
-    """Return the forecast and the efficiency of a design that is compared with the best one.
+    """Return the forecast and the efficiency of a design that is compared with the best design.
 
     ``name`` is the name of the design in the comparison. The efficiency is relative to the best
     division of the same number of tests among the candidates (tests that could be run). The
@@ -669,7 +675,7 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 
 
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
-    """Return the limits of what the tests of a design can show, and remedies for them.
+    """Return the limits of what the tests of a design can show, and remedies for these limits.
 
     More tests of the same kind would not remove these limits. ``forecast`` is the forecast of the
     tests' results.
@@ -700,8 +706,8 @@ def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | Non
     """Return the number of different forces of tests if there are too few forces, else None.
 
     The model describes compliances as polynomials of force. There are too few forces if the tests
-    cannot show that the degree of these polynomials is wrong. The result is also None if the tests
-    only add to tests already run.
+    cannot show that compliances are polynomials of a higher degree. The result is also None if the
+    tests only add to tests already run.
     """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     if space.augment or levels > space.model.degree + 2:
@@ -710,7 +716,7 @@ def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | Non
 
 
 def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) -> tuple[str, ...]:
-    """Return the names of the parameters whose expected sd hardly falls with further circles."""
+    """Return the names of parameters whose expected sd further circles would hardly reduce."""
     names = []
     for name in space.chosen:
         entry = forecast.expected[name]
@@ -735,7 +741,7 @@ def _planes_run_one_way(bound: BoundModel) -> dict[str, str]:
     """Return the direction of travel of each plane whose circles all run in one direction.
 
     The directions are "CW" and "CCW". The keys of the result are the planes. Only planes in which
-    the model includes both directions are considered.
+    the model includes both directions of travel are considered.
     """
     one_way = {}
     for plane in bound.setting.both_ways:

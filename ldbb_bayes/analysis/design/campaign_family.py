@@ -118,13 +118,13 @@ class CampaignFamily:
         return 2
 
     def best_counts(self, circles: int, start: Array | None = None) -> Array:
-        """Return how many circles of each candidate test the best campaign has.
+        """Return the number of circles of each candidate test in the best campaign.
 
         If the best circles are all at one force although compliances may depend on force, one
         circle is replaced by the best candidate at another force. ``circles`` is the number of all
-        circles of the campaign. ``start`` holds a number of circles of each candidate test, to
-        which the search adds circles; by default all these numbers are zero. ``start`` and the
-        result have the shape (candidates,).
+        circles of the campaign. The search adds circles to a campaign with ``start`` circles of
+        each candidate test, by default to none. ``start`` and the result have the shape
+        (candidates,).
         """
         if start is None:
             start = np.zeros(self.quick.candidates, dtype=int)
@@ -169,7 +169,7 @@ class CampaignFamily:
         return minutes_of(costs, tests)
 
     def price(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
-        """Return the price of the machine time of tests and of the family's certificates."""
+        """Return the price of the machine time of tests, plus the price of the certificates."""
         return price_of(costs, minutes_of(costs, tests), self.certificates_price)
 
     def plan_of(self, tests: Sequence[CircularTest]) -> Campaign:

@@ -25,8 +25,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]
 
-# Elements of a test's matrix G are treated as rounding errors if they are below this share of the
-# largest element in their column. GᵀG is the information matrix of the test.
+# GᵀG is the information matrix of a test. An element of G is treated as a rounding error if it is
+# below this share of the largest element in the same column.
 _ROUNDING_ERROR = 1e-12
 # Number of forces over which criterion I averages the variance of predicted compliances. These
 # forces span the range of force of the pilot (the campaign that a design starts from).
@@ -63,8 +63,8 @@ def objective_of(
 ) -> Objective:
     """Return the objective of a search among candidate tests, for the chosen parameters.
 
-    Nuisance coefficients that are not connected with the chosen parameters by common readings are
-    left out.
+    Nuisance coefficients (effects that are modelled but not of interest) are left out if they are
+    not connected with the chosen parameters by common readings.
 
     Parameters
     ----------

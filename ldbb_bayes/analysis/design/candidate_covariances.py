@@ -1,9 +1,10 @@
 """Covariances of the parameters after one more circle, for many possible circles at once.
 
-Let Σ be the covariance of all coefficients given the circles run, and G the derivatives of a
-possible circle's reduced readings with respect to the coefficients, in standard deviations of the
-noise. Let Σ_s be the rows of Σ for the parameters of interest, and Σ_ss the part of Σ_s in the
-columns of these parameters. After the circle, the covariance of the parameters of interest is
+Let Σ be the covariance of all coefficients given the circles run. The readings of a possible circle
+are reduced to a few values that hold their information. Let G be the derivatives of these values
+with respect to the coefficients, in standard deviations of the noise. Let Σ_s be the rows of Σ for
+the parameters of interest, and Σ_ss the part of Σ_s in the columns of these parameters. After the
+circle, the covariance of the parameters of interest is
 
     Σ_ss − Σ_s Gᵀ (1 + G Σ Gᵀ)⁻¹ G Σ_sᵀ.
 """
@@ -24,10 +25,10 @@ class CandidateCovariances:
     Parameters
     ----------
     objective
-        Objective at K values of the hyper-parameters: its ``prior`` holds the information of the
-        circles run, and its ``rows`` hold that of every possible circle. The s parameters of
-        interest are the last of the p coefficients; all are in units of their prior standard
-        deviations.
+        Objective at K values of the hyper-parameters. Its ``prior`` is the precision of the p
+        coefficients given the circles run, and its ``rows`` hold the information of every possible
+        circle. The s parameters of interest are the last of the p coefficients. All coefficients
+        are in units of their prior standard deviations.
     """
 
     def __init__(self, objective: Objective) -> None:

@@ -1,10 +1,10 @@
-"""Candidates for a design: tests that could be run, the model bound to them, and their order.
+"""Candidates for a design: tests that could be run, the model bound to them, and running orders.
 
 The pilot is the campaign or plan that a design starts from. The model keeps the pilot's reference
 force F0, range of force, and estimate Ĉ of the compliances about which it is linearised. A clocking
 is the pair of angles by which the two balls are turned. If the tests have different clockings, the
-model has separate terms for the form errors of the two balls. If not, it has one common term, which
-is then equivalent.
+model has separate terms for the form errors of the two balls. If all tests have the same clocking,
+the model has one common term for both balls instead, which is then equivalent.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ Clocking = tuple[float, float]
 def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[CircularTest, ...]:
     """Return a test without readings for every plane and every direction of travel.
 
-    ``pilot`` is the campaign or plan that a design starts from. By default, the directions in a
-    plane are those of the pilot. All other settings are those of one of the pilot's tests in the
-    plane: the test with the median number of readings. The angles of the tests returned are in
-    equal steps.
+    ``pilot`` is the campaign or plan that a design starts from. By default, each plane has the
+    directions in which the pilot runs it. All other settings are copied from one of the pilot's
+    tests in the plane: the test with the median number of readings. The angles of the tests
+    returned are in equal steps.
     """
     tests: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
@@ -64,7 +64,7 @@ def _number_of_angles(test: CircularTest) -> int:
 
 
 class _TestKind(NamedTuple):
-    """Kind of a test: the properties that decide which parameters the model has."""
+    """Kind of a test: the properties of the test that decide which parameters the model has."""
 
     plane: str | None
     setup: int | None
@@ -92,8 +92,8 @@ def add_foreseen_tests(
         Tests that the design chooses among. If the candidates in a plane run in both directions,
         tests in both directions are added, so that the model includes hysteresis.
     compared_tests
-        Tests of designs that are only compared with this design. They are added without their
-        direction.
+        Tests of designs that are only compared with this design. The direction of travel of these
+        tests is ignored.
 
     Returns
     -------
@@ -144,9 +144,9 @@ def _tests_by_kind(
 
     The kind of a test consists of its plane, set-up, centre, radius and direction of travel.
 
-    The tests are ``candidates``, those to choose from, followed by ``compared_tests``, those of
-    other designs. The direction is left out, except for candidates in planes whose candidates run
-    in both directions. The radius is left out if ``uses_radius`` is false.
+    ``candidates`` are the tests to choose from; ``compared_tests`` are tests of other designs and
+    come after the candidates. The kind has a direction only for candidates in a plane in which
+    candidates run in both directions. The kind has a radius only if ``uses_radius`` is true.
     """
     both_ways = _planes_run_both_ways(candidates)
     possible = []
@@ -154,8 +154,8 @@ def _tests_by_kind(
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((_kind_of(test, direction, uses_radius), test))
     possible += [(_kind_of(test, None, uses_radius), test) for test in compared_tests]
-    # In the reversed list the first test of a kind comes last, and so it overwrites the other tests
-    # of its kind in the dictionary.
+    # In the reversed list, the first test of a kind comes last. It therefore replaces all other
+    # tests of this kind in the dictionary.
     return dict(reversed(possible))
 
 
@@ -201,10 +201,10 @@ def bind_tests(
 ) -> BoundModel:
     """Return the model bound to a plan that consists of the given tests.
 
-    The reference force, range of force and estimate Ĉ of the compliances are those of the pilot.
-    The model also has the parameters that only the pilot's tests can show, even if the plan leaves
-    these tests out. The exception is hysteresis, because the pilot's directions of travel are
-    ignored.
+    The model takes its reference force, its range of force and the estimate Ĉ of the compliances
+    from the pilot. The model also has the parameters that only the pilot's tests can show, even if
+    the plan leaves these tests out. The exception is hysteresis, because the pilot's directions of
+    travel are ignored.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def bind_tests(
     tests
         Planned tests.
     keep_pilot_tests
-        Whether the plan begins with the pilot's own tests.
+        Whether the plan begins with the tests of the pilot.
 
     Returns
     -------
@@ -232,10 +232,10 @@ def bind_tests(
 def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
     """Return the model bound to a plan.
 
-    The pilot is the campaign that the plan starts from. If the plan has a pilot, the reference
-    force, range of force and estimate Ĉ of the compliances are those of the pilot. The instrument
-    and the order of the tests are the plan's own. If the plan adds to its pilot, the pilot's tests
-    come first.
+    The pilot is the campaign that the plan starts from. If the plan has a pilot, the model takes
+    its reference force, its range of force and the estimate Ĉ of the compliances from the pilot.
+    The instrument and the order of the tests are always taken from the plan. If the plan adds to
+    its pilot, the pilot's tests come first.
     """
     pilot = plan.pilot
     if pilot is None:
@@ -245,11 +245,11 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
 
 
 def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
-    """Return a plan with times for its tests; the mean of the times is that of the pilot's tests.
+    """Return a plan with times for its tests; their mean is the mean time of the pilot's tests.
 
     The pilot is the campaign that the plan starts from. The times decide how a drift acts on the
-    tests. A plan whose tests are not run in the order in which it lists them, or that adds to its
-    pilot, is returned unchanged.
+    tests. A plan is returned unchanged if it adds to its pilot, or if its tests are not run in the
+    order in which they are listed.
     """
     if plan.order is not None or plan.adds_to_pilot:
         return plan
@@ -276,8 +276,8 @@ def _bind_to_pilot(
     """
     tests = plan.tests
     pilot_tests = pilot.plan().tests
-    # Remove the names of the tests: the plan then gives every test a name of its own, even if a
-    # test is planned repeatedly.
+    # Remove the names of the tests: the plan then gives every test a different name, even if a test
+    # is planned repeatedly.
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
     if keep_pilot_tests:
         planned = (*pilot_tests, *planned)

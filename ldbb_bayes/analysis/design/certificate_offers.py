@@ -43,7 +43,7 @@ _MOST_OFFERS = 5
 class CertificateOffer(Result):
     """One certificate that could be bought: what it states, and its price."""
 
-    name: str  #: what is certified, such as "balls of grade G10"
+    name: str  #: name of the certificate, such as "balls of grade G10"
     price: float  #: price, in a unit of money
     #: values that the certificate states for properties of the instrument; the keys are the names
     #: of the attributes of `Instrument`
@@ -110,9 +110,9 @@ def sets_of_offers(
 ) -> tuple[tuple[CertificateOffer, ...], ...]:
     """Return all sets of certificates that could be bought for an instrument.
 
-    A certificate is left out if it states a property of the instrument, such as the length of the
-    bar, that the instrument's own certificates state already. Sets in which two certificates state
-    the same property are left out too. The first set is empty.
+    A certificate is left out if it states a property, such as the length of the bar, that is
+    already certified for the instrument. Sets in which two certificates state the same property are
+    left out too. The first set is empty.
     """
     uncertified = Instrument()
     useful = []
@@ -130,7 +130,7 @@ def sets_of_offers(
 
 
 def certified_with(instrument: Instrument, offers: Sequence[CertificateOffer]) -> Instrument:
-    """Return the instrument with the values that further certificates state for its properties."""
+    """Return the instrument with the values that ``offers``, further certificates, state for it."""
     statements: dict[str, Any] = {}
     for offer in offers:
         statements.update(offer.statements)

@@ -34,14 +34,14 @@ __all__ = [
 # Largest number of circles of a campaign.
 _MOST_CIRCLES = 40
 # To estimate how many circles are needed in a family of campaigns, the search takes the family's
-# best campaign of this many circles. All its numbers of circles are then multiplied by the smallest
-# factor with which the goals are reached.
+# best campaign of this many circles. Its number of circles of each candidate test is then
+# multiplied by one factor, the smallest with which the goals are reached.
 _CIRCLES_OF_SHARES = 8
-# The search in a family of campaigns begins at this share of the estimated number of circles that
-# are needed.
+# The search in a family of campaigns begins with this share of the number of circles that the
+# family is estimated to need.
 _BEGIN_SHARE = 0.85
-# Number of halvings of the interval in which the search seeks the factor by which to multiply the
-# numbers of circles of a campaign.
+# The factor by which the numbers of circles of a campaign are multiplied is found by bisection.
+# This is the number of bisection steps.
 _HALVINGS = 10
 # A full forecast of a campaign is made only if ln(u/u*) is at most this. Here u is the standard
 # uncertainty that the full forecast is expected to give for the parameter of a goal, and u* is the
@@ -77,9 +77,9 @@ class CheapestCampaigns:
     """Result of the search: campaigns that reach all goals, or the one nearest to the goals."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
-    #: if no campaign of the largest number of circles reaches all goals, the one of these campaigns
-    #: that reaches all goals on the largest share of the possible machines; None if some campaign
-    #: reaches all goals, or if no full forecast was made
+    #: the best of the campaigns with the largest number of circles, of all families, if none of
+    #: them reaches the goals: the campaign that reaches all goals on the largest share of the
+    #: possible machines. None if one of them reaches the goals, or if no full forecast was made.
     nearest: FoundCampaign | None
 
 
@@ -128,16 +128,18 @@ class _Progress:
 
     family: CampaignFamily
     circles: int  #: number of circles that is tried next
-    #: number of circles of every candidate test in the campaign tried last, shape (candidates,)
+    #: number of circles of every candidate test in the campaign that was tried last, shape
+    #: (candidates,)
     counts: Array
     #: natural logarithm of the ratio of the uncertainty in the full forecast to that in the quick
     #: forecast, for the campaign with the largest number of circles
     lasting_inflation: float = 0.0
-    #: coefficient a: for n circles, the natural logarithm of the ratio of full to quick forecast is
-    #: ``lasting_inflation`` + a/n; None before the first full forecast
+    #: coefficient a: for n circles, the natural logarithm of the ratio of the uncertainty in the
+    #: full forecast to that in the quick forecast is ``lasting_inflation`` + a/n; None before the
+    #: first full forecast
     inflation: float | None = None
     forecasts: int = 0  #: number of full forecasts made
-    last_failed: int = 0  #: largest number of circles that a full forecast found too small
+    last_failed: int = 0  #: largest number of circles with which a full forecast missed the goals
     started: bool = False  #: whether the number of circles that the family needs has been estimated
 
 
@@ -162,8 +164,8 @@ def find_cheapest(
 ) -> CheapestCampaigns:
     """Return the cheapest campaigns that reach all goals, one of each family.
 
-    If fewer than ``number`` families reach the goals, the result also has campaigns with more
-    circles, of the family of the cheapest campaign.
+    If fewer than ``number`` families reach the goals, further campaigns are added. They are of the
+    same family as the cheapest campaign, but have more circles.
 
     Parameters
     ----------
@@ -218,10 +220,10 @@ def find_cheapest(
 
 
 def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> list[FoundCampaign]:
-    """Return campaigns with 1, 2, …, ``number`` circles more than a campaign of the same family.
+    """Return the best campaigns that have 1, 2, …, ``number`` circles more than ``campaign``.
 
-    Such campaigns meet the goals on more of the possible machines. Campaigns that exceed the
-    longest machine time are left out.
+    They are of the same family as ``campaign``, and meet the goals on more of the possible
+    machines. Campaigns that exceed the longest machine time are left out.
     """
     longer = []
     for added in range(1, number + 1):
@@ -242,8 +244,8 @@ class _Search:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        #: smallest value of `_Progress.inflation` in the families searched so far. For n circles,
-        #: this value divided by n is part of the logarithm of the ratio of full to quick forecast.
+        #: smallest value of `_Progress.inflation` in the families that were searched before; it is
+        #: used in families without a full forecast
         self._inflation = np.inf
         #: whether the largest campaign of at least one family reaches all goals
         self.is_reachable = False
@@ -276,22 +278,22 @@ class _Search:
         return True
 
     def _inflation_of(self, campaign: FoundCampaign, counts: Array) -> float:
-        """Return the difference of ln(u/u*) between full and quick forecast of a campaign.
+        """Return ln(u/u*) in the full forecast of a campaign minus ln(u/u*) in its quick forecast.
 
         u is the standard uncertainty of a goal's parameter, and u* the largest standard uncertainty
-        that the goal permits. The full forecast gives ln(u/u*) for each possible machine, where the
-        largest value of all goals is taken. Of these values, one for each machine, the quantile at
-        the required probability is taken. The quick forecast gives a single value, which is
-        subtracted. ``counts`` is the campaign's number of circles of every candidate test.
+        that the goal permits. The full forecast gives ln(u/u*) of every goal on each possible
+        machine. The largest value of all goals is taken for each machine, and then the quantile of
+        these values at the required probability. The quick forecast gives a single value.
+        ``counts`` is the campaign's number of circles of every candidate test.
         """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
         return float(np.quantile(excess, self._probability)) - distance
 
     def _keep_nearest(self, campaign: FoundCampaign) -> None:
-        """Store a campaign as ``nearest`` if it is the best so far that misses the goals.
+        """Store a campaign as ``nearest`` if it is better than the campaign stored before.
 
-        The best campaign is the one that reaches all goals on the largest share of the possible
+        The better campaign is the one that reaches all goals on a larger share of the possible
         machines.
         """
         if self.nearest is None or self._share_met(campaign) > self._share_met(self.nearest):
@@ -336,8 +338,9 @@ class _Search:
     def _judge(self, progress: _Progress, counts: Array) -> FoundCampaign:
         """Return a campaign of a family with its full forecast.
 
-        ``counts`` is the campaign's number of circles of every candidate test. The expected ratio
-        of the uncertainties of the full forecast to those of the quick forecast is updated.
+        ``counts`` is the campaign's number of circles of every candidate test. The function also
+        updates the expected ratio of the uncertainty in the full forecast to that in the quick
+        forecast.
         """
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))
@@ -346,7 +349,7 @@ class _Search:
         return campaign
 
     def _with_fewer_circles(self, progress: _Progress, campaign: FoundCampaign) -> FoundCampaign:
-        """Return the shortest campaign that meets the goals, found from a longer campaign.
+        """Return a campaign that meets the goals with fewer circles than ``campaign``, if possible.
 
         Circles are removed one by one as long as the campaign still meets the goals.
         """
@@ -366,7 +369,7 @@ class _Search:
         return best
 
     def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
-        """Update the expected ratio of the uncertainties of the full and the quick forecast.
+        """Update the expected ratio of uncertainties in the full and in the quick forecast.
 
         The ratio is computed from the full forecast of a campaign.
         """
@@ -375,13 +378,13 @@ class _Search:
         self._inflation = min(self._inflation, progress.inflation)
 
     def _expected_inflation(self, progress: _Progress) -> float:
-        """Return the logarithm of the expected ratio of full to quick forecast.
+        """Return ln of the expected ratio of uncertainties in the full and in the quick forecast.
 
-        The ratio is that of the uncertainties of the next campaign of the family.
+        Both forecasts are those of the next campaign of the family.
 
         The quick forecast takes the scales of noise and effects as known. The more circles there
-        are, the better the analysis knows these scales. The natural logarithm of the ratio is
-        therefore a constant plus a part that is inversely proportional to the number of circles.
+        are, the better the analysis knows these scales. The logarithm is therefore a constant, plus
+        a part that is inversely proportional to the number of circles.
         """
         inflation = progress.inflation
         if inflation is None:
@@ -390,11 +393,11 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return the factor for numbers of circles that brings a campaign near enough to its goals.
+    """Return the factor by which a campaign's circles are multiplied to bring it near its goals.
 
-    ``counts`` are the campaign's numbers of circles of all candidate tests. If all are multiplied
-    by the factor, the quick forecast gives the distance ``distance`` from the goals (zero: the
-    goals are just met). The multiplied numbers need not be whole.
+    ``counts`` are the campaign's numbers of circles of all candidate tests. If all these numbers
+    are multiplied by the factor, the quick forecast gives the distance ``distance`` from the goals.
+    A distance of zero means that the goals are just met. The multiplied numbers need not be whole.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)

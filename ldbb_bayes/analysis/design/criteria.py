@@ -2,8 +2,8 @@
 
 Let S, shape (..., s, s), be the precision (inverse covariance) of the s parameters of interest when
 all other parameters are unknown (the Schur complement). The parameters are in units in which they
-are comparable. The leading dimensions (...) are those of several designs or several values of the
-hyper-parameters, treated at once. Every criterion takes the Cholesky factor L of S = L Lᵀ, and has
+are comparable. The leading dimensions (...) run over designs, or over values of the
+hyper-parameters. Every criterion takes the Cholesky factor L of S = L Lᵀ, and has
 
 - `value`: the figure of merit Φ(S), shape (...), which never falls when information is added;
 - `directions`: Q, shape (..., s, q), with the derivative ∂Φ/∂S = Q Qᵀ, which the search uses;
@@ -22,8 +22,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Criterion", "Determinant", "LogBayesFactor", "Variance"]
 
-# Eigenvalues of the matrix of weights W of criterion A, c or I are treated as zero if they are
-# below this share of the largest eigenvalue.
+# W is the matrix of weights of the criteria A, c and I. Its eigenvalues are treated as zero if they
+# are below this share of the largest eigenvalue.
 _NEGLIGIBLE_EIGENVALUE = 1e-14
 
 
@@ -41,8 +41,8 @@ class Determinant:
         """Return the criterion Φ = ln det S, shape (...).
 
         S is the precision (inverse covariance) of the s parameters of interest; ``root`` is its
-        Cholesky factor, shape (..., s, s). The leading dimensions (...) are those of several
-        designs or hyper-parameters.
+        Cholesky factor, shape (..., s, s). The leading dimensions (...) run over designs or values
+        of the hyper-parameters.
         """
         diagonal = np.diagonal(root, axis1=-2, axis2=-1)
         return np.asarray(2.0 * np.log(diagonal).sum(axis=-1))
@@ -51,7 +51,7 @@ class Determinant:
         """Return Q, shape (..., s, s), with Q Qᵀ = ∂Φ/∂S for the criterion Φ = ln det S.
 
         S is the precision of the s parameters of interest, and ``root`` its Cholesky factor L,
-        shape (..., s, s). Q is L⁻ᵀ. The leading dimensions (...) are those of several designs or
+        shape (..., s, s). Q is L⁻ᵀ. The leading dimensions (...) run over designs or values of the
         hyper-parameters.
         """
         return _inverse_transposed(root)
@@ -59,8 +59,8 @@ class Determinant:
     def efficiency(self, value: float, best: float) -> float:
         """Return the efficiency (det S / det S*)^(1/s) of a design.
 
-        S is the precision of the s parameters of interest in the design, and S* that in the best
-        design. ``value`` and ``best`` are ln det S and ln det S*.
+        S is the precision of the s parameters of interest in this design, and S* their precision in
+        the best design. ``value`` and ``best`` are ln det S and ln det S*.
         """
         return float(np.exp((value - best) / self.size))
 
@@ -82,8 +82,8 @@ class Variance:
         """Return the criterion Φ = −tr(W S⁻¹), shape (...), the negative of a weighted variance.
 
         S is the precision of the s parameters of interest and W, shape (s, s), their weights.
-        ``root`` is the Cholesky factor of S, shape (..., s, s). The leading dimensions (...) are
-        those of several designs or hyper-parameters.
+        ``root`` is the Cholesky factor of S, shape (..., s, s). The leading dimensions (...) run
+        over designs or values of the hyper-parameters.
         """
         inverse = _inverse_transposed(root)
         return np.asarray(-np.einsum("ij,...jk,...ik->...", self.weight, inverse, inverse))
@@ -91,10 +91,10 @@ class Variance:
     def directions(self, root: Array) -> Array:
         """Return Q, shape (..., s, rank of W), with Q Qᵀ = ∂Φ/∂S for Φ = −tr(W S⁻¹).
 
-        S is the precision (inverse covariance) of the s parameters of interest, and W, shape
-        (s, s), the matrix of their weights, whose rank is the number of its eigenvalues above zero.
+        S is the precision (inverse covariance) of the s parameters of interest, and W, shape (s,
+        s), the matrix of their weights, whose rank is the number of its eigenvalues above zero.
         ``root`` is the Cholesky factor of S, shape (..., s, s). Q is S⁻¹ W^½. The leading
-        dimensions (...) are those of several designs or hyper-parameters.
+        dimensions (...) run over designs or values of the hyper-parameters.
         """
         inverse = _inverse_transposed(root)
         eigenvalues, vectors = np.linalg.eigh(self.weight)
@@ -114,19 +114,20 @@ class Variance:
 class LogBayesFactor:
     """Expected log Bayes factor in favour of the true one of two models: Φ = ¼ size² Σ λ²/(1 + λ).
 
-    One model has the s parameters of interest; in the other they are zero. Both are equally
-    probable beforehand. B is the Bayes factor of the model with the parameters over the other.
+    In one model, the s parameters of interest are free; in the other, they are zero. Both models
+    are equally probable before the tests. B is the Bayes factor of the model with free parameters
+    over the model without them.
 
     S is the precision matrix of the parameters after the tests, in units of their prior precision.
-    Its eigenvalues are 1 + λ, where λ is what the readings add. ``rows`` and ``prior`` of an
-    `Objective` with this criterion must therefore be scaled so that S without tests is the
-    identity.
+    The eigenvalues of S are 1 + λ, where λ is the part that the readings add. ``rows`` and
+    ``prior`` of an `Objective` with this criterion must therefore be scaled so that S without tests
+    is the identity.
 
     If the model with the parameters is true, and their root mean square is ``size`` prior standard
     deviations, the mean of ln B is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)]. If the parameters are
-    zero, it is ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the difference of these two means. Φ never
-    decreases when tests are added. For one parameter, the design with the largest Φ is T-optimum.
-    As Φ is not concave, a search may end at a local maximum.
+    zero, the mean of ln B is ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the difference of these two
+    means. Φ never decreases when tests are added. For one parameter, the design with the largest Φ
+    is T-optimum. As Φ is not concave, a search may end at a local maximum.
     """
 
     concave: ClassVar[bool] = False
@@ -141,7 +142,7 @@ class LogBayesFactor:
         are zero.
 
         ``root`` is the Cholesky factor of the precision of these parameters, shape (..., s, s). The
-        leading dimensions (...) are those of several designs or hyper-parameters.
+        leading dimensions (...) run over designs or values of the hyper-parameters.
         """
         gain = np.maximum(np.linalg.eigvalsh(_square(root)) - 1.0, 0.0)
         return np.asarray(0.25 * self.size**2 * (gain**2 / (1.0 + gain)).sum(axis=-1))
@@ -154,7 +155,7 @@ class LogBayesFactor:
         these parameters in units of their prior, so that S without readings is the identity.
         ``root`` is the Cholesky factor of S, shape (..., s, s). The columns of Q are the
         eigenvectors of S, each times √(dΦ/dμ) at the eigenvalue μ of S. The leading dimensions
-        (...) are those of several designs or hyper-parameters.
+        (...) run over designs or values of the hyper-parameters.
         """
         eigenvalues, vectors = np.linalg.eigh(_square(root))
         rate = 0.25 * self.size**2 * (1.0 - 1.0 / np.maximum(eigenvalues, 1.0) ** 2)

@@ -1,4 +1,4 @@
-"""Campaigns as people run them today: in equal steps of force, or at the published forces."""
+"""Campaigns of the kinds that people run today: in equal steps of force, or at published forces."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def published_forces(
 ) -> tuple[CircularTest, ...]:
     """Return circles at the published forces, which alternate in the direction of travel.
 
-    The published forces, those of the published experiment, are scaled linearly to the range from
-    ``lowest_N`` to ``highest_N`` [N]. ``ways`` are the directions of travel; None stands for a
-    direction that is not stated. All other settings are those of ``template``, a test of the
-    machine, but the balls are not turned.
+    The forces of the published experiment are scaled linearly to the range from ``lowest_N`` to
+    ``highest_N`` [N]. ``ways`` are the directions of travel; None stands for a direction that is
+    not stated. All other settings are those of ``template``, a test of the machine, but the balls
+    are not turned.
     """
     published = np.array(_PUBLISHED_FORCES_N)
     shares = (published - published[0]) / (published[-1] - published[0])

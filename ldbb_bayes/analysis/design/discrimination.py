@@ -1,4 +1,4 @@
-"""Evidence that planned tests will give for or against slopes of the compliances with force.
+"""Evidence that planned tests will give for or against slopes (changes of compliance with force).
 
 B is the Bayes factor of the model with the slopes over the model without slopes. ln B is computed
 for the linear Gaussian model, in which compliances may be negative. The results are averaged over
@@ -21,8 +21,8 @@ __all__ = ["DECISIVE", "Discrimination", "discrimination_of"]
 # Evidence is called decisive if the absolute value of the log Bayes factor is at least this [nat]
 # (Kass and Raftery 1995: "very strong").
 DECISIVE = 5.0
-# Number of quasi-random samples, for each value of the hyper-parameters, from which probabilities
-# of the log Bayes factor are computed.
+# Probabilities of the log Bayes factor are computed from this number of quasi-random samples for
+# each value of the hyper-parameters.
 _POINTS = 256
 # Variances of the slopes, and the shares of these variances that remain after the tests, are raised
 # to at least this value. This avoids a division by zero.
@@ -56,8 +56,8 @@ class Discrimination(Result):
     decisive_without: float  #: probability of decisive evidence against slopes if there are none
     misleading_with: float  #: probability of decisive evidence against slopes if there are slopes
     misleading_without: float  #: probability of decisive evidence for slopes if there are none
-    #: probability of decisive evidence for slopes if only one slope, named by the key, exists; its
-    #: value is plus or minus ``size`` prior standard deviations
+    #: probability of decisive evidence for slopes if only one slope exists. The key is the name of
+    #: this slope; the value of the slope is plus or minus ``size`` prior standard deviations.
     power: dict[str, float]
 
 
@@ -72,8 +72,8 @@ def discrimination_of(
 ) -> Discrimination:
     """Return the expected log Bayes factor of slopes and the probabilities of decisive evidence.
 
-    Slopes are the changes of the compliances with force. The Bayes factor B compares the model with
-    the slopes to the model without slopes.
+    Slopes are the changes of the compliances with force. B is the Bayes factor of the model with
+    the slopes over the model without slopes.
 
     Let m, shape (s,), be the posterior mean of the s slopes after the tests, and C, shape (s, s),
     their posterior covariance. The log Bayes factor is ln B = ½ (ln det C + mᵀ C⁻¹ m). Let m₁ be
@@ -112,8 +112,8 @@ def discrimination_of(
         slope_variance = size**2
     root = np.linalg.cholesky(covariance)
     remaining, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
-    # Each eigenvalue e belongs to a combination of the slopes: it is the share of the combination's
-    # variance that remains after the tests.
+    # Each eigenvalue e belongs to a combination of the slopes. The eigenvalue is the share of the
+    # variance of this combination that remains after the tests.
     remaining = np.clip(remaining, _LEAST_VARIANCE, 1.0)
     learnt = 1.0 - remaining
     to_components = np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))

@@ -2,17 +2,17 @@
 
 `design` uses this forecast for the tests that it recommends, `identify` for a plan, and the browser
 page for the tests that its sliders describe. A forecast depends on the model, on the tests, and on
-what is known of the scales of noise and effects before the tests. What is known is the posterior of
-the scales given the readings of a pilot (the campaign that a design starts from), or else their
-prior.
+the distribution of the scales of noise and effects before the tests. This distribution is the
+posterior given the readings of a pilot (the campaign that a design starts from). If there are no
+readings, it is the prior.
 
 β are the parameters (compliances, their slopes and geometric errors), φ the hyper-parameters (the
 scales of the noise and of other effects). A state is one possible machine: values of φ and β. In
-every state, each circle has its own scatter. The analysis of the tests does not know the true
-scales. It believes in several values of the scales that are near the true values
-(`believed_scales`). The variance that the analysis states is the mean of the variances given these
-values, plus the variance of the estimates over these values. Compliances must not be negative. The
-expected uncertainty is the median of the stated uncertainties over all states.
+every state, the scatter differs from circle to circle. The analysis of the tests does not know the
+true scales, but finds several values near the true values likely (`believed_scales`). The variance
+that the analysis states is the mean of the variances given these values, plus the variance of the
+estimates over these values. Compliances must not be negative. The expected uncertainty is the
+median of the stated uncertainties over all states.
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ _BELIEFS = 4
 # analysis knows the scales of noise and effects. An analysis of the new tests may find any of these
 # means.
 _MEANS_PER_STATE = 4
-# The likely standard uncertainty of a parameter is the one that the analysis does not exceed on
-# this share of the possible machines.
+# On this share of the possible machines, the analysis states at most the likely standard
+# uncertainty of a parameter (`Expected.likely_sd`).
 _LIKELY = 0.9
 # Standard error of the median of normally distributed values, divided by the standard error of
 # their mean.
 _ERROR_OF_MEDIAN = 1.2533
-# The floor of a parameter's uncertainty is its expected standard deviation if every test were run
+# The floor of a parameter's uncertainty is the standard deviation expected if every test were run
 # this many times.
 _REPETITIONS_OF_FLOOR = 1e6
 # To find whether the tests determine every parameter, singular values of the design matrix that are
@@ -77,16 +77,17 @@ _SEED = 1
 class Expected(Result):
     """Prior and expected posterior standard deviation of one parameter, in mm, N and rad.
 
-    ``prior_sd`` is infinite for a flat prior. On every possible machine, the analysis of the tests
-    will state a standard uncertainty: ``sd`` is the median of these uncertainties over all possible
-    machines, and nine in ten of them are at most ``likely_sd``. ``sd`` and ``likely_sd`` account
-    for the truncation (compliances must not be negative); ``untruncated_sd`` is the median without
-    truncation. If priors are flat and the tests leave a parameter undetermined, all values except
-    ``prior_sd`` are infinite. ``sd_error`` is the standard error of ``sd`` from the scatter over
-    the possible machines. ``sd_error`` is somewhat too large, because the machines are spread more
-    evenly than independent random machines would be. ``floor_sd`` is the standard deviation if
-    every test were run a million times. ``floor_sd`` is due to nuisance effects that all tests
-    share. The truncation reduces ``floor_sd`` in the same ratio as ``sd``.
+    ``prior_sd`` is infinite for a flat prior. The analysis of the tests states a standard
+    uncertainty, which differs between the possible machines: ``sd`` is the median over these
+    machines, and the uncertainty is at most ``likely_sd`` on nine in ten of them. ``sd`` and
+    ``likely_sd`` account for the truncation (compliances must not be negative); ``untruncated_sd``
+    is the median without truncation. If priors are flat and the tests leave a parameter
+    undetermined, all values except ``prior_sd`` are infinite. ``sd_error`` is the standard error of
+    ``sd`` from the scatter over the possible machines. ``sd_error`` is somewhat too large, because
+    the machines are spread more evenly than independent random machines would be. ``floor_sd`` is
+    the standard deviation if every test were run a million times. ``floor_sd`` is due to nuisance
+    effects (effects that are modelled but not of interest) that all tests share. The truncation
+    reduces ``floor_sd`` in the same ratio as ``sd``.
     """
 
     unit: str
@@ -186,8 +187,8 @@ def stated_by_machines(
 ) -> StatedByMachines:
     """Return the standard uncertainties that an analysis would state on n possible machines.
 
-    The analysis is that of the readings of a plan. `forecast_plan` gives the medians of these
-    uncertainties. The model must have proper priors.
+    The analysis uses the readings that a plan would give. `forecast_plan` returns the medians of
+    these uncertainties over the machines. The model must have proper priors.
 
     Parameters
     ----------
@@ -246,7 +247,7 @@ def forecast_tests(
         slopes of the model, with the size of their prior standard deviations.
     known_scales
         Whether to assume that the analysis knows the scales of noise and effects, and that all
-        circles scatter alike. Default: the analysis learns the scales from its readings.
+        circles have the same scatter. Default: the analysis estimates the scales from its readings.
 
     Returns
     -------
@@ -272,10 +273,10 @@ def forecast_tests(
 def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     """Return covariances of the parameters for scales that the analysis may find likely.
 
-    Scales are those of the noise and of other effects. The result has the shape (K, n, p, p), for K
-    possible machines, n sets of scales for each machine, and p parameters. The covariances are in
-    units of the prior standard deviations of the parameters. The condition that compliances are not
-    negative is not used.
+    The scales are the hyper-parameters of the noise and of other effects. The result has the shape
+    (K, n, p, p), for K possible machines, n sets of scales for each machine, and p parameters. The
+    covariances are in units of the prior standard deviations of the parameters. The condition that
+    compliances are not negative is not used.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
     scales = believed_scales(bound, phi, _BELIEFS, _SEED)
@@ -336,13 +337,13 @@ def expected_uncertainties(
     states
         K possible states of the machine before the tests: hyper-parameters and parameters.
     covariance
-        Posterior covariances that the p parameters would have in each state if compliances could be
-        negative and all circles scattered alike, shape (K, p, p), in units of the prior standard
-        deviations.
+        Posterior covariances of the p parameters in each state, shape (K, p, p), in units of the
+        prior standard deviations. Compliances may be negative, and all circles have the same
+        scatter.
     believed
-        Posterior covariances that the p parameters would have in each state if compliances could be
-        negative, for several sets of scales that the analysis may find likely, shape (K, values, p,
-        p), in units of the prior standard deviations.
+        Posterior covariances of the p parameters in each state, for several sets of scales that the
+        analysis may find likely, shape (K, values, p, p), in units of the prior standard
+        deviations. Compliances may be negative.
     floor
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
         standard deviations.
@@ -382,11 +383,11 @@ def stated_variances(
 ) -> Array:
     """Return the variances that analyses of planned tests would state on possible machines.
 
-    A state is one possible machine. States in which a compliance would be negative at a force of
-    the new tests are left out, unless no state would be left. For every other state, posterior
-    means that an analysis may find are drawn at random. The analysis finds several sets of scales
-    (of the noise and of other effects) likely. The variance that it states is the mean of the
-    posterior variances over these sets, plus the variance of the posterior means over these sets.
+    A state is one possible machine. States in which a compliance is negative at a force of the new
+    tests are left out, unless no state would be left. For every state that is used, posterior means
+    that an analysis may find are drawn at random. The analysis finds several sets of scales (of the
+    noise and of other effects) likely. The variance that it states is the mean of the posterior
+    variances over these sets, plus the variance of the posterior means over these sets.
 
     Parameters
     ----------
@@ -395,8 +396,8 @@ def stated_variances(
     states
         K states of the machine before the tests.
     covariance
-        Posterior covariances that the p parameters would have in each state if compliances could be
-        negative, for n sets of scales, shape (K, n, p, p), in internal units (mm, N, rad).
+        Posterior covariances of the p parameters in each state, for n sets of scales, shape (K, n,
+        p, p), in internal units (mm, N, rad). Compliances may be negative.
     truncated
         Whether the analyses use the condition that no compliance is negative, if the model has this
         condition.
@@ -423,10 +424,10 @@ def stated_variances(
 
 
 def _is_possible(bound: BoundModel, states: States) -> Array:
-    """Return for each possible state of the machine whether no compliance is negative.
+    """Return, for each possible state of the machine, whether all compliances are at least zero.
 
     A state is a set of values of the machine's parameters. The result has the shape (states,). If
-    every state has a negative compliance, the result is true for all states.
+    all states have a negative compliance, the result is true for all states.
     """
     if not bound.truncation.active:
         return np.ones(len(states.beta), bool)
@@ -464,8 +465,8 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
         means.reshape(-1, p), spread
     ).moments()
     # T is the condition that no compliance is negative. In standard coordinates, the covariance of
-    # the parameters without T is the identity. Under T, the covariance along the directions
-    # ``axes`` that T restricts is ``covariance_inside``.
+    # the parameters without T is the identity. T restricts the parameters along the directions
+    # ``axes``. The covariance along these directions under T is ``covariance_inside``.
     along_axes = spread @ np.swapaxes(axes, 1, 2)
     change_along_axes = along_axes @ (covariance_inside - np.eye(shift.shape[1]))
     change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes).reshape(means.shape)
@@ -522,8 +523,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     bound
         Model bound to the tests.
     phi
-        Hyper-parameters of the campaign that the design starts from, shape (K, h); lengths in
-        mm.
+        K sets of hyper-parameters of the campaign that the design starts from, shape (K, h);
+        lengths in mm.
     run
         Number of circles of ``bound`` that were run already; these come first in ``bound``.
 

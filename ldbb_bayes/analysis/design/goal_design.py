@@ -1,10 +1,10 @@
-"""The cheapest campaign that reaches every goal: its circles and its certificates.
+"""The cheapest campaign that reaches every goal: circles to run and certificates to buy.
 
 A goal is the largest expanded uncertainty U (k = 2) that a parameter may have. The pilot is the
 campaign or plan that a design starts from. Possible machines are those that are likely given the
 pilot's readings or, if there are none, under the prior. The user states a share of these machines,
-such as 90 %. A campaign reaches its goals if the analysis of its readings would meet all goals on
-at least this share of the possible machines.
+such as 90 %. A campaign reaches its goals if all goals would be met on at least this share of the
+possible machines.
 """
 
 from __future__ import annotations
@@ -74,13 +74,13 @@ class StatedGoal(Result):
     #: largest U (k = 2) that the goal allows if the parameter equals ``value``, in the parameter's
     #: unit
     limit_U: float
-    #: estimate of the parameter from the readings so far; if there are none, the median of the
-    #: parameter's absolute value under the prior
+    #: estimate of the parameter from the pilot's readings; if there are no readings, the median of
+    #: the parameter's absolute value under the prior
     value: float
-    #: expanded uncertainty (k = 2) of the parameter given the readings so far, or under the prior
-    #: if there are none
+    #: expanded uncertainty (k = 2) of the parameter given the pilot's readings, or under the prior
+    #: if there are no readings
     U: float
-    #: whether the readings so far meet the goal already
+    #: whether the goal is met by the pilot's readings, without further circles
     met_by_pilot: bool
 
 
@@ -89,11 +89,11 @@ class GoalForecast(Result):
     """Expanded uncertainties to expect from a campaign for the parameter of one goal."""
 
     unit: str
-    #: expanded uncertainty (k = 2) that the analysis of the campaign does not exceed on half of the
-    #: possible machines
+    #: median, over the possible machines, of the expanded uncertainty (k = 2) that the analysis of
+    #: the campaign will state
     U: float
-    #: expanded uncertainty (k = 2) that the analysis of the campaign does not exceed on nine in ten
-    #: possible machines
+    #: on nine in ten possible machines, the analysis of the campaign will state at most this
+    #: expanded uncertainty (k = 2)
     likely_U: float
     probability: float  #: share of the possible machines on which the goal is met
 
@@ -110,7 +110,7 @@ class GoalPlan(Result):
     minutes: float  #: machine time [min]
     price: float  #: price of machine time and certificates, in the unit of money of `Costs`
     probability: float  #: share of the possible machines on which all goals are met
-    goals: dict[str, GoalForecast]  #: forecast for every goal that the readings so far do not meet
+    goals: dict[str, GoalForecast]  #: forecasts for the goals that the campaign is to reach
     expected: dict[str, Expected]  #: expected uncertainty of every parameter
     #: the plan in the order in which to run it; None if the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
@@ -139,10 +139,10 @@ class GoalPlan(Result):
 
 @dataclass(frozen=True, eq=False)
 class CustomaryPlan(Result):
-    """A campaign as people run it today, and the best campaign with the same number of circles."""
+    """A campaign of a kind that people run today, and the best campaign with as many circles."""
 
     name: str  #: kind of the customary campaign, such as "equal steps"
-    customary: GoalPlan  #: campaign as people run it today
+    customary: GoalPlan  #: campaign of a kind that people run today
     ours: GoalPlan  #: best campaign for the goals with as many circles as ``customary``
 
 
@@ -168,17 +168,17 @@ class GoalDesign(Result):
     #: those in ``unreachable``; empty if all goals are met already, or if no campaign reaches the
     #: goals, for example because machine time is too short
     plans: tuple[GoalPlan, ...]
-    #: reasons for goals that no number of circles reaches with the certificates that the instrument
-    #: has; the keys are the names of the parameters
+    #: goals that no number of circles reaches with the certificates that the instrument has, each
+    #: with the reason; the keys are the names of the parameters
     obstacles: dict[str, Obstacle]
-    #: reasons for goals that very many circles would reach, but that no campaign of up to 40
-    #: circles reaches; the keys are the names of the parameters. If every single goal is reached,
-    #: but not all goals together, all goals are included.
+    #: goals that very many circles would reach, but that no campaign of up to 40 circles reaches,
+    #: each with the reason; the keys are the names of the parameters. If every single goal is
+    #: reached, but not all goals together, all goals are included.
     near_misses: dict[str, NearMiss]
     #: names of the parameters whose goals cannot be reached, even with the certificates that could
     #: be bought; the plans leave these goals out
     unreachable: tuple[str, ...]
-    #: campaigns as people run them today, for comparison; empty if ``plans`` is empty
+    #: campaigns of the kinds that people run today, for comparison; empty if ``plans`` is empty
     customary: tuple[CustomaryPlan, ...]
     #: whether the campaign that the design starts from has readings; if not, it is a plan
     measured: bool
@@ -196,7 +196,7 @@ class GoalDesign(Result):
 
     @property
     def too_long(self) -> bool:
-        """Whether limited machine time may be the reason why goals are not reached."""
+        """Whether the limit of machine time may be the reason why no campaign reaches the goals."""
         is_reachable = len(self.unreachable) < len(self.goals)
         is_limited = self.costs.hours is not None
         return not self.plans and is_reachable and is_limited and not self.near_misses
@@ -385,7 +385,7 @@ def _reachable(
 def _near_misses(
     nearest: FoundCampaign, goals: Mapping[str, Goal], costs: Costs, probability: float
 ) -> dict[str, NearMiss]:
-    """Return the goals that the campaign ``nearest`` meets on too few machines, and the causes.
+    """Return the goals that the campaign ``nearest`` meets on too few machines, with the reasons.
 
     Campaigns of one family have the same ball angles, radii and certificates. Of the largest
     campaigns of all families, ``nearest`` comes nearest to the goals. If it meets every single goal
@@ -437,12 +437,12 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
 def _customary_plans(
     best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs
 ) -> tuple[CustomaryPlan, ...]:
-    """Return campaigns as people run them today, each with the best campaign of the same length.
+    """Return customary campaigns, each with the best campaign of the same number of circles.
 
-    The length is the number of circles.
+    A customary campaign is of a kind that people run today.
 
-    The campaigns that people run today have only the certificates that the instrument has already,
-    and the first of the radii that the campaign ``best`` uses.
+    The customary campaigns have only the certificates that the instrument has already, and the
+    first of the radii to choose from in the family of the campaign ``best``.
     """
     family = best.family
     uncertified = CampaignFamily(family.space, (), goals, family.states)

@@ -1,8 +1,8 @@
 """Goals of a campaign: the largest expanded uncertainty U (k = 2) that a parameter may have.
 
-A goal is absolute, as in E_C0YX = 10 µrad, or relative to the value that will be found, as in C_XXX
-= 5 %. A relative goal is stricter on a stiffer machine, and its limit is known only after the value
-has been found.
+A goal is absolute, as in E_C0YX = 10 µrad, or relative to the value of the parameter, as in C_XXX =
+5 %. A relative goal is stricter on a stiffer machine. Its limit is known only after the parameter
+has been estimated.
 """
 
 from __future__ import annotations
@@ -104,7 +104,8 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
     Parameters
     ----------
     bound
-        Model bound to a campaign or a plan. The model states the parameters and their units.
+        Model bound to a campaign or a plan. The goals may be for parameters of this model, and have
+        the units of these parameters.
     stated
         Goals; the keys are the names of the parameters. A goal is a text with a unit, such as "10
         µrad" or "5 %", a number in internal units (mm, N, rad), or a `Goal`.
@@ -178,7 +179,7 @@ def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
 
 
 def _check_size(subject: str, group: str, goal: Goal, entry: object) -> None:
-    """Raise an `InputError` if a goal is not above zero, or is a percentage without meaning.
+    """Raise an `InputError` if a goal is not above zero, or is a percentage that has no meaning.
 
     A percentage must be below 100 %, and the parameter must be a compliance, because all other
     parameters may be zero.

@@ -3,8 +3,8 @@
 A campaign need not be planned as a whole: after each circle, the next one can be chosen. There are
 three kinds of aims: a small enough expanded uncertainty U (k = 2) of a parameter, a decision
 whether compliance is constant or linear in force, and a decision whether a tolerance is kept. The
-campaign may stop as soon as every aim is reached with the probability that the user asks for.
-Evidence and posterior do not depend on the reason why a campaign was stopped.
+campaign may stop as soon as every aim is reached with the probability that the user asks for. Model
+evidence and posterior do not depend on the reason why a campaign was stopped.
 
 The best next circle is the circle with the smallest sum of expected distances from all aims
 (`aims`). No fit is needed for the choice: the distances follow from the information that every
@@ -56,18 +56,18 @@ from ldbb_bayes.results import Array, Records, Result
 
 __all__ = ["ModelSoFar", "NextCircle", "next_circle"]
 
-# Largest numerical error that a log evidence may have [nat]. It is small compared with the log
-# Bayes factor of 3 nat that a decision with 95 % probability needs.
+# Largest numerical error that the log evidence of a model may have [nat]. This error is small
+# compared with the log Bayes factor of 3 nat that a decision with 95 % probability needs.
 _TOLERANCE = 0.2
 # To find how many circles a campaign still needs, circles are added one by one until all aims are
 # expected to be reached, but at most ``_MOST_CIRCLES``. Only the ``_CONTINUED`` best next circles
 # may be added, each of them repeatedly.
 _CONTINUED = 12
 _MOST_CIRCLES = 20
-# An uncertainty that no number of circles can reduce is computed as if each of the best possible
-# circles were run this many times.
+# The uncertainty that would remain after very many circles is computed as if each of the best
+# possible circles were run this many times.
 _VERY_MANY = 1e6
-# Number of circles that the result lists as the best next circles.
+# Number of possible next circles that the result lists, the best first.
 _LISTED = 5
 # Default number of force levels to choose from, in equal steps over the range of the campaign.
 _LEVELS = 9
@@ -75,25 +75,25 @@ _LEVELS = 9
 
 @dataclass(frozen=True)
 class ModelSoFar(Result):
-    """Decision between constant and linear compliance now, and after the best next circle."""
+    """Decision between constant and linear compliance: now, and after the best next circle."""
 
     #: log Bayes factor of linear over constant compliance [nat], averaged over rival explanations
     #: of why compliance seems to change with force
     log_bayes_factor: float
     log_bayes_factor_error: float  #: numerical error of ``log_bayes_factor`` [nat]
     probability_linear: float  #: posterior probability of linear compliance
-    #: whether constant or linear compliance is probable enough for a decision
+    #: whether one of the two, constant or linear compliance, is probable enough for a decision
     decided: bool
-    decided_next: float  #: probability of a decision after the best next circle
+    decided_next: float  #: probability that a decision is possible after the best next circle
 
     @property
     def probability(self) -> float:
-        """Posterior probability of constant or linear compliance, whichever is more probable."""
+        """Larger of the posterior probabilities of constant and of linear compliance."""
         return max(self.probability_linear, 1.0 - self.probability_linear)
 
 
 class _Chosen(NamedTuple):
-    """The best next circle, and the possible circles that it was chosen from."""
+    """The best next circle, and the space of possible circles that it was chosen from."""
 
     space: Space
     test: CircularTest
@@ -127,12 +127,12 @@ class NextCircle(Result):
     #: number of further circles after which every aim is expected to be reached; None if 20 circles
     #: are not enough
     more_circles: int | None
-    #: the best next circles, the best first. Columns: force_N, angles of the balls, radius, other
-    #: settings in which circles differ, and share, the fraction by which the circle reduces the
-    #: total distance from all aims
+    #: table of the best next circles, the best first. Its columns are force_N, the angles of the
+    #: balls, the radius, other settings in which circles differ, and share: the fraction by which
+    #: the circle reduces the total distance from all aims
     table: Annotated[Records, Field(alias="next")]
-    #: the best next circle, and the possible circles it was chosen from; None if the result was
-    #: read from a file
+    #: the best next circle, and the possible circles that it was chosen from; None if the result
+    #: was read from a file
     chosen: Annotated[Any, Field(exclude=True)] = None
 
     def plan(self) -> Campaign:
@@ -220,8 +220,8 @@ def next_circle(
         augment=True,
         seed=seed,
     )
-    # Model evidences take a long time to compute. Read the goals before that, to refuse a bad goal
-    # at once.
+    # The computation of model evidences takes a long time. Read the goals first, so that a bad goal
+    # is refused at once.
     read_goals = _read_goals(goals, space)
     evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)
@@ -266,10 +266,10 @@ def _aims_of(
     tolerances: Mapping[str, ToleranceState],
     odds: _ModelOdds | None,
 ) -> list[Aim]:
-    """Return the aims of a campaign that follow from goals, tolerances and a decision on the model.
+    """Return the aims of a campaign: its goals, its tolerances and a decision on the model.
 
-    ``odds`` are the odds of linear over constant compliance; None if the decision between the two
-    is not an aim.
+    ``odds`` are the odds of linear over constant compliance; None if the decision between linear
+    and constant compliance is not an aim.
     """
     aims: list[Aim] = [state.aim for state in goals.values()]
     aims += [state.aim for state in tolerances.values()]
@@ -295,7 +295,7 @@ def _states_of_tolerances(
     """Return the present decision on every tolerance, with the names of the quantities as keys.
 
     ``before`` are the covariances of the parameters before the next circle. The decisions need
-    posterior draws. As draws take time, none are made if there are no tolerances.
+    posterior draws, which take time. Without tolerances, no draws are made.
     """
     if not tolerances:
         return {}
@@ -392,8 +392,8 @@ def _covariances_after_very_many(objective: Objective) -> Array:
 def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
     """Return the number of further circles after which every aim is expected to be reached.
 
-    Each further circle is the best possible circle after the circles before it. Return None if the
-    aims are not reached after 20 circles.
+    The circles are chosen one after another; each is the best possible next circle. Return None if
+    the aims are not reached after 20 circles.
     """
     circles = CandidateCovariances(objective)
     for number in range(1, _MOST_CIRCLES + 1):
@@ -406,19 +406,18 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
 def _best_circles(
     space: Space, order: Array, distance_now: float, distances: Array
 ) -> pd.DataFrame:
-    """Return a table of the best next circles, with the share by which each shortens the distance.
+    """Return a table of the best next circles, with the share by which each reduces the distance.
 
-    The distance is the sum of the distances from all aims. ``order`` are the indices of the best
-    circles among the possible circles, the best first. ``distance_now`` is the present total
-    distance from all aims, and ``distances`` are the total distances expected after each possible
-    circle.
+    The distance is the total distance of the campaign from all aims. ``order`` are the indices of
+    the best circles among the possible circles, the best first. ``distance_now`` is the present
+    distance, and ``distances`` are the distances expected after each possible circle.
     """
     table = space.frame([space.tests[k] for k in order])
     return table.assign(share=_shares_of_the_way(distance_now, distances[order]))
 
 
 def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
-    """Return the share, 0 … 1, by which each circle shortens the total distance from all aims.
+    """Return the share, 0 … 1, by which each circle reduces the total distance from all aims.
 
     ``distance_now`` is the present total distance, and ``distances`` are the total distances
     expected after each circle.
@@ -433,14 +432,14 @@ def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _ModelOdds:
-    """Odds of linear over constant compliance, and the aim to decide between them."""
+    """Odds of linear over constant compliance, and the aim to decide between these two models."""
 
     known: Known
     # indices of the slopes (changes of compliance with force) in the list of parameters
     columns: list[int]
     log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
     error: float  # numerical error of the log Bayes factor [nat]
-    threshold: float  # absolute log Bayes factor that is enough for a decision [nat]
+    threshold: float  # least absolute log Bayes factor that is enough for a decision [nat]
 
     @classmethod
     def of(

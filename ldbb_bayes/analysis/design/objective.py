@@ -1,11 +1,11 @@
 """Objective of the search for a design: a criterion averaged over the hyper-parameters.
 
 Hyper-parameters are the scales of the noise and of other effects. A candidate is a test that could
-be run, once or several times. A design consists of n_i tests of each candidate i. Each test adds
-its information G_iᵀG_i, where G_i are the derivatives of its readings with respect to the
-parameters, in standard deviations of the noise. The precision (inverse covariance) of all
-parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision before these tests. The criterion Φ is
-the figure of merit to be made large.
+be run, once or several times. A design consists of n_i tests of each candidate i. Let G_i be the
+derivatives of the readings of candidate i with respect to the parameters, in standard deviations of
+the noise. Each test of candidate i adds the information G_iᵀG_i. The precision (inverse covariance)
+of all parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision before the tests of the design.
+The criterion Φ is the figure of merit to be made large.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ class Objective(Shown):
 
     #: derivatives G of the readings of each candidate with respect to the p parameters, at K values
     #: of the hyper-parameters, shape (K, candidates, m, p), in units of the standard deviation of
-    #: the noise; the readings are reduced to m values that hold their information, so that one test
-    #: of a candidate adds GᵀG to the precision of the parameters
+    #: the noise. The readings are first reduced to m values that hold their information. One test
+    #: of a candidate adds GᵀG to the precision of the parameters.
     rows: Array
     #: precision (inverse covariance) of the p parameters before the tests of the design, at K
-    #: values of the hyper-parameters, shape (K, p, p), from the prior and from tests already run;
-    #: zeros where the prior is flat
+    #: values of the hyper-parameters, shape (K, p, p). It comes from the prior, and from tests
+    #: already run; a flat prior adds nothing.
     prior: Array
     #: number s of parameters of interest, which are the last s of the p parameters; all other
     #: parameters are nuisances
@@ -80,10 +80,11 @@ class Objective(Shown):
         return float(self._values(self._precision(counts)).mean())
 
     def after_adding(self, counts: Array, chosen: Array) -> Array:
-        """Return the criterion Φ of a design with one more test, for each chosen candidate.
+        """Return the criterion Φ of a design after one more test, for each chosen candidate.
 
         ``counts`` holds the number of tests of each candidate in the design. ``chosen`` holds the
-        indices of the candidates, each of which is added alone. The result has the shape (chosen,).
+        indices of the chosen candidates. A test of each of them is added to the same design, one
+        candidate at a time. The result has the shape (chosen,).
         """
         total = np.zeros(len(chosen))
         base = self._precision(counts)

@@ -52,14 +52,14 @@ class Obstacle(Result):
 class NearMiss(Result):
     """A goal that very many circles would reach, but that no campaign of up to 40 circles reaches.
 
-    With few circles the analysis knows the scales of noise and effects less well than with very
-    many circles. Therefore a goal just above the uncertainty after very many circles may be out of
-    reach.
+    With few circles, the analysis knows the scales of noise and effects less well than with very
+    many circles. A goal may therefore be out of reach if it is just above the uncertainty that very
+    many circles would leave.
     """
 
     circles: int  #: number of circles of the largest campaign
-    #: expanded uncertainty (k = 2) that the analysis of the largest campaign does not exceed on
-    #: nine in ten possible machines, in the parameter's unit
+    #: on nine in ten possible machines, the analysis of the largest campaign states at most this
+    #: expanded uncertainty (k = 2), in the parameter's unit
     likely_U: float
     #: share of the possible machines on which the largest campaign meets the goal
     probability: float
@@ -83,9 +83,9 @@ def near_miss_of(
     name
         Name of the goal's parameter.
     circles, likely_U, probability
-        Number of circles of the campaign; expanded uncertainty U that the analysis does not exceed
-        on nine in ten possible machines, in the parameter's unit; and share of the possible
-        machines on which the goal is met.
+        Attributes of the `NearMiss` that is returned: number of circles of the campaign; largest
+        expanded uncertainty that the analysis states on nine in ten possible machines, in the
+        parameter's unit; and share of the possible machines on which the goal is met.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))[name]
     certificate = ""
@@ -100,7 +100,7 @@ def near_miss_of(
 
 
 def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
-    """Return the reasons why goals are not reached by any number of circles.
+    """Return the reasons why no number of circles reaches certain goals.
 
     The keys are the names of the goals' parameters.
 
@@ -139,7 +139,7 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
 def _floors_with(
     family: CampaignFamily, name: str, statements: Mapping[str, object]
 ) -> dict[str, float]:
-    """Return ln(u/u*) of every goal after very many circles, given one more certificate.
+    """Return ln(u/u*) of every goal after very many circles, with one more certificate.
 
     u is the standard uncertainty of the goal's parameter, and u* the largest standard uncertainty
     that the goal permits. ``name`` is the name of the certificate, and ``statements`` are the
@@ -155,16 +155,16 @@ def _floors_with(
 def _most_helpful(
     name: str, floor: float, floors_with: Mapping[str, Mapping[str, float]]
 ) -> tuple[str, float]:
-    """Return the name of the certificate that helps a goal most, and ln(u/u*) given it.
+    """Return the certificate that helps a goal most, and ln(u/u*) with this certificate.
 
     u is the standard uncertainty of the goal's parameter ``name``, and u* the largest standard
-    uncertainty that the goal permits. All values are those after very many circles. The first
-    certificate with which the goal is reached is returned. If no single certificate is enough, but
+    uncertainty that the goal permits. All values hold after very many circles. The function returns
+    the first certificate with which the goal is reached. If no single certificate is enough, but
     all certificates together are enough, the name "all certificates together" is returned. If even
     these are not enough, the single certificate that reduces u most is returned, or an empty string
     if u falls by less than a tenth. ``floor`` is ln(u/u*) without further certificates.
-    ``floors_with`` holds, for each certificate, a dictionary of ln(u/u*) given this certificate,
-    whose keys are the names of the goals' parameters.
+    ``floors_with`` holds ln(u/u*) with each certificate. Its keys are the names of the
+    certificates, then the names of the goals' parameters.
     """
     singles = [key for key in floors_with if key != _ALL_CERTIFICATES]
     for key in floors_with:
@@ -182,8 +182,8 @@ def _most_helpful(
 def _typical_limits(family: CampaignFamily) -> dict[str, float]:
     """Return the expanded uncertainty that every goal permits, averaged over possible machines.
 
-    The average is the geometric mean. An average is needed because a goal in percent of a parameter
-    permits different uncertainties on different machines. The keys are the names of the goals'
+    A goal in percent of a parameter permits different uncertainties on different machines. The
+    geometric mean over the possible machines is returned. The keys are the names of the goals'
     parameters.
     """
     limits = {}
@@ -219,7 +219,7 @@ def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
 
 
 def _repeated(information: Information) -> Information:
-    """Return the information that very many runs of every circle would give.
+    """Return the information that each circle would give if it were run very many times.
 
     The scatter between circles then averages out; effects that all circles share remain.
     """

@@ -1,17 +1,18 @@
 """Quick forecast of how far campaigns are from their goals.
 
-β are the parameters and φ the hyper-parameters (the scales of the noise and of other effects).
-Every candidate test adds its information GᵀG to the precision matrix of all coefficients, at K
-values of φ that are likely given the readings so far. As G is computed only once, a search can
-compare thousands of campaigns, each within milliseconds. The forecast assumes that φ is known and
-that all circles scatter alike, and it allows negative compliances. `forecast_plan`, which does not
-make these simplifications, is used for the best campaigns.
+β are the parameters and φ the hyper-parameters (the scales of the noise and of other effects). A
+candidate is a test that could be run. It adds its information GᵀG to the precision matrix of all
+coefficients. G is computed once for every candidate, at K values of φ that are likely before the
+campaign. A search can therefore compare thousands of campaigns, each within milliseconds. The
+forecast assumes that φ is known and that all circles have the same scatter; compliances may be
+negative. `forecast_plan`, which does not make these simplifications, is used for the best
+campaigns.
 
 Let r_g = u_g/u*_g be the expected standard uncertainty of the parameter of goal g, divided by the
 largest standard uncertainty that the goal permits. The distance of a campaign from its goals is the
-mean over φ of ln max_g r_g. It is zero where the goals are just met. The maximum is replaced by a
-smooth function of all r_g (log-sum-exp), so that the distance also decreases if a goal other than
-the farthest goal comes nearer.
+mean over φ of ln max_g r_g. The distance is zero if the goals are just met. The maximum is replaced
+by a smooth function of all r_g (log-sum-exp), so that the distance also decreases if u_g falls for
+a goal g that does not have the largest r_g.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ __all__ = ["QuickForecast", "limits_of_goals"]
 # Sharpness s of the smooth maximum (Σ r^s)^(1/s), where r is the ratio u/u* of a goal. With s = 16,
 # the smooth maximum of two equal values is 4 % above these values.
 _SHARPNESS = 16.0
-# Largest number of passes of the search. In each pass, an exchange of every circle of a campaign is
-# tried.
+# Largest number of passes of the search. In each pass, the search tries to exchange every circle of
+# a campaign for a better circle.
 _MOST_PASSES = 4
-# An exchange of circles must reduce the distance from the goals by at least this. Rounding errors
-# change the distance by less.
+# An exchange of circles must reduce the distance from the goals by more than this number, so that
+# rounding errors cause no exchange.
 _LEAST_GAIN = 1e-9
-# Uncertainties that no number of circles reduces are computed as if every candidate test were run
-# this many times.
+# The uncertainties that very many circles would leave are computed as if every candidate test were
+# run this many times.
 _VERY_MANY = 1e6
 
 
@@ -46,8 +47,8 @@ def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[s
     """Return the largest standard uncertainty that every goal permits, shape (K, goals).
 
     The limit of a goal in percent of a parameter depends on the machine. ``states`` are the
-    parameters of K possible machines. ``names`` are the names of the parameters in their order. The
-    limits are in internal units (mm, N, rad).
+    parameters of K possible machines. ``names`` are the names of the parameters, in the order in
+    which ``states`` lists them. The limits are in internal units (mm, N, rad).
     """
     columns = []
     for name, goal in goals.items():
@@ -63,11 +64,12 @@ class QuickForecast:
     Parameters
     ----------
     objective
-        Information of the candidate tests about all coefficients, which are in units of their prior
-        standard deviations. The last coefficients are the parameters of the goals.
+        Objective that holds the information of the candidate tests about all coefficients. The
+        coefficients are in units of their prior standard deviations; the last of them are the
+        parameters of the goals.
     relative_limits
-        Largest standard uncertainty of every goal, in prior standard deviations of its parameter,
-        at the K values of φ of the objective, shape (K, goals).
+        Largest standard uncertainty that every goal permits, divided by the prior standard
+        deviation of the goal's parameter, at the K values of φ of the objective, shape (K, goals).
     """
 
     def __init__(self, objective: Objective, relative_limits: Array) -> None:
@@ -108,8 +110,8 @@ class QuickForecast:
     def best_counts(self, circles: int, start: Array) -> Array:
         """Return the campaign of ``circles`` circles that a search finds nearest to the goals.
 
-        Circles are added one by one, each time the circle that leaves the smallest distance from
-        the goals. Then every circle in turn is exchanged for the best circle in its place. The
+        Circles are added one by one; each is the circle that leaves the smallest distance from the
+        goals. Then every circle is exchanged for the circle that is best in its place. These
         exchanges are repeated until nothing changes, at most four times.
 
         Parameters
@@ -200,7 +202,7 @@ class QuickForecast:
         """Return the distances from the goals, shape (...).
 
         ``variances`` are the variances of the goals' parameters at K values of the hyper-parameters
-        φ, shape (..., K, goals). The dimensions (...) are those of several campaigns.
+        φ, shape (..., K, goals). The dimensions (...), if there are any, run over campaigns.
         """
         soft = logsumexp(_SHARPNESS * self._log_ratio(variances), axis=-1) / _SHARPNESS
         return np.asarray(soft.mean(axis=-1))

@@ -1,9 +1,10 @@
 """Search for the design with the best whole numbers of tests (an exact design).
 
 A candidate is a test that could be run; a design has a count of tests for each candidate. The
-criterion Φ is the figure of merit to be made large. The search starts from the rounded best shares
-(fractions of the tests), and from random designs. It replaces one test at a time by a better
-candidate until no replacement that it tries improves the design (coordinate exchange).
+criterion Φ is the figure of merit to be made large. The search starts from several designs: the
+best fractions of the tests, rounded to whole numbers, and random designs. It replaces one test at a
+time by a better candidate until no replacement that it tries improves the design (coordinate
+exchange).
 """
 
 from __future__ import annotations
@@ -33,19 +34,19 @@ MAX_TESTS = 300
 # Largest number of times that the search goes through all tests of a design to replace each by a
 # better candidate.
 _MAX_SWEEPS = 50
-# If a design chooses among at most this many candidate tests, all are tried as a replacement of
-# each of its tests.
+# If there are at most this many candidate tests, all candidates are tried as a replacement of each
+# test of a design.
 _FEW_CANDIDATES = 64
 # If there are more candidate tests than ``_FEW_CANDIDATES``, this many with the largest sensitivity
 # and this many random candidates are tried as a replacement of each test of a design. The
-# sensitivity is the rate at which the criterion (figure of merit) grows with the number of runs of
-# the candidate.
+# sensitivity is the derivative of the criterion (figure of merit) with respect to the number of
+# runs of the candidate.
 _TRIED_CANDIDATES = 12
 # At the end of a thorough search, this many candidates with the largest sensitivity and this many
 # random candidates are tried as a replacement of each test of a design.
 _TRIED_AT_THE_END = 128
-# To save time, the sensitivities by which candidates are selected are averaged over only one in
-# ``_HYPER_STEP`` values of the hyper-parameters.
+# Candidates are selected by their sensitivities. To save time, only one in ``_HYPER_STEP`` values
+# of the hyper-parameters is used for the average sensitivities.
 _HYPER_STEP = 4
 # Number of designs that the search starts from. The first has the best fractions of tests, rounded
 # to whole numbers; the others are random. In two of every three random designs, the best fractions
@@ -54,11 +55,11 @@ _HYPER_STEP = 4
 _STARTS = 6
 # The shares of candidate tests (their numbers of runs divided by the number of all runs) are
 # treated as the best if the largest sensitivity exceeds the bound by at most this, relative to the
-# bound. A sensitivity is the rate at which the criterion grows with the share of a candidate; the
-# bound is the mean of the sensitivities, weighted by the shares.
+# bound. A sensitivity is the derivative of the criterion with respect to the share of a candidate.
+# The bound is the mean of the sensitivities, weighted by the shares.
 _SHARES_TOLERANCE = 1e-5
 # The search restarts from randomly changed designs ``_MAX_RESTARTS`` times, or less often if the
-# cost of so many restarts would exceed ``_RESTART_COST``. The cost is the number of elements of the
+# cost of these restarts would exceed ``_RESTART_COST``. The cost is the number of elements of the
 # precision matrices, times the number of tests, times the number of candidates that are tried as a
 # replacement of each test, times the number of restarts.
 _MAX_RESTARTS = 100
@@ -66,16 +67,17 @@ _RESTART_COST = 4_000_000
 # If at most this many designs are possible, the search does not restart from randomly changed
 # designs.
 _FEW_DESIGNS = 1000
-# Two forces of a design are close if their distance is at most ``_CLOSE_FORCES`` times the range of
-# force. They are merged into one if the relative loss of efficiency is at most ``_MERGING_LOSS``.
+# Two forces of a design are close if their difference is at most ``_CLOSE_FORCES`` times the range
+# of force. Two close forces are replaced by one of them if the relative loss of efficiency is at
+# most ``_MERGING_LOSS``.
 _CLOSE_FORCES = 0.05
 _MERGING_LOSS = 1e-4
 
 
 def efficient_rounding(share: Array, tests: int) -> Array:
-    """Return whole numbers of tests that are nearest to given fractions of the number of all tests.
+    """Return whole numbers of tests that are closest to given shares of the number of all tests.
 
-    The method is that of Pukelsheim and Rieder (1992).
+    The numbers are found by the method of Pukelsheim and Rieder (1992).
 
     Parameters
     ----------
@@ -137,8 +139,9 @@ def exchange(
         Function that takes the counts of a design and returns whether the design is allowed.
         Default: all designs are allowed.
     thorough
-        Whether, at the end of the search, more candidates are tried as a replacement of each test
-        than before. If False, the search always tries only a few.
+        Whether the search tries more candidates as a replacement of each test once the first
+        candidates bring no further improvement. If false, the search always tries only a few
+        candidates.
 
     Returns
     -------
@@ -186,12 +189,12 @@ def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
 def _likely_candidates(
     objective: Objective, base: Array, size: int, rng: np.random.Generator
 ) -> Array:
-    """Return the indices of candidates of which one more test is likely to improve a design.
+    """Return the indices of candidates that are likely to improve a design by one more test.
 
-    The indices are those of the ``size`` candidates with the largest sensitivity (rate at which the
-    criterion grows with the number of their tests), and of ``size`` random candidates. If there are
-    at most ``size`` candidates, all are returned. ``base`` holds the number of tests of each
-    candidate in the design, shape (candidates,).
+    The result holds the ``size`` candidates with the largest sensitivity, and ``size`` random
+    candidates. The sensitivity is the derivative of the criterion with respect to the number of
+    tests of the candidate. If there are at most ``size`` candidates, all are returned. ``base``
+    holds the number of tests of each candidate in the design, shape (candidates,).
     """
     n = objective.candidates
     if size >= n:
@@ -237,7 +240,7 @@ class Search:
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
-        """Return the best shares for ``tests`` tests in all; they are computed only once.
+        """Return the best shares for ``tests`` tests; they are computed only once for each number.
 
         The share of a candidate (test that could be run) is its number of runs divided by the
         number of all runs.
@@ -327,9 +330,9 @@ class Search:
         """Return a design with tests at enough different forces.
 
         ``counts`` holds the number of tests of each candidate. If all tests are at one force but
-        two forces are needed, one test is replaced by a random candidate at another force. If the
-        force of no candidate differs enough from that of the tests, all tests are first moved to
-        the lowest force.
+        two forces are needed, one test is replaced by a random candidate at another force. If no
+        candidate has a force that differs enough from the force of the tests, all tests are first
+        moved to the lowest force.
         """
         if self._is_feasible(counts):
             return counts
@@ -352,10 +355,10 @@ class Search:
         return [j for j in range(n) if self._is_feasible(_with_tests(counts, j))]
 
     def _number_of_restarts(self, tests: int) -> int:
-        """Return how often the search restarts from randomly changed designs.
+        """Return how many times the search restarts from randomly changed designs.
 
-        ``tests`` is the number of tests of a design. The number is limited, because restarts take
-        time. It is zero if there are few possible designs.
+        ``tests`` is the number of tests of a design. The number of restarts is limited, because
+        restarts take time. It is zero if few designs are possible.
         """
         n = self.objective.candidates
         possible_designs = comb(n + tests - 1, tests)
@@ -381,8 +384,8 @@ def _merge_tests(counts: Array, source: int, target: int) -> Array:
 def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
     """Return the counts of a design with a third of its tests replaced by random tests.
 
-    ``counts`` is the number of tests of each candidate in the design, shape (candidates,). A
-    replacement is one of the candidates. At least one test is replaced.
+    ``counts`` is the number of tests of each candidate in the design, shape (candidates,). At least
+    one test is replaced. Every replacement is drawn from all candidates.
     """
     n = len(counts)
     number = max(1, int(counts.sum()) // 3)

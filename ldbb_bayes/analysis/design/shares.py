@@ -22,9 +22,9 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
 
-# Two values of the design criterion, or of its derivatives for two candidates, are treated as equal
-# if their difference is below this share of the largest value. Of candidates with equal values, the
-# first is taken.
+# Two values of the design criterion are treated as equal if their difference is below this share of
+# the largest value. The same holds for the derivatives of the criterion with respect to two
+# candidates. Of candidates with equal values, the first is taken.
 _EQUALITY_TOLERANCE = 1e-9
 # Largest number of rounds in which shares are optimized. In each round, a few candidates are added
 # to those with a share above zero, and the shares of all these candidates are optimized.
@@ -36,17 +36,18 @@ _JOINING_CANDIDATES = 3
 # Number of candidates, evenly spread over the list of all, whose shares are optimized in the first
 # round.
 _FIRST_CANDIDATES = 32
-# A share of the tests below this value is treated as zero.
+# If a candidate has less than this share of the tests, its share is treated as zero.
 _ZERO_SHARE = 1e-10
 # Before the solver starts, shares are raised to at least this number divided by the number of
-# candidates whose shares are optimized. Then all shares are scaled to sum to one.
+# candidates whose shares are optimized. After that, all shares are multiplied by one factor, so
+# that they sum to one.
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
-# Tolerances of the solver SLSQP for the best shares of tests: ``_LOOSE_TOLERANCE`` in the first
-# round, and never less than ``_TIGHT_TOLERANCE``. In later rounds, the tolerance is at most
-# ``_TOLERANCE_PER_EXCESS`` times `Optimum.excess`, which measures how far the shares are from the
-# best.
+# Tolerances of the solver SLSQP for the best shares of tests. The tolerance is ``_LOOSE_TOLERANCE``
+# in the first round, and is never less than ``_TIGHT_TOLERANCE``. In later rounds, the tolerance is
+# at most ``_TOLERANCE_PER_EXCESS`` times `Optimum.excess`, which measures how far the shares are
+# from the best.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
@@ -80,7 +81,7 @@ class Optimum(Shown):
 
     A candidate is a test that could be run; the criterion is the figure of merit. The sensitivity
     of candidate i is N ∂Φ/∂n_i, the derivative of Φ with respect to its number n_i of tests, times
-    N. If the shares are the best, no sensitivity exceeds the mean of the sensitivities weighted by
+    N. If the shares are the best, no sensitivity exceeds the mean of all sensitivities, weighted by
     the shares.
     """
 
@@ -106,7 +107,7 @@ class Optimum(Shown):
 
 
 def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
-    """Return the criterion of given shares of N tests, and whether other shares are better.
+    """Return the criterion and the sensitivities of given shares of N tests.
 
     A candidate is a test that could be run, once or several times. Its share is its number of runs
     divided by N, the number of all runs.
@@ -150,8 +151,8 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     tests
         Number N of tests. If the prior is flat, the best shares do not depend on N.
     tolerance
-        Tolerance of the relative excess of the largest sensitivity over the bound; `Optimum.excess`
-        is the excess that is reached.
+        Largest relative excess of the largest sensitivity over the bound that is accepted. The
+        excess of the result is `Optimum.excess`.
 
     Returns
     -------
@@ -201,9 +202,9 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
 def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
     """Return the indices of the candidates with the largest sensitivities above the bound.
 
-    The sensitivity of a candidate test is the rate at which the criterion grows with its share. The
-    bound is the mean of the sensitivities, weighted by the shares. Both are attributes of
-    ``optimum``. At most ``_JOINING_CANDIDATES`` indices are returned. If no sensitivity is above
+    The sensitivity of a candidate test is the derivative of the criterion with respect to its
+    share. The bound is the mean of the sensitivities, weighted by the shares. Both are attributes
+    of ``optimum``. At most ``_JOINING_CANDIDATES`` indices are returned. If no sensitivity is above
     the bound, return the index of the candidate with the largest sensitivity.
     """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)

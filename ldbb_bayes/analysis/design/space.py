@@ -48,8 +48,8 @@ _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 _SEARCH_NODES = 12
 _MAX_CANDIDATES = 5000
 # ``_ALL_GROUPS`` holds all groups of parameters: compliances, slopes (changes of compliance with
-# force) and geometric errors. ``_GROUPS_BY_CRITERION`` holds the groups that a criterion of design
-# is about; a criterion without an entry is about all groups.
+# force) and geometric errors. ``_GROUPS_BY_CRITERION`` states, for a criterion of design, the
+# groups whose parameters may be of interest. A criterion without an entry may be about all groups.
 _ALL_GROUPS = {"compliance", "slope", "geometric"}
 _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 
@@ -59,8 +59,9 @@ class Space:
     """Candidate tests, criterion and parameters of interest of a design.
 
     The attributes are the arguments of `ldbb_bayes.design` except the number of tests. Repeated
-    values are dropped. The pilot is the campaign or plan that the design starts from. Kinds of
-    tests that the pilot has not run are added to the tests that the pilot foresees.
+    values are dropped. The pilot is the campaign or plan that the design starts from. Candidates of
+    kinds that the pilot has not run are added to the foreseen tests of the pilot, so that the model
+    includes their effects.
     """
 
     model: HybridModel
@@ -79,12 +80,12 @@ class Space:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Drop repeated values of the attributes, and complete the tests that the pilot foresees.
+        """Drop repeated values of the attributes, and complete the foreseen tests of the pilot.
 
         The pilot is the campaign or plan that the design starts from.
 
-        Radii default to those of the pilot's tests. An `InputError` is raised if the candidate
-        tests, the criterion or the parameters of interest are not valid.
+        If no radii are given, those of the pilot's tests are used. An `InputError` is raised if the
+        candidate tests, the criterion or the parameters of interest are not valid.
         """
         radii_mm = self.radii_mm or _radii_of(self.pilot)
         self._store("forces_N", tuple(dict.fromkeys(self.forces_N)))
@@ -92,8 +93,8 @@ class Space:
         self._store("directions", tuple(dict.fromkeys(self.directions)))
         self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
-        # Make the candidate tests before the pilot is replaced, because they depend on the pilot as
-        # the caller gave it.
+        # Make the candidate tests before the pilot is replaced, because they depend on the pilot
+        # that the caller gave.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
         # Call this check last, because it binds the model to the pilot stored above.
@@ -161,8 +162,8 @@ class Space:
     def chosen(self) -> tuple[str, ...]:
         """Names of the parameters of interest.
 
-        The names are those in ``parameters`` or, if none are given, all those that the criterion is
-        about.
+        These are the names in ``parameters``. If no names are given, all parameters that the
+        criterion is about are of interest.
         """
         check_known("criterion", [self.criterion], get_args(CriterionName))
         named = [inside_name(name) for name in self.parameters]
@@ -189,8 +190,9 @@ class Space:
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
         """Return a table of tests with force, angles of the balls and radius, one row per test.
 
-        The table also has columns for plane, direction and set-up. Each of the three columns is
-        included only if the tests to choose from, or those to compare with, differ in it.
+        The table also has columns for plane, direction and set-up. Each of these three columns is
+        included only if two of the candidate tests, or of the tests of compared designs, differ in
+        it.
         """
         all_tests = (*self.tests, *self.compared_tests)
         columns = ["force_N", *_FIXED_COLUMNS]
@@ -211,8 +213,8 @@ class Space:
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
         """Return ``number`` tests in equal steps of force, each moved to the nearest force level.
 
-        The tests have the first clocking (pair of angles of the balls) and the first radius of the
-        candidates. Planes and directions of travel alternate from test to test.
+        All tests have the first clocking (pair of angles of the balls) and the first radius to
+        choose from. Planes and directions of travel alternate from one force step to the next.
         """
         levels = np.array(sorted(self.forces_N))
         nearest_levels = []
@@ -235,7 +237,7 @@ class Space:
         return len(self.pilot.tests) if self.augment else 0
 
     def objective(self, tests: Sequence[CircularTest]) -> Objective:
-        """Return the objective of a search for the best division of circles among given tests.
+        """Return the objective of a search for the best numbers of runs of given tests.
 
         The tests need not be among the candidate tests of the design.
         """
@@ -269,7 +271,7 @@ class Space:
         return Search(self.objective(self.tests), forces_N, levels, self.seed)
 
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
-        """Return the efficiency of tests relative to the best shares of the same number of tests.
+        """Return the efficiency of tests, relative to the best shares of the same number of tests.
 
         The share of a candidate (test that could be run) is its number of runs divided by the
         number of all runs.

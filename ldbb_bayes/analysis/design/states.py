@@ -23,9 +23,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
 
-# Posteriors of the hyper-parameters given the readings of a pilot (the campaign that a design
-# starts from). Each pilot has a list of posteriors, one for each model. The posteriors are kept
-# because their computation takes a long time.
+# Posteriors of the hyper-parameters that were computed before. The keys are the pilots (campaigns
+# that designs start from); each value is a list of posteriors, one for each model. The posteriors
+# are kept because their computation takes a long time.
 _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
@@ -33,28 +33,29 @@ _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictiona
 class States:
     """K equally likely states of the machine: values of hyper-parameters and parameters."""
 
-    #: hyper-parameters φ, shape (K, h), with lengths in mm; the relative scatter λ of a circle, and
-    #: the decay of the balls' form errors with their order, are pure numbers
+    #: hyper-parameters φ, shape (K, h), with lengths in mm. The noise factor λ of a circle has no
+    #: unit. Neither has the decay, the power by which the balls' form errors fall with the number
+    #: of waves per turn.
     phi: Array
     #: parameters β, shape (K, p), whose compliances are not negative; if the prior is flat, no
     #: parameters are drawn, and p = 0
     beta: Array
-    #: Gaussian density of the parameters given the hyper-parameters, before the new tests: the
-    #: prior, or the posterior given readings that are analysed together with the new tests;
-    #: compliances may be negative
+    #: Gaussian density of the parameters given the hyper-parameters, before the new tests. It is
+    #: the prior; if earlier readings are analysed together with the new tests, it is the posterior
+    #: given these readings. Compliances may be negative.
     before: Gaussian
 
 
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
     """Return ``size`` equally likely values of the h hyper-parameters φ, shape (size, h).
 
-    φ are the scales of the noise and of other effects. Lengths are in mm; the relative scatter λ of
-    a circle, and the decay of the balls' form errors with their order, are pure numbers. The values
-    are a random sample of the posterior given the readings of the pilot (the campaign that a design
-    starts from). If the pilot is a plan, the values are spread evenly over the prior, and their
-    number is rounded up to a power of two. If the priors of the parameters are flat, only the root
-    mean square of the values is returned, shape (1, h), because all variances are then proportional
-    to that of the noise.
+    φ are the scales of the noise and of other effects. Lengths are in mm. The noise factor λ of a
+    circle has no unit. Neither has the decay, the power by which the balls' form errors fall with
+    the number of waves per turn. The values are a random sample of the posterior given the readings
+    of the pilot (the campaign that a design starts from). If the pilot is a plan, the values are
+    spread evenly over the prior, and their number is rounded up to a power of two. If the priors of
+    the parameters are flat, only the root mean square of the values is returned, shape (1, h),
+    because all variances are then proportional to the variance of the noise.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
@@ -75,12 +76,13 @@ def extend_hyper_parameters(
 ) -> Array:
     """Return the hyper-parameters of a model bound to circles already run and to new circles.
 
-    The hyper-parameters φ of the pilot, the campaign that a design starts from, are extended by
-    those of the new circles. The relative scatter λ of each new circle is set to 1, because the
-    prior mean of 1/λ² is 1. If ``scattering`` is true, λ gets values spread evenly over its prior
-    instead. All other hyper-parameters that the pilot does not have get values spread evenly over
-    their priors in any case. Lengths are in mm; λ, and the decay of the balls' form errors with
-    their order, are pure numbers.
+    The pilot is the campaign that a design starts from. Its hyper-parameters φ are completed with
+    those of the new circles. The noise factor λ of each new circle, which multiplies the noise of
+    this circle, is set to 1, because the prior mean of 1/λ² is 1. If ``scattering`` is true, λ gets
+    values spread evenly over its prior instead. All other hyper-parameters that the pilot does not
+    have always get values spread evenly over their priors. Lengths are in mm. λ has no unit;
+    neither has the decay, the power by which the balls' form errors fall with the number of waves
+    per turn.
 
     Parameters
     ----------
@@ -91,8 +93,8 @@ def extend_hyper_parameters(
     run
         Number of the pilot's circles that ``bound`` includes.
     scattering
-        Whether each new circle has its own scatter, as under the prior. Default: all new circles
-        scatter alike.
+        Whether the noise factor λ differs between the new circles, as under its prior. Default: λ
+        is 1 for all new circles.
 
     Returns
     -------
