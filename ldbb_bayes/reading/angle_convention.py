@@ -1,7 +1,7 @@
-"""Axis at which the angles of a file begin, and sense in which these angles run.
+"""Axis at which the angles in a file begin, and sense in which these angles run.
 
-Both are found in texts: the header of the column of angles, lines above the table, and names of
-files. An example is the header ``Angle from Y clockwise``.
+Both are read from texts: from the header of the column of angles, from lines above the table, and
+from names of files. An example is the header ``Angle from Y clockwise``.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
 _MATHEMATICAL = re.compile(_WORDS["math"], re.IGNORECASE)
 # Regular expression for words of denial, such as "not".
 _DENIED = re.compile(WORDS["reading_sign"]["denied"], re.IGNORECASE)
-# Regular expression for words in lines that are about angles, but do not say where angles begin and
-# in which sense they run.
+# Regular expression for words which show that a line about angles does not say where angles begin
+# and in which sense they run.
 _HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
-# Regular expression for words for angles that are counted clockwise from north.
+# Regular expression for words, such as "compass", for angles that are counted clockwise from north.
 _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
 # Regular expression for words for the start of a circle.
 _START = re.compile(_WORDS["start"], re.IGNORECASE)
-# Regular expression for a word that is the name of an axis, such as +X.
+# Regular expression for the name of an axis as a separate word, such as +X.
 _AXIS = re.compile(r"(?<![\w/])[+\-−]?[XYZ][+\-−]?(?![\w/])")
 # Regular expression for words for a direction that is no axis, such as north.
 _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
@@ -83,7 +83,10 @@ _HALF_TURN_DEG = 180.0
 
 
 class AngleConvention(NamedTuple):
-    """Conversion of angles in a file to the angles of this package: sign · (angle − offset)."""
+    """Conversion of an angle in a file to the angle that this package uses.
+
+    The converted angle is ``sign * (angle - offset_deg)``.
+    """
 
     sign: int  #: −1 if the file counts angles clockwise, else 1
     #: angle that the file gives when the bar is along the plane's first axis [deg]
@@ -91,7 +94,7 @@ class AngleConvention(NamedTuple):
 
 
 class _Words(NamedTuple):
-    """Axis at which angles begin, and sense in which they run, as a header, line or name states."""
+    """Statement of a header, line or name on where angles begin and in which sense they run."""
 
     zero: str  # axis at which angles begin, such as +Y; empty if it is not stated
     sense: str  # CW or CCW; empty if it is not stated
@@ -99,11 +102,12 @@ class _Words(NamedTuple):
 
 
 def angle_convention(recording: Recording, plane: str) -> AngleConvention:
-    """Return the conversion of the angles of a test, as the user or the file states it.
+    """Return the conversion of the angles of a test that the user or the file states.
 
-    The sign and offset that the user states are used first, then the axis and sense that the user
-    states, then the words of the file. Without any statement, angles are counted from the plane's
-    first axis, counter-clockwise.
+    If the user states the sign or the offset of angles, nothing else is used. If not, the axis and
+    the sense that the user states are used, and the words of the file for whichever of the two the
+    user does not state. If nothing is stated, angles are counted counter-clockwise from the plane's
+    first axis.
 
     Parameters
     ----------
@@ -115,8 +119,8 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     Raises
     ------
     InputError
-        For an axis outside the plane, for words that contradict each other, and if angles begin at
-        another axis than the plane's first axis, but nothing states in which sense they run.
+        If an axis lies outside the plane, if words contradict each other, or if angles begin at
+        another axis than the plane's first axis and nothing states in which sense they run.
     """
     words = _words_of(recording)
     layout = recording.layout
@@ -133,10 +137,10 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
 
 
 def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> None:
-    """Add notes on lines about angles, or about the start of the circle, that are not understood.
+    """Add a note on each line about angles or the start of the circle that is not understood.
 
-    ``zero`` is the axis at which angles begin, such as +Y, and ``sense`` is CW or CCW; each is
-    empty if nothing states it. Nothing is noted if the user states the axis or the sense.
+    ``zero`` is the axis at which angles begin, such as +Y, and ``sense`` is CW or CCW. An argument
+    is empty if nothing states its value. Nothing is noted if the user states the axis or the sense.
     """
     if recording.layout.angle_zero or recording.layout.angle_sense:
         return
@@ -149,7 +153,7 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
 
 
 def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
-    """Return whether a line may say where angles begin or how they run, but is not understood."""
+    """Return whether a line that is not understood may say where angles begin or how they run."""
     if statements_in([(line, text)]):
         return False
     if _START.search(text) and _AXIS.search(text):
@@ -167,10 +171,10 @@ def _convention_in_words(
 ) -> AngleConvention:
     """Return the convention of angles that begin at the axis ``zero`` and run in ``sense``.
 
-    If ``zero`` is empty, angles begin at the plane's first axis. If ``sense`` is empty, angles must
-    begin at the plane's first axis; they then run counter-clockwise. Raise an `OpenQuestionError`
-    if ``sense`` is empty and angles begin at another axis. ``words`` are the words of the file,
-    which are noted.
+    If ``zero`` is empty, angles begin at the plane's first axis. If ``sense`` is empty and angles
+    begin at the plane's first axis, they run counter-clockwise. If ``sense`` is empty and angles
+    begin at another axis, raise an `OpenQuestionError`. ``words`` are the statements in the file;
+    each of them is noted.
     """
     first_axis = f"+{plane[0]}"
     zero = zero or first_axis
@@ -191,7 +195,7 @@ def _convention_in_words(
 
 
 def _note_words(recording: Recording, words: list[_Words], convention: AngleConvention) -> None:
-    """Add a note on each statement about angles that the user's sign and offset replace."""
+    """Add a note on each statement in the file that is replaced by the user's sign and offset."""
     for entry in words:
         value = f"sign {convention.sign}, offset {convention.offset_deg:g}°, as given"
         said = f"{entry.source} says {entry.zero} {entry.sense}".strip()
@@ -199,11 +203,12 @@ def _note_words(recording: Recording, words: list[_Words], convention: AngleConv
 
 
 def _single(recording: Recording, subject: str, stated: list[str]) -> str:
-    """Return the one axis, or the one sense of angles, that the file states.
+    """Return the single axis, or the single sense, that a file states for its angles.
 
-    The result is an empty string if the file states none. ``stated`` holds what each place in the
-    file states, and ``subject`` is "zero" for axes and "sense" for senses. Raise an `InputError` if
-    the places state different values.
+    ``subject`` is "zero" if the axis is wanted, and "sense" if the sense is wanted. ``stated``
+    holds what each place in the file states, and an empty string for a place that states nothing.
+    The result is an empty string if no place states anything. Raise an `InputError` if the places
+    state different values.
     """
     values = list(dict.fromkeys(value for value in stated if value))
     if len(values) > 1:
@@ -215,7 +220,7 @@ def _single(recording: Recording, subject: str, stated: list[str]) -> str:
 
 
 def angle_of_axis(recording: Recording, axis: str, plane: str) -> float:
-    """Return the angle [deg] of an axis such as −Y from the first axis of the plane."""
+    """Return the angle [deg] from the first axis of the plane to an axis such as −Y."""
     letter = axis[-1]
     if letter not in plane:
         raise InputError(
@@ -229,10 +234,10 @@ def angle_of_axis(recording: Recording, axis: str, plane: str) -> float:
 
 
 def _words_of(recording: Recording) -> list[_Words]:
-    """Return axis and sense of angles as stated by the header of angles, by lines and by names.
+    """Return what the header of angles, lines and names state on axis and sense of angles.
 
-    The lines are those above the table and those that concern all tests. The names are those of
-    test, sheet and file.
+    The lines are the lines above the table and the lines that concern all tests. The names are the
+    names of the test, its sheet and its file.
     """
     header = recording.heading.headers[recording.heading.roles["angle"]]
     words = [_words_in(recording, f"the header {header!r}", header, is_header=True)]
@@ -248,7 +253,7 @@ def _words_of(recording: Recording) -> list[_Words]:
 
 
 def _is_mixed(text: str) -> bool:
-    """Return whether a line is about angles and also about something else, such as the travel."""
+    """Return whether a line is about angles and also about another subject, such as the travel."""
     return _SUBJECT.search(text) is not None and _OTHER_SUBJECT.search(text) is not None
 
 
@@ -277,7 +282,7 @@ def name_is_about_angles(name: str) -> bool:
 
 
 def says_where_angles_begin(text: str) -> bool:
-    """Return whether a line says that angles run clockwise, or begin at another axis than +X."""
+    """Return whether a line says that angles run clockwise or that they do not begin at +X."""
     statements = statements_of_line(text, _is_mixed)
     return any(_states_where_angles_begin(statement) for statement in statements)
 
@@ -334,8 +339,8 @@ def _check_announced(recording: Recording, source: str, text: str) -> None:
 def _check_no_axis(recording: Recording, source: str, text: str) -> None:
     """Raise an error if a text about angles names a direction such as north instead of an axis.
 
-    An error is also raised if the text names exactly one axis, but no word such as "from" to show
-    that angles begin at this axis.
+    An error is also raised if the text names exactly one axis. The function is called only for a
+    text without a word such as "from", which would show that angles begin at this axis.
     """
     if not any(words.search(text) for words in (_ANGLE, _ZERO_DEGREES, _COMPASS)):
         return

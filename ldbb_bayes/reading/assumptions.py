@@ -14,8 +14,8 @@ __all__ = ["Assumption", "AssumptionLog"]
 class Assumption:
     """Assumption that was made to import foreign files, such as the unit of the readings."""
 
-    #: file, sheet or test for which the assumption was made, or "3 places" for three of them; empty
-    #: if the assumption concerns all files
+    #: file, sheet or test for which the assumption was made, or a text such as "3 places" if there
+    #: are several; empty if the assumption concerns all files
     place: str
     what: str  #: subject of the assumption, such as "separator"
     value: str  #: value that was assumed
@@ -24,7 +24,7 @@ class Assumption:
 
 
 class _Entry(NamedTuple):
-    """Assumption without the place for which it was made; several places may share it."""
+    """An assumption, without the places (files, sheets or tests) for which it was made."""
 
     subject: str
     value: str
@@ -37,7 +37,7 @@ class AssumptionLog:
     """Log of the assumptions that are made to import foreign files.
 
     An assumption that is made for several files, sheets or tests is listed only once. The log also
-    keeps what each sheet shows about its layout, such as the separator of cells.
+    stores what each sheet shows about its layout, such as the separator of cells.
     """
 
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
@@ -63,10 +63,10 @@ class AssumptionLog:
         self._places.setdefault(entry, []).append(place)
 
     def keep(self, **fields: Any) -> None:
-        """Keep the values that were found in one sheet for fields of the layout.
+        """Store the values of fields of the layout that were found in one sheet.
 
-        An example is ``separator=";"``. A value of None means that the sheet itself states the
-        value, for example by a header with a unit. The layout then need not state this field.
+        An example is ``separator=";"``. The value None means that the layout need not state the
+        field, because the sheet itself states it, for example by a header with a unit.
         """
         for key, value in fields.items():
             self._layout_values.setdefault(key, []).append(value)

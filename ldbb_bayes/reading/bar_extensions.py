@@ -46,7 +46,7 @@ def length_of_sum(text: str) -> float | None:
         matches = list(_LENGTH.finditer(term))
         if len(matches) != 1 or OTHER_QUANTITY.search(term):
             return math.nan
-        # A number without a unit, as in 100 + 50 mm, has the unit of the number that follows.
+        # A number without a unit has the unit of the next number: 100 + 50 mm means 100 mm + 50 mm.
         size_um = UNITS["reading"].get(unit_named(matches[0]["unit"] or ""), size_um)
         value = number_in_text(matches[0]["number"])
         if size_um is None or value is None:

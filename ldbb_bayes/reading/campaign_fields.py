@@ -1,4 +1,4 @@
-"""Fields of the campaign that foreign files state, and values assumed for unstated fields."""
+"""Fields of a campaign: values that foreign files state, and values assumed for other fields."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _OPTIONS = {
 # Fields for which files may state a different value for each test of a campaign.
 _FIELDS_OF_EACH = ("plane", "date")
 # Fields of a campaign that name people, places and instruments. If the files state several values
-# for such a field, the campaign lists all of these values.
+# for one of these fields, the campaign lists all of the values.
 _NAMES = ("operator", "place", "ball_bar", "force_device")
 # Fields of a campaign for which its files may state different values without an error.
 _MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
@@ -43,8 +43,8 @@ _LARGEST_STEP_UM = 5.0
 # Largest step between readings that is accepted as the resolution of a readout, as a share of the
 # range of the readings.
 _LARGEST_STEP_SHARE = 0.1
-# A force that a test states together with a pressure is noted if it differs by more than this share
-# from the force that the default `ForceLaw` gives for the pressure.
+# If a test states both a force and a pressure, a note is made if the force differs by more than
+# this share from the force that the default `ForceLaw` gives for the pressure.
 _OFF_FORCE_LAW = 0.05
 # Values that are assumed for unstated fields of the campaign, each with the command-line option
 # that states the field.
@@ -71,9 +71,9 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
     """Fill in the fields that the files state and no option states.
 
     Files state fields in the lines above their tables; the names of files and sheets may state the
-    plane. Planes and temperatures are filled in as fields of each test. All other fields are fields
-    of the campaign, and so is a plane that all tests have in common. If no machine_id is stated,
-    the serial number or else the type of the machine is used.
+    plane. Planes and temperatures become fields of each test. All other fields become fields of the
+    campaign, and so does the plane if it is the same for all tests. If no ``machine_id`` is stated,
+    the serial number of the machine is used, or else its type.
 
     Parameters
     ----------
@@ -97,9 +97,9 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
     """Return the values that files state for a field, with the lines or names that state them.
 
-    The values are the keys of the returned dict. They are noted as assumptions, and a plane is
-    added to the fields of its test. If the user or a column of the table states the field for a
-    test, lines and names are not used for this test. Raise an `InputError` for contradictory
+    The keys of the returned dict are the values. Each value is noted as an assumption; a plane is
+    also added to the fields of its test. If the user or a column of the table states the field for
+    a test, lines and names are not used for this test. Raise an `InputError` for contradictory
     statements.
 
     Parameters
@@ -128,7 +128,7 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
 
 
 def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
-    """Add to the log of assumptions the value that a file states for a field of a test.
+    """Add the value that a file states for a field of a test to the log of assumptions.
 
     ``key`` is the name of the field. A plane is also added to the fields of the test.
     """
@@ -145,7 +145,7 @@ def _with_unit(key: str, value: Any) -> str:
 
 
 def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
-    """Return the values that lines above a table state for a field, each with its line.
+    """Return the values that lines above a table state for a field, and the line of each value.
 
     The stated values are the keys of the result. The plane may also be stated by the names of test,
     column, sheet and file.
@@ -174,9 +174,9 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 def _certain_value(recording: Recording, key: str) -> Any:
     """Return the value that the user or a column of the table states for a field of a test.
 
-    Return None if neither states it. For the field that says whether readings are compensated for
-    the deflection of the mount, return the text "compensated" or "raw". ``key`` is the name of the
-    field.
+    Return None if neither of them states the field. One field says whether readings are compensated
+    for the deflection of the mount; its value is returned as the text "compensated" or "raw".
+    ``key`` is the name of the field.
     """
     value = recording.stated.get(key)
     if not value:
@@ -193,7 +193,7 @@ def _certain_value(recording: Recording, key: str) -> Any:
 def _note_contradictions(
     recording: Recording, key: str, certain: Any, values: Mapping[Any, _StatedValue]
 ) -> None:
-    """Note that a file contradicts the value of a field that the user or a column states.
+    """Note that lines or names contradict the value that the user or a column states.
 
     The note is added to the log. Raise an `InputError` if a line says that the readings are raw,
     but the user states that they are compensated for the deflection of the mount.
@@ -226,8 +226,8 @@ def _note_contradictions(
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
     """Raise an `InputError` for contradictory statements about a field, or for an unknown plane.
 
-    ``key`` is the name of the field. The keys of ``places`` are the stated values, and its entries
-    the lines or names that state them.
+    ``key`` is the name of the field. The keys of ``places`` are the stated values; each entry names
+    the lines or names that state the value.
     """
     listed = " and ".join(f"{value} in {place}" for value, place in places.items())
     remedy = f"Correct the lines, or give {_OPTIONS[key]}."
@@ -253,9 +253,9 @@ def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str])
 def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> None:
     """Set the field ``key`` of the campaign from the different values that its files state.
 
-    Several people, places or instruments are all listed. From several dates of calibration the
-    latest is taken, and from other dates the earliest. If the files state different feeds, the feed
-    of the campaign is not set.
+    All people, places or instruments that files state are listed. Of several dates of calibration,
+    the latest is used; of several dates of measurement, the earliest. If the files state different
+    feeds, the feed of the campaign is not set.
     """
     if key == "mount":
         campaign[key] = MountCompensation(compensated=list(values) == ["compensated"])
@@ -270,7 +270,7 @@ def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> No
 def _take_temperature(recording: Recording) -> None:
     """Set the temperature of a test from the first line above its table that states a temperature.
 
-    A temperature that the user or a column states does not change.
+    A temperature that the user or a column states is not changed.
     """
     statements = recording.statements.get("temperature_C", ())
     if not statements or "temperature_C" in recording.stated:
@@ -329,8 +329,9 @@ def note_assumed_fields(
 ) -> tuple[str, ...]:
     """Add to the log the values that are assumed for unstated fields of the campaign.
 
-    Lines that could not be understood are noted too. If no force law is stated, forces that do not
-    fit the default law are noted, and so are forces that are computed with this law.
+    Lines that could not be understood are noted too. If the user states no force law, two further
+    kinds of forces are noted: stated forces that do not fit the default law, and forces that are
+    computed with this law.
 
     Parameters
     ----------
@@ -364,7 +365,7 @@ def note_assumed_fields(
 
 
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
-    """Note how the stated forces and pressures of the tests fit the default force law.
+    """Add notes on how the forces and pressures of the tests fit the default force law.
 
     The law gives the force of the ball bar as a linear function of the pressure. A force that a
     test states beside a pressure is noted if it differs by more than 5 % from the force of the law.

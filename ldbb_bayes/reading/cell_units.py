@@ -16,8 +16,8 @@ __all__ = ["UnitsOfCells", "number_in_cell", "split_units"]
 _NUMBER_AND_TEXT = re.compile(r"(?P<number>[+\-−–]?[\d.,]*\d(?:[eE][+\-]?\d+)?)\s*(?P<unit>\D.*)")
 
 
-# If at least this many rows of a sheet have units, a row of numbers without units also shows that
-# the rows next to it belong to a table.
+# If at least this number of rows in a sheet have units, a row of numbers without units is also
+# taken as evidence that the rows next to it belong to a table.
 _FEWEST_ROWS = 3
 
 
@@ -51,11 +51,11 @@ def number_in_cell(cell: str) -> _NumberAndUnit | None:
 
 
 def split_units(rows: Sequence[Row]) -> UnitsOfCells:
-    """Remove the units behind numbers from the rows of a sheet, and return both rows and units.
+    """Remove the units behind numbers from the rows of a sheet; return the rows and the units.
 
-    A row is changed only if it consists of at least two numbers, one or more of them with a unit,
-    and if the row directly above or below also consists of numbers with units. In a sheet with at
-    least three rows of numbers with units, this neighbouring row may also consist of numbers
+    A row is changed only if it consists of at least two numbers, at least one of them has a unit,
+    and the row directly above or below also consists of numbers with units. In a sheet with at
+    least three rows of numbers with units, the row above or below may also consist of numbers
     without units. A row such as ``Force;36 N`` is not changed.
     """
     numbers = [_numbers_of(row.cells) for row in rows]
@@ -79,10 +79,10 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
 def _may_be_neighbours(
     rows: Sequence[Row], numbers: Sequence[Mapping[int, _NumberAndUnit]]
 ) -> list[bool]:
-    """Return, for each row, whether it shows that the rows next to it belong to a table.
+    """Return, for each row, whether it is evidence that the rows next to it belong to a table.
 
-    ``numbers`` has an entry for each row: the numbers of a row of numbers with units. The entry of
-    any other row is empty.
+    ``numbers`` has an entry for each row, as `_numbers_of` returns it: the numbers in a row of
+    numbers with units, and an empty dict for any other row.
     """
     with_units = [bool(entries) for entries in numbers]
     if sum(with_units) < _FEWEST_ROWS:

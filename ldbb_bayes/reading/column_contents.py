@@ -1,4 +1,4 @@
-"""Columns of planes, directions and further angles, known by what their cells hold."""
+"""Columns of planes, directions and further angles, which are recognised by their cells."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["check_angle_columns", "check_directions", "name_plane_column", "plane_named"]
 
-# Planes by the words of G-code that select them. The keys are in capitals.
+# The plane that each word of G-code selects. The keys are the words in capitals.
 _PLANES_OF_G_CODE = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
-# All words for a plane in capitals, also with the two letters in the other order.
+# All words for a plane, in capitals. The two letters of a plane may be in either order.
 _PLANE_CELLS = {*_PLANES_OF_G_CODE, "XY", "YX", "YZ", "ZY", "ZX", "XZ"}
-# All words of G-code and short words for a direction of travel in capitals.
+# Short words and words of G-code for a direction of travel, in capitals.
 _DIRECTION_CELLS = {"CW", "CCW", "G2", "G02", "G3", "G03"}
-# Regular expression for the words of a header, which may be separated by capitals: PlaneName.
+# Regular expression for the words of a header. A capital also begins a new word, as in PlaneName.
 _WORDS = re.compile(r"[A-Z]+(?![a-zäöüß])|[A-Z]?[a-zäöüß]+")
 # Regular expression for a word for plane.
 _PLANE_WORD = re.compile(r"planes?|plan|plano|piano|\w*ebene", re.IGNORECASE)
 
 
 def plane_named(cell: str) -> str:
-    """Return the plane that a cell names: ``ZX`` for ``G18`` and for ``zx``.
+    """Return the plane that a cell names, such as ``ZX`` for ``G18`` or ``zx``.
 
     Any other cell is returned in capitals.
     """
@@ -46,8 +46,8 @@ def name_plane_column(
 ) -> Heading:
     """Return a heading in which the column of planes has the header ``plane``.
 
-    A column without a role is the column of planes if every cell is a plane and its header has a
-    word for plane, as ``PlaneName``. Its use is noted.
+    A column without a role is the column of planes if every cell names a plane and the header has a
+    word for plane, as in ``PlaneName``. The use of this column is noted.
 
     Parameters
     ----------
@@ -63,7 +63,8 @@ def name_plane_column(
     Raises
     ------
     InputError
-        If a column holds planes but its header has no word for plane, or if several columns do.
+        If a column holds planes but has no word for plane in its header, or if several columns hold
+        planes.
     """
     if "plane" in heading.headers:
         return heading
@@ -93,10 +94,10 @@ def name_plane_column(
 def check_directions(
     sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]], layout: Layout
 ) -> None:
-    """Raise an `InputError` for a column of directions without a role, such as CW and CCW.
+    """Raise an `InputError` for a column without a role that holds directions, such as CW.
 
-    Nothing is raised if the user states directions, or if another column holds them. The arguments
-    are the sheet, the heading of its table, the cells of each column, and the layout.
+    Nothing is raised if the user states directions, or if another column has the role of direction.
+    The arguments are the sheet, the heading of its table, the cells of each column, and the layout.
     """
     if "direction" in heading.roles or layout.direction is not None:
         return
@@ -112,11 +113,11 @@ def check_directions(
 
 
 def check_angle_columns(sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]]) -> None:
-    """Raise an `InputError` if several columns of readings have angles of their own.
+    """Raise an `InputError` if several columns of readings have different columns of angles.
 
     All tests of a table share one column of angles. A further column of angles is ignored only if
-    its cells are equal to those of that column. The arguments are the sheet, the heading of its
-    table and the cells of each column.
+    its cells are equal to the cells of the shared column. The arguments are the sheet, the heading
+    of its table and the cells of each column.
     """
     if len(heading.readings) < 2 or "angle" not in heading.roles:
         return

@@ -42,32 +42,34 @@ __all__ = [
 
 # Words that may follow or precede "test" in the header of the column that names the tests.
 _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
-# Regular expression for the name of a column for one of several runs, such as "Run 1" or "Reading
-# run 1".
+# Regular expression for the name of a column that holds one of several runs, such as "Run 1" or
+# "Reading run 1".
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
 # Roles that a column can get from its unit if its name shows no role.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
-# A word for a role that has at most this many letters, such as "t" or "dir", must be a whole word
-# of a header. A longer word for a role may also be the beginning of a word of the header.
+# ``words.toml`` lists words for each role. A listed word with at most this number of letters, such
+# as "t" or "dir", must be a whole word of a header. A longer listed word may also be only the
+# beginning of a word of the header.
 _SHORT_WORD = 3
 # Regular expression for the opening bracket in front of the unit in a header.
 BRACKET = re.compile(r"[\[({<]")
 _INSIDE_BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
 # Regular expression for a range before a unit of angle in a header, such as 0-360°.
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
-# Regular expression for words before a unit in the brackets of a header, as in (in mm).
+# Regular expression for words in brackets that precede a unit, such as "in" in (in mm).
 _BEFORE_UNIT = re.compile(r"^(?:all\s)?(?:in|units?|einheit)\s?:?\s(?=\S)", re.IGNORECASE)
 # Regular expression for a factor before a unit in a header, as in "10-3 mm" (10⁻³ mm), "x 10 µm" or
 # "0.1 µm".
 _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
-# Regular expression for a column's number in its header, as in "reading 2 µm": one or two digits.
-# Digits that begin with 10 are a factor and not the number of a column.
+# Regular expression for the number of a column in its header, such as 2 in "reading 2 µm". The
+# number has one or two digits. Digits that begin with 10 are a factor and not the number of a
+# column.
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 # Regular expression for a header in which R has written dots for brackets, as ``force..lbf.``.
 _DOTS_FOR_BRACKETS = re.compile(r"(?P<name>.*?\w)\.\.(?P<unit>[^\W\d_]+)\.")
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
-# Entries of ``words.toml`` with the words for the radius of a circle.
+# Entries of ``words.toml`` with words for the radius or the diameter of a circle.
 _CIRCLE_WORDS = [
     entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
 ]
@@ -79,17 +81,17 @@ class Header(NamedTuple):
     """Name and unit that the header of a column states."""
 
     name: str
-    #: this package's name of the unit; an unknown unit stays as it is written in the header; empty
+    #: name that this package uses for the unit; for an unknown unit, the text in the header; empty
     #: if the header states no unit
     unit: str
 
 
 def unit_of(header: str) -> Header:
-    """Return name and unit that a header states: "Angle" and "deg" for ``Angle [°]``.
+    """Return the name and the unit that a header states: "Angle" and "deg" for ``Angle [°]``.
 
-    An unknown unit, in brackets or after "in", is returned unchanged; it leads to an error only if
-    the column is used. If a header states two different units of the same quantity, such as mm and
-    µm, both are returned as one text, which is then an unknown unit.
+    An unknown unit, in brackets or after "in", is returned unchanged; an error is raised for it
+    only if the column is used. If a header states two different units of the same quantity, such as
+    mm and µm, both are returned as one text, which later code treats as an unknown unit.
     """
     stated = _unit_between_dots(header) or _name_and_unit(header)
     behind = re.split(r"[\])}>]", header)[-1]
@@ -101,7 +103,7 @@ def unit_of(header: str) -> Header:
 
 
 def _unit_between_dots(header: str) -> Header | None:
-    """Return name and unit of a header in which R has written dots for brackets.
+    """Return name and unit of a header in which the program R has written dots for brackets.
 
     An example is ``force..lbf.`` for ``force [lbf]``. Return None for any other header.
     """
@@ -112,7 +114,10 @@ def _unit_between_dots(header: str) -> Header | None:
 
 
 def _contradicts(word: str, unit: str) -> bool:
-    """Return whether a word of a header is another unit for the quantity that ``unit`` measures."""
+    """Return whether a word of a header is a unit that contradicts ``unit``.
+
+    The word contradicts if it is another unit of the same quantity.
+    """
     other = unit_named(word)
     if other in ("", unit) or len(word) < 2 or comparable(word) == "in":
         return False
@@ -120,7 +125,7 @@ def _contradicts(word: str, unit: str) -> bool:
 
 
 def _name_and_unit(header: str) -> Header:
-    """Return name and unit of a header, whose unit may be in brackets or behind the name."""
+    """Return name and unit of a header. The unit may be in brackets or behind the name."""
     header = header.strip().lstrip("#%").strip()
     if len(header) > LONGEST_NAME:
         return Header(header, "")
@@ -148,7 +153,7 @@ def _name_and_unit(header: str) -> Header:
 
 
 def _unit_before_remark(header: str, name: str) -> Header | None:
-    """Return name and unit of a header with a remark behind its unit, as "Reading, µm (radial)".
+    """Return name and unit of a header with a remark behind the unit: "Reading, µm (radial)".
 
     Return None for any other header. ``name`` is the header up to its first bracket.
     """
@@ -284,7 +289,7 @@ class ColumnRoles:
 def find_columns(
     place: str, layout: Layout, headers: Sequence[str], units: Sequence[str] = ()
 ) -> ColumnRoles:
-    """Return the role of each column, as the layout states it or else as the header shows it.
+    """Return the role of each column: the one that the layout states, or else the header shows.
 
     Parameters
     ----------
@@ -295,18 +300,19 @@ def find_columns(
     headers
         Header of each column; all are empty for a table without a header.
     units
-        Unit of each column; empty for a column without a stated unit. A column whose name shows no
-        role gets the role to which its unit belongs (angle for deg), if no other column has this
-        role or a unit that belongs to it.
+        Unit of each column; empty for a column without a stated unit. If the name of a column shows
+        no role, the column gets the role to which its unit belongs, such as angle for deg. This is
+        done only if no other column has this role, and no other column without a role has a unit
+        that belongs to this role.
 
     Raises
     ------
     InputError
         If a stated column does not exist, if several columns could have the same role, or if a
-        table has both several columns of readings and a column that names tests. Also for a table
-        without a header, in two cases: if the layout states roles, but not both the readings and
-        the angles or times; or if the layout states no role and the table does not have exactly two
-        columns.
+        table has both several columns of readings and a column that names tests. The error is also
+        raised for a table without a header in two cases: if the layout states roles, but does not
+        state the column of readings and the column of angles or times; and if the layout states no
+        role and the table does not have exactly two columns.
     """
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
@@ -331,9 +337,9 @@ def find_columns(
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
     """Decide which column has the role of time, and record it in ``roles``.
 
-    If there is a column of angles, a column has the role of time only if the layout states so. If
-    no column has the role of angle or of time, the column ``time_s`` gets the role of time. In all
-    other cases, a column ``time_s`` holds the time at which each test started.
+    If there is a column of angles, a column has the role of time only if the layout states it. If
+    no column has the role of angle or the role of time, the column ``time_s`` gets the role of
+    time. In all other cases, a column ``time_s`` holds the time at which each test started.
     """
     if "angle" in roles.columns:
         if "time" not in layout.columns:
@@ -343,9 +349,10 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Make reading the only role of columns of readings, and complete the list of these columns.
+    """Make reading the only role of each column of readings, and complete ``roles.readings``.
 
-    If the list ``roles.readings`` is empty, the column with the role of reading is added.
+    ``roles.readings`` is the list of the columns of readings. If the list is empty, the column with
+    the role of reading is added.
     """
     for role, column in list(roles.columns.items()):
         if role != "reading" and column in roles.readings:
@@ -401,8 +408,8 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
     """Find the column whose header names ``role``, such as time, and record it in ``roles``.
 
     Columns that already have a role are not considered. Several columns of readings are accepted if
-    their headers state loads, such as 36 N; each is then a separate test. ``place`` names the table
-    in error messages.
+    their headers state loads, such as 36 N, or name runs, such as Run 1; each column is then a
+    separate test. ``place`` names the table in error messages.
     """
     assigned = set(roles.columns.values())
     free = [column for column in range(len(headers)) if column not in assigned]
@@ -446,10 +453,10 @@ def _several_candidates(
 
 
 def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> None:
-    """Assign a role that no column has to the only free column with a unit of that role.
+    """If no column has a role, assign the role to the only free column with a unit of this role.
 
-    A free column is a column without a role. If several free columns have a unit of that role, none
-    of them gets the role.
+    A free column is a column without any role. If several free columns have a unit of this role,
+    none of them gets the role.
     """
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
     if role in roles.columns or (role == "angle" and has_abscissa):
@@ -466,11 +473,11 @@ def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> N
 def _several_readings(
     free: Sequence[int], candidates: Sequence[int], headers: Sequence[str]
 ) -> list[int]:
-    """Return the indices of the columns of readings if there are several, each for one test.
+    """Return the indices of the columns of readings if there is one such column for each test.
 
-    The header of such a column states the load of its test, such as ``36 N [mm]``, names a run,
-    such as ``Run 1``, or is only a number. The load may have a form that can be read in two ways.
-    Return an empty list if the table has no such columns.
+    The header of such a column states the load of the test, as in ``36 N [mm]``, names a run, as in
+    ``Run 1``, or is only a number. The load may be written in a form that can be read in two ways.
+    Return an empty list if the table does not have several such columns.
 
     Parameters
     ----------
@@ -509,7 +516,7 @@ def _numbered(columns: Sequence[int], headers: Sequence[str]) -> bool:
 
 
 def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:
-    """Return the indices, among ``columns``, of columns whose headers name ``role``, such as time.
+    """Return the indices of those ``columns`` whose headers name ``role``, such as time.
 
     A column whose header is the name of a field of a test (`PER_TEST`), such as ``radius_mm``, is
     returned only if no other column names the role.
@@ -540,9 +547,9 @@ def _names_circle(header: str) -> bool:
 def _column_index(place: str, role: str, reference: str | int, headers: Sequence[str]) -> int:
     """Return the index of the column that the layout states for a role.
 
-    ``reference`` is the number of the column, counted from 1, or its header with or without the
-    unit. ``place`` names the table in error messages, and ``headers`` are the headers of its
-    columns.
+    ``reference`` is either the number of the column, counted from 1, or the column's header with or
+    without the unit. ``place`` names the table in error messages, and ``headers`` are the headers
+    of its columns.
     """
     if isinstance(reference, int):
         require(

@@ -20,7 +20,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["is_unit_stated", "unit_size"]
 
-# Word that messages show in place of the unit of a row without a unit.
+# Word that messages show as the unit of a row that has no unit.
 _NO_UNIT = "none"
 # An error message shows at most this number of characters of a unit from a file.
 _UNIT_SHOWN = 40
@@ -34,7 +34,7 @@ class _UnitEvidence(NamedTuple):
 
 
 def is_unit_stated(recording: Recording, role: str) -> bool:
-    """Return whether user or file states the unit of the column with a role, such as angle."""
+    """Return whether the user or the file states the unit of the column with a role."""
     if getattr(recording.layout, f"{role}_unit") is not None:
         return True
     return bool(_evidence(recording, role))
@@ -45,9 +45,9 @@ def unit_size(
 ) -> float | Array:
     """Return the factor from the unit of a column to the unit that this package uses.
 
-    The factor is an array of shape (n,) if the unit changes from row to row. The unit is the one
-    that the user states, or else the one that the file states. If neither states a unit, the usual
-    unit is assumed and the assumption is noted.
+    The factor is an array of shape (n,) if the unit changes from row to row. The unit that the user
+    states is used, or else the unit that the file states. If neither of them states a unit, the
+    usual unit is assumed and the assumption is noted.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def unit_size(
     Raises
     ------
     InputError
-        For a unit that is unknown for this role. If the user states no unit, also for sources in
-        the file that contradict each other.
+        If the unit is unknown for this role. Also if the user states no unit and sources in the
+        file contradict each other.
     """
     stated_unit: str | None = getattr(recording.layout, f"{role}_unit")
     evidence = _evidence(recording, role)
@@ -82,7 +82,8 @@ def unit_size(
         recording.log.keep(**{f"{role}_unit": usual})
         return UNITS[role][usual]
     recording.log.keep(**{f"{role}_unit": None})
-    # A row without a unit gets the unit of a source that states a unit for every row.
+    # If one source has no unit for some rows, these rows get their units from another source that
+    # states a unit for every row.
     first, *further_evidence = sorted(evidence, key=lambda entry: _NO_UNIT in entry.units)
     is_complete = _NO_UNIT not in first.units
     for other in further_evidence:
@@ -100,7 +101,7 @@ def unit_size(
 
 
 def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> None:
-    """Add a note on the source of a column's unit, unless this source is the column's header."""
+    """Add a note on the source that states the unit of a column, unless it is the header."""
     if evidence.source == _header_source(recording):
         return
     subject = f"unit of the {role}"
@@ -153,10 +154,10 @@ def _header_source(recording: Recording) -> str:
 def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
     """Return the units that each source in the file states for a column, given its role.
 
-    A role is what the column holds, such as angle or reading. If the readings are in counts of an
-    instrument, or in no stated unit, and a line above the table states the size of one count, this
-    size is returned as the unit of the readings. Times of day have the unit s, as if their header
-    stated it.
+    A role is what the column holds, such as angle or reading. If a line above the table states the
+    size of one count, and the readings are in counts of an instrument or have no stated unit, this
+    size is returned as the unit of the readings. Times of day are treated as times with the unit s
+    in their header.
     """
     evidence = []
     for row_units in recording.row_units.get(role, ()):
@@ -166,8 +167,8 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
         evidence.append(_UnitEvidence(units, row_units.source))
     header_unit = recording.heading.units[recording.heading.roles[role]]
     if header_unit:
-        # A number in the unit of a header, as in 10 µm, may be a range and not a factor. A unit
-        # with such a number is treated as unknown.
+        # A number in the unit of a header, as in 10 µm, may be a factor or the range of the
+        # instrument. A unit with a number is therefore treated as unknown.
         factor = " …" if re.search(r"\d", header_unit) else ""
         evidence.append(_UnitEvidence([header_unit + factor], _header_source(recording)))
     for statement in recording.statements.get(f"{role}_unit", ()):

@@ -1,4 +1,4 @@
-"""Dates in lines of foreign files, with months as numbers or as words in English and German."""
+"""Dates in lines of foreign files. Months are numbers, or words in English or German."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from datetime import date
 
 __all__ = ["iso_date"]
 
-# First three letters of the name of each month, in English and, if different, in German.
+# First three letters of the English name of each month, and of the German name if it differs.
 _MONTHS = (
     "jan",
     "feb",

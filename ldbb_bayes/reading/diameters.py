@@ -28,8 +28,9 @@ def halve_diameters(recording: Recording) -> None:
     Raises
     ------
     InputError
-        If header and lines contradict each other, and if a header, line or name may mean either
-        radius or diameter. No error is raised if the user states which length is measured.
+        If header and lines contradict each other, or if a header, line or name leaves open whether
+        the radius or the diameter is measured. No error is raised if the user states which length
+        is measured.
     """
     readings = recording.numbers.get("reading")
     if readings is None:
@@ -62,8 +63,8 @@ def halve_diameters(recording: Recording) -> None:
 def _check_open_lines(recording: Recording, is_stated: bool) -> None:
     """Raise an error if a line, header or name may mean that readings measure the diameter.
 
-    ``is_stated`` is whether the header or a line clearly states which length is measured. If it is
-    true, an error is raised only for lines which say that readings are doubled.
+    ``is_stated`` states whether the header or a line clearly says which length is measured. If so,
+    an error is raised only for lines which say that readings are doubled.
     """
     for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
         if doubles_readings(text) or (leaves_length_open(text) and not is_stated):

@@ -13,12 +13,12 @@ from ldbb_bayes.reading.words import ROLES, WORDS, comparable
 
 __all__ = ["encoding_of"]
 
-# Number of bytes at the beginning of a text file that are searched for zeros, which indicate the
-# encoding UTF-16.
+# Number of bytes at the beginning of a text file that are searched for zeros. Many zeros show that
+# the encoding is UTF-16.
 _HEAD_BYTES = 4096
-# The bytes at the beginning of a text file are divided into pairs. The file is taken for UTF-16 if
-# zeros that are first in their pair, or zeros that are second in their pair, make up more than this
-# share of these bytes.
+# The bytes at the beginning of a text file are divided into pairs. Zeros are counted separately
+# among the first bytes of the pairs and among the second bytes. The file is taken for UTF-16 if one
+# of the two numbers of zeros exceeds this share of the number of bytes.
 _SHARE_OF_ZEROS = 0.2
 # Encodings that are tried for a text that is not UTF-8, in order of preference. They are those of
 # Western Europe, Macintosh, Cyrillic, Greek, Central Europe, East Asia and MS-DOS.
@@ -47,9 +47,10 @@ def encoding_of(raw: bytes) -> str:
     """Return the encoding of a text file.
 
     A byte-order mark or many zero bytes determine the encoding. A text without them is taken as
-    UTF-8 if it can be decoded as UTF-8. If it cannot, the encoding is chosen in which the text has
-    the most words for columns and units. If no encoding gives such a word, the guess of the library
-    charset_normalizer is used, or Windows-1252 if the text has few letters outside ASCII.
+    UTF-8 if it can be decoded as UTF-8. If it cannot, several encodings are tried, and the one is
+    used with which the text contains the most known words for columns and units. If no encoding
+    gives a known word, the guess of the library charset_normalizer is used, or Windows-1252 if the
+    text has few letters outside ASCII.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
 
 
 def _path_of(text: str) -> Path:
-    """Return the file path that a text states; backslashes may separate its folders."""
+    """Return the file path that a text states. Backslashes may separate the folders in the path."""
     path = Path(text)
     windows_path = PureWindowsPath(text)
     if "\\" not in text or windows_path.anchor or path.exists():
@@ -61,8 +61,8 @@ def _matches_of(text: str, path: Path, wild_part: int) -> list[Path]:
     """Return the files that match a pattern with ``*`` or ``?``.
 
     If only folders match, the folders are returned. ``text`` is the pattern as the user wrote it,
-    and ``path`` the pattern as a path. The part of the path with the index ``wild_part`` is the
-    first part that contains ``*`` or ``?``.
+    and ``path`` is the same pattern as a path. The part of the path with the index ``wild_part`` is
+    the first part that contains ``*`` or ``?``.
     """
     folder = Path(*path.parts[:wild_part])
     pattern = "/".join(path.parts[wild_part:]).replace("[", "[[]")

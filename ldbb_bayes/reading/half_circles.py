@@ -20,17 +20,16 @@ __all__ = ["MeasuredArc", "join_half_circles"]
 _SHORTEST_HALF_DEG = 150.0
 # Longest arc that counts as a half circle [deg].
 _LONGEST_HALF_DEG = 240.0
-# Fields in which the two half circles of one test may differ, because each half is in a separate
-# file.
+# Fields in which the two half circles of one test may differ. They may differ because each half is
+# in a separate file.
 _FIELDS_OF_A_FILE = ("name", "time_s", "temperature_C")
-# Largest gap between two half circles of one test, as a multiple of the step from one angle to the
-# next.
+# Largest gap between two half circles of one test, divided by the step from one angle to the next.
 _LARGEST_GAP_STEPS = 3.0
 
 
 @dataclass
 class MeasuredArc:
-    """Arc of a circular test as one file holds it: the whole circle or half of the circle."""
+    """Arc of a circular test that one file holds: the whole circle or half of it."""
 
     recording: Recording
     fields: dict[str, Any]  #: stated fields of the circular test; keys are names
@@ -66,9 +65,9 @@ class MeasuredArc:
 
 
 def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
-    """Return the arcs of a campaign, with the two half circles of a test joined to one arc.
+    """Return the arcs of a campaign after joining the two half circles of each divided test.
 
-    The joined circle takes the place of its first half in the list.
+    In the returned list, the joined arc stands in the place of the first of its two halves.
     """
     remaining = list(arcs)
     joined = []

@@ -1,4 +1,4 @@
-"""Location of the table in a foreign sheet: its header, first row of numbers, and lines above it.
+"""Location of the table in a foreign sheet: header, first row of numbers, and lines above.
 
 A sheet is a text file or one sheet of a workbook.
 """
@@ -31,12 +31,12 @@ from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, comparable, uni
 
 __all__ = ["Heading", "NoTableError", "find_heading", "note_heading", "unused_columns"]
 
-# A table of numbers begins with this many rows that have equally many cells, or with fewer rows if
-# the sheet ends earlier.
+# A table of numbers begins with this number of successive rows that have equally many cells. A
+# table at the end of the sheet may have fewer rows.
 _BLOCK_ROWS = 9
 # Regular expression for a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
-# In a row of units, the largest number of characters of a cell that is not a known unit.
+# Largest number of characters that a cell in a row of units may have if it is not a known unit.
 _LONGEST_UNIT = 4
 # Largest number of cells of a row that an error message shows.
 _CELLS_SHOWN = 6
@@ -67,7 +67,7 @@ class Heading:
     unit_columns: frozenset[int] = frozenset()
 
     def column_title(self, role: str, column: int) -> str:
-        """Return the role of a column with its name or number, for error messages.
+        """Return a text for error messages with the role of a column, and its name or number.
 
         ``column`` is the index of the column from 0. An example is "angle (column 'phi')".
         """
@@ -75,10 +75,9 @@ class Heading:
         return f"{role} (column {name!r})"
 
     def split_by_readings(self) -> Iterator[Heading]:
-        """Yield a heading for each column of readings, each of which is a separate test.
+        """Yield one heading for each column of readings, because each column is a separate test.
 
-        A heading holds the header and columns of a table. If there are several columns of readings,
-        each heading has the name of its test as label.
+        If there are several columns of readings, the label of each heading is the name of the test.
         """
         if len(self.readings) < 2:
             yield self
@@ -145,7 +144,7 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
 
 
 def _unit_of_reading(header: str) -> str:
-    """Return the unit of readings from a header that may also state a load, such as 36 N [mm]."""
+    """Return the unit of readings from a header such as 36 N [mm], which may also state a load."""
     without_load = LOAD_IN_NAME.sub("", header[:LONGEST_TEXT])
     return unit_of(f"reading {without_load}").unit
 
@@ -157,10 +156,10 @@ def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
 
 
 def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
-    """Return the names and units of the columns, and the rows of the sheet that hold them.
+    """Return the names and the units of the columns, and the rows that state them.
 
-    Below the row of names there may be a row of units. A unit in this row replaces the unit in the
-    name of its column. Rows of dashes may underline the header.
+    Below the row of names there may be a row of units. A unit in this row replaces the unit that
+    the row of names states for the same column. Rows of dashes may underline the header.
 
     Parameters
     ----------
@@ -169,7 +168,7 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
     header_row
         Index of the row of names among the sheet's rows.
     first_block_row
-        Index of the first row of the block of numbers below.
+        Index of the first row of the block of numbers, which is below the header.
     """
     names = _column_names(sheet, header_row, first_block_row)
     units = [unit_of(name).unit for name in names]
@@ -211,11 +210,11 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
 def _find_block(sheet: Sheet, layout: Layout) -> int:
     """Return the index of the row of a sheet at which the numbers of its table begin.
 
-    The table begins at the first block of nine rows with equally many cells, at least two of them
-    numbers in each row. A block at the end of the sheet may have two to eight rows. Such a table is
-    too short, but it is found nevertheless, so that later code can refuse it with an error that
-    states the number of its readings. If the user states the line of the header, only rows below
-    this line are considered. Raise a `NoTableError` if no block begins within 1000 rows.
+    The table begins at the first block of nine rows with equally many cells, where each row has at
+    least two numbers. A block at the end of the sheet may have only two to eight rows. A table with
+    so few rows is too short, but it is found nevertheless, so that later code can raise an error
+    that states the number of its readings. If the user states the line of the header, only rows
+    below this line are considered. Raise a `NoTableError` if no block begins within 1000 rows.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0
@@ -242,8 +241,8 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
 def _is_block(sheet: Sheet, start: int) -> bool:
     """Return whether a block of numbers begins at the row with the index ``start``.
 
-    A block is nine rows with equally many cells, at least two of them numbers in each row. At the
-    end of the sheet, a block may have fewer rows.
+    A block consists of nine rows with equally many cells, where each row has at least two numbers.
+    At the end of the sheet, a block may have fewer rows.
     """
     width = len(sheet.rows[start].cells)
     if heads_loads(sheet.rows[start].cells):
@@ -266,9 +265,9 @@ def _middle_row(sheet: Sheet) -> str:
 def _first_row_without_header(sheet: Sheet, block: int) -> int:
     """Return the index of the first row of a table without a header.
 
-    ``block`` is the index of the row at which the block of numbers begins (see `_is_block`). Rows
-    directly above this block also belong to the table if they have as many cells, at least one of
-    them a number. Raise an `InputError` if rows further up hold numbers.
+    ``block`` is the index of the row at which the block of numbers begins (see `_is_block`). A row
+    directly above the table also belongs to the table if it has equally many cells and at least one
+    of them is a number. Raise an `InputError` if rows further up hold numbers.
     """
     rows = sheet.rows
     width = len(rows[block].cells)
@@ -340,10 +339,10 @@ def _stated_header_row(sheet: Sheet, line: int) -> int:
 def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
     """Return the name of every column from the header row; empty for a column without a name.
 
-    ``header_row`` is the index of the header row in the sheet, and ``block`` that of the row at
-    which the numbers begin. If blanks separate the cells, a unit in brackets belongs to the name
-    before it. Raise an `InputError` if there are more names than columns, or if a column of the
-    table has numbers but no name.
+    ``header_row`` is the index of the header row in the sheet, and ``block`` the index of the row
+    at which the numbers begin. If blanks separate the cells, a unit in brackets is joined to the
+    name before it. Raise an `InputError` if there are more names than columns, or if a column of
+    the table has numbers but no name.
     """
     row = sheet.rows[header_row]
     names = list(row.cells)
@@ -401,9 +400,9 @@ def _row_of_units(cells: Sequence[str]) -> list[str]:
 def _holds_only_units(cells: Sequence[str]) -> bool:
     """Return whether a row of cells is a row of units.
 
-    At least one cell must be a known unit, and two cells must be known units or texts in brackets.
-    One such cell is enough if it is the only filled cell, or if another cell is the German word
-    Grad (degree). All other filled cells must have at most four characters.
+    Two cells must be known units or texts in brackets, and at least one of the two must be a known
+    unit. A single known unit is enough if no other cell is filled, or if another cell is the German
+    word Grad (degree). All other filled cells must have at most four characters.
     """
     n_known = 0
     n_bracketed = 0
@@ -425,10 +424,10 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add to the log what was assumed about a sheet: its format and the roles of its columns.
+    """Add the assumptions about the format of a sheet and the roles of its columns to the log.
 
-    A role is what a column holds, such as angle. Nothing is noted about what the layout states.
-    ``heading`` holds the header and the columns of the table.
+    A role is what a column holds, such as angle. Formats and roles that the layout states are not
+    added. ``heading`` holds the header and the columns of the table.
     """
     _note_format(sheet, heading, layout, log)
     _note_columns(sheet, heading, layout, log)
@@ -464,9 +463,10 @@ def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: Assumptio
 
 
 def unused_columns(heading: Heading) -> list[int]:
-    """Return the indices of the columns of a table that have a header but no role, such as angle.
+    """Return the indices of the columns of a table that have a header but no role.
 
-    Columns whose header is the name of a field of a test, such as setup, are left out.
+    A role is what a column holds, such as angle. Columns whose header is the name of a field of a
+    test, such as setup, are left out.
     """
     columns_in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
     unused = []
@@ -479,8 +479,8 @@ def unused_columns(heading: Heading) -> list[int]:
 def _note_format(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
     """Add encoding, separator and header line to the log of assumptions.
 
-    What the layout states is not added, and usual values (utf-8, comma, line 1 or no header) are
-    not noted as assumptions.
+    Values that the layout states are not added. Usual values (utf-8, comma, line 1 or no header)
+    are stored for the layout, but they are not noted as assumptions.
     """
     if sheet.encoding and layout.encoding is None:
         log.keep(encoding=sheet.encoding)
