@@ -1,7 +1,7 @@
-"""Description of a machine by what its circular tests can show: parameters, units and patterns.
+"""Description of a machine by the parameters that its circular tests can determine.
 
-The pattern of a parameter is the change of the readings per unit of the parameter, as a formula of
-angle θ and radius R.
+Each parameter is described by its name, unit, meaning and pattern. The pattern of a parameter is
+the change of the readings per unit of the parameter, as a formula of the angle θ and the radius R.
 """
 
 from __future__ import annotations
@@ -31,18 +31,20 @@ __all__ = ["DescribedMachine", "VisibleParameter", "describe_machine"]
 _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
 # Angles at which the parameters' effects on the readings are sampled [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
-# Degree in cos θ and sin θ of the part of a compliance's effect on the reading that does not depend
-# on the radius. The degree is 2 because both force and measured deflection are along the bar.
+# A compliance's effect on the reading is a polynomial in cos θ, sin θ and the radius. This number
+# is the degree in cos θ and sin θ of the part without the radius. The degree is 2 because both the
+# force and the measured deflection are along the bar.
 _COMPLIANCE_DEGREE = 2
-# Degree in cos θ and sin θ of the part of a geometric error's effect on the reading that does not
-# depend on the radius. The degree is 1 because the readings show the component of the error along
-# the bar.
+# A geometric error's effect on the reading is a polynomial in cos θ, sin θ and the radius. This
+# number is the degree in cos θ and sin θ of the part without the radius. The degree is 1 because
+# the readings show the component of the error along the bar.
 _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
 # are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
-# A factor in the formula for a parameter's effect on the readings is a rounding error if the factor
-# is below this number times max(v, 1), where v is the largest value of the effect.
+# A factor in the formula for a parameter's effect on the readings counts as a rounding error if the
+# size of the factor is at most this number times max(v, 1), where v is the size of the largest
+# sampled effect of the parameter.
 _ROUNDING = 1e-9
 # Decimals to which a factor of a formula is rounded before it is printed.
 _FACTOR_DECIMALS = 9
@@ -55,21 +57,22 @@ class VisibleParameter:
     name: str
     unit: str
     meaning: str
-    #: formula for the effect of the parameter on the reading, by plane: change of the reading [mm]
-    #: per unit of the parameter, for a compliance also per N; c = cos θ and s = sin θ for the angle
-    #: θ of the circle, and R is its radius in mm
+    #: formula for the effect of the parameter on the reading; the keys are planes. The effect is
+    #: the change of the reading [mm] per unit of the parameter; for a compliance, it is also per N
+    #: of force. In the formula, c = cos θ and s = sin θ for the angle θ of the circle, and R is the
+    #: radius of the circle in mm.
     pattern: Mapping[str, str]
-    #: whether the parameter cannot be negative, whatever the compliances of the joints are; the
-    #: prior excludes negative values of such parameters only
+    #: true if no values of the joints' compliances make the parameter negative; the prior excludes
+    #: negative values of these parameters only
     not_negative: bool
-    #: weights, by name, of the parameters whose weighted sum this parameter represents; empty if
-    #: this parameter represents only itself
+    #: weights of the compliances whose weighted sum this parameter represents; the keys are names
+    #: of compliances. Empty if this parameter represents only itself.
     members: Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class DescribedMachine(Result):
-    """A machine described by what its circular tests can show."""
+    """Description of a machine by the parameters that its circular tests can determine."""
 
     topology: str
     planes: tuple[str, ...]
@@ -83,11 +86,12 @@ class DescribedMachine(Result):
     #: names of the compliances that are left out of ``compliances``, because their effect on the
     #: readings is a combination of the effects of other compliances
     dependent: tuple[str, ...]
-    #: number of linearly independent effects that the machine's compliances have on the readings,
-    #: the rank of the matrix of derivatives of the readings with respect to all compliances
+    #: number of linearly independent effects that the machine's compliances have on the readings;
+    #: this is the rank of the matrix of derivatives of the readings with respect to all compliances
     rank: int
     #: condition number of the matrix of derivatives of the readings with respect to
-    #: ``compliances``, in mm and N without scaling, for full circles with evenly spaced angles
+    #: ``compliances``, for full circles with evenly spaced angles. The derivatives are in mm and N,
+    #: and their columns are not scaled.
     condition_number: float
 
 
@@ -99,16 +103,16 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
     machine : Machine
         Machine with its joints, planes and frames.
     circles : sequence of Circle
-        Circles in the machine's planes. Default: in every plane a circle of radius 150 mm about the
-        origin of the frames. The formulas in the result are those for the first circle of each
-        plane.
+        Circles in the machine's planes. Default: one circle in every plane, with a radius of 150 mm
+        and its centre at the origin of the frames. The formulas in the result are those for the
+        first circle of each plane.
 
     Returns
     -------
     DescribedMachine
-        Parameters with units, meanings and patterns, in internal units (mm, N, rad). A pattern is
-        a formula for the change of the reading with the angle θ of the circle, in which c = cos θ,
-        s = sin θ, and R is the radius in mm.
+        Parameters with units, meanings and patterns, in internal units (mm, N, rad). The pattern of
+        a parameter is a formula for the change of the reading per unit of the parameter. In the
+        formula, c = cos θ and s = sin θ for the angle θ of the circle, and R is the radius in mm.
 
     Raises
     ------
@@ -168,8 +172,8 @@ def _describe_compliances(
 ) -> tuple[VisibleParameter, ...]:
     """Return a description of each compliance that circular tests can determine.
 
-    ``visible`` names these compliances. It also states which of them represent a weighted sum of
-    several compliances, and names the compliances in the sum.
+    ``visible`` holds the names of these compliances. Where one of these compliances represents a
+    weighted sum, ``visible`` also holds the names and weights of the compliances in the sum.
     """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
@@ -219,9 +223,9 @@ def _describe_geometric_errors(
 
 
 def _sampled_circles(machine: Machine, circles: Sequence[Circle]) -> dict[str, list[Circle]]:
-    """Return, by plane, copies of the plane's first circle at the radii ``_RADII_MM``.
+    """Return, for each plane, copies of the plane's first circle with the radii ``_RADII_MM``.
 
-    Planes without a circle are left out.
+    The keys are planes. Planes without a circle are left out.
     """
     first_circles = {circle.plane: circle for circle in reversed(circles)}
     sampled = {}
@@ -243,10 +247,10 @@ class _Monomial(NamedTuple):
 
 
 def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[str, str]:
-    """Return the formula of one parameter's effect on the readings, by plane.
+    """Return the formulas of one parameter's effect on the readings; the keys are planes.
 
-    Planes in which the parameter changes no reading are left out. ``jacobians`` holds, by plane,
-    the change of the reading per unit of each parameter, shape (radii, angles, parameters).
+    Planes in which the parameter changes no reading are left out. For each plane, ``jacobians``
+    holds the change of the reading per unit of each parameter, shape (radii, angles, parameters).
     ``column`` is the index of the parameter. ``degree`` is the degree in cos θ and sin θ of the
     part of the formula that does not depend on the radius.
     """
@@ -259,10 +263,11 @@ def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[
 
 
 def _monomials(values: Array, degree: int) -> list[_Monomial]:
-    """Return the terms of a formula in R, c = cos θ and s = sin θ that equals given values.
+    """Return the terms of the formula in R, c = cos θ and s = sin θ that gives sampled values.
 
-    ``values`` are sampled at radii R and angles θ, shape (radii, angles). ``degree`` is the degree
-    in (c, s) of the part of the formula that does not depend on R.
+    ``values``, shape (radii, angles), are the values at the radii R of ``_RADII_MM`` and the angles
+    θ of ``_ANGLES_RAD``. ``degree`` is the degree in (c, s) of the part of the formula that does
+    not depend on R.
     """
     by_radius_power = np.linalg.solve(np.vander(_RADII_MM, increasing=True), values)
     threshold = _ROUNDING * max(np.abs(values).max(), 1.0)

@@ -1,4 +1,7 @@
-"""Circularity of the readings as measured, including the errors of balls, bar and mount."""
+"""Circularity of the measured readings, which include errors of the balls, the bar and the mount.
+
+The quantities describe the readings themselves, not the machine's path from a fitted model.
+"""
 
 from __future__ import annotations
 
@@ -27,15 +30,14 @@ _FULL_CIRCLE_DEG = 350.0
 
 
 def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return circular-test quantities of the readings, including errors of the instrument.
+    """Return the circular-test quantities of ISO 230-4, computed directly from the readings.
 
-    The quantities are those of ISO 230-4. They are computed from the readings directly.
+    No model is fitted, so that the quantities include the errors of the instrument.
 
     Parameters
     ----------
     posterior : DataTree or Campaign
-        Campaign with readings, or posterior. Of a posterior, only the campaign is used, not the
-        fit.
+        Campaign with readings, or posterior. If a posterior is given, only its campaign is used.
 
     Returns
     -------
@@ -48,9 +50,9 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
         angles to tell the Fourier orders apart.
     pairs : DataFrame
         One row per pair of a clockwise and a counterclockwise test of the same circle. Columns are
-        force_N and plane; the bidirectional deviation G_b about the least-squares centre,
-        G_b_minimum_zone about the centre of the minimum zone, and the mean radial deviation D from
-        the nominal radius [µm].
+        force_N and plane; the bidirectional deviation G_b about the least-squares centre and
+        G_b_minimum_zone about the centre of the minimum zone [µm]; and D, the mean radial deviation
+        from the nominal radius [µm].
 
     Raises
     ------
@@ -92,7 +94,8 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
 class _Pair(NamedTuple):
     """Two tests that differ only in the direction of travel.
 
-    Circle, force, set-up and the angles by which the balls are turned are the same.
+    Both tests have the same circle, force and set-up, and their balls are turned by the same
+    angles.
     """
 
     clockwise: CircularTest
@@ -128,11 +131,12 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
 def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
     """Return the table row of one test; the keys are names of columns.
 
-    The row has the conditions of the test and quantities computed from the readings: G, F_max,
-    F_min and G of the minimum zone [µm], the largest and the smallest radial deviation from the
-    nominal circle [µm], squareness and scale mismatch [µm/m]. Squareness and scale mismatch are not
-    a number for an arc, and for a circle with too few different angles to tell the Fourier orders
-    apart.
+    The row holds the conditions of the test and quantities computed from the readings. These are G,
+    F_max and F_min about the least-squares centre [µm]; G about the centre of the minimum zone
+    [µm]; the largest and the smallest radial deviation about the least-squares centre from the
+    nominal radius [µm]; and squareness and scale mismatch [µm/m]. Squareness and scale mismatch are
+    not a number for an arc, and for a circle with too few different angles to tell the Fourier
+    orders apart.
     """
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)
@@ -179,7 +183,7 @@ def _pairs(tests: Sequence[CircularTest]) -> list[_Pair]:
 
 
 def _same_place(test: CircularTest, other: CircularTest) -> bool:
-    """Return whether two tests have the same circle, force, set-up and angles of the balls."""
+    """Return whether two tests have the same circle, force, set-up and angles of both balls."""
     return (
         test.circle == other.circle
         and test.force_N == other.force_N

@@ -9,8 +9,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["holm", "pooled_p_value", "uniformity_p_value"]
 
-# Before p-values are pooled, values whose distance from 0 or 1 is below this number are moved to
-# this distance, so that their Cauchy quantiles are finite.
+# Before p-values are pooled, a p-value nearer to 0 than this number is set to this number, and a
+# p-value nearer to 1 is set to one minus this number. Their Cauchy quantiles are then finite.
 _LEAST = 1e-12
 
 
@@ -18,7 +18,7 @@ def holm(p_value: Array) -> Array:
     """Return p-values adjusted by Holm's method (Scand. J. Statist. 6, 65-70, 1979), shape (n,).
 
     If each test with an adjusted p-value below α is called significant, the probability of any
-    false alarm among all n tests is at most α. This holds however the tests depend on one another.
+    false alarm among all n tests is at most α. The tests may depend on one another in any way.
 
     Parameters
     ----------
@@ -35,10 +35,10 @@ def holm(p_value: Array) -> Array:
 def pooled_p_value(p_values: Array) -> Array:
     """Return one p-value from n p-values, which may depend on one another (Cauchy combination).
 
-    Every p-value p becomes a Cauchy variate tan((1/2 − p) π). If the p-values are independent, the
-    mean of these variates has a Cauchy distribution too. If they depend on one another, the upper
-    tail of the mean's distribution is nearly that of a Cauchy distribution (Liu and Xie, J. Am.
-    Stat. Assoc. 115, 2020).
+    Every p-value p is transformed to a Cauchy variate tan((1/2 − p) π). If the p-values are
+    independent, the mean of the variates has a Cauchy distribution too. If the p-values depend on
+    one another, the upper tail of the mean's distribution is nearly that of a Cauchy distribution
+    (Liu and Xie, J. Am. Stat. Assoc. 115, 2020).
 
     Parameters
     ----------
@@ -47,26 +47,27 @@ def pooled_p_value(p_values: Array) -> Array:
     """
     clipped = np.clip(p_values, _LEAST, 1.0 - _LEAST)
     mean = np.tan((0.5 - clipped) * np.pi).mean(axis=-1)
-    # This is the probability that a Cauchy variate exceeds the mean. In this form, no digits are
-    # lost if the mean is large.
+    # The returned value is the probability that a Cauchy variate exceeds the mean. Computed with
+    # the arc tangent of 1 and the mean, it loses no digits if the mean is large.
     return np.asarray(np.arctan2(1.0, mean) / np.pi)
 
 
 def uniformity_p_value(p_values: Array) -> Array:
     """Return the p-value of the hypothesis that n values, which may be dependent, are uniform.
 
-    The i-th smallest of n independent uniform values has the distribution Beta(i, n + 1 − i). This
-    gives a two-sided p-value for each value; `pooled_p_value` makes one p-value of them. The method
-    is the test POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928,
-    2026), but large p-values are not left out before the p-values are pooled: without large
-    p-values, the test would reject too often for small n. The test detects values that are too
-    small, and also values that are all too near one, for example because predictions are too wide.
+    The i-th smallest of n independent uniform values has the distribution Beta(i, n + 1 − i). From
+    this distribution, each value gets a two-sided p-value, and `pooled_p_value` makes one p-value
+    of the n two-sided p-values. The method is the test POT of Tesso and Vehtari (LOO-PIT predictive
+    model checking, arXiv:2603.02928, 2026) with one difference: large two-sided p-values are not
+    left out before pooling, because the test would otherwise reject too often for small n. The test
+    detects values that are too small, and also values that are all too near one, for example
+    because predictions are too wide.
 
     Parameters
     ----------
     p_values
-        The n values, such as p-values of circles left out, shape (..., n). The result has the
-        shape (...).
+        The n values, shape (..., n), for example the p-values of circles given the other circles.
+        The result has the shape (...).
     """
     count = p_values.shape[-1]
     rank = np.arange(1, count + 1)

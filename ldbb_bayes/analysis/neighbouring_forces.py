@@ -3,8 +3,9 @@
 If compliance changes with force, the estimates from different pairs of levels differ. Each pair is
 fitted twice: by the least squares of the article on which the model is based (Tables 7 and 8
 there), and by the posterior of the model. The model includes nuisances, effects that are not of
-interest. Pairs overlap, and share ball form, bar length and mount. The errors of the estimates are
-therefore correlated, and the estimates scatter less than their uncertainties suggest.
+interest. Neighbouring pairs have a force level in common, and all pairs share ball form, bar length
+and mount. The errors of the estimates are therefore correlated, and the estimates scatter less than
+their uncertainties suggest.
 
 Geometric errors are fitted anew in every pair, so that only the change of the readings between the
 two forces determines the compliance. A pair therefore estimates d(F C)/dF = C + F dC/dF. This
@@ -30,10 +31,11 @@ from ldbb_bayes.results import readable
 
 __all__ = ["local_fits"]
 
-# Settings of the quadrature for local fits. They limit the errors of standard deviations to 2 %,
-# which is enough for a figure. Nodes are weighted values of the hyper-parameters. ``_TOLERANCE`` is
-# the error allowed for the log evidence [nat]. The nodes of the smallest weight are left out;
-# ``_SPARE`` is the largest share of the whole weight that they may have together.
+# Settings of the quadrature for local fits. With these settings, the errors of standard deviations
+# are at most 2 %, which is enough for a figure. Nodes are weighted values of the hyper-parameters.
+# ``_TOLERANCE`` is the error allowed for the log evidence [nat]. The nodes of the smallest weight
+# are left out; ``_SPARE`` is the largest total weight of the nodes left out, as a share of the
+# weight of all nodes.
 # ``_POINTS_INSIDE`` is the number of quasi-random points for the condition that no compliance is
 # negative. ``_MOMENT_NODES`` is the number of nodes for means and standard deviations.
 # ``_COMPONENTS`` is the number of components of the mixture from which the quantiles are computed.
@@ -51,8 +53,8 @@ def local_fits(
 ) -> pd.DataFrame:
     """Fit constant compliance and geometry to every pair of neighbouring force levels.
 
-    Where the estimates of the pairs differ by more than their uncertainties, compliance changes
-    with force.
+    A compliance changes with force if the estimates of different pairs differ by more than their
+    uncertainties.
 
     Parameters
     ----------

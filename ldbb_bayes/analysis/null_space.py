@@ -1,8 +1,8 @@
 """Sparse basis of the combinations of coefficients that no reading can resolve.
 
 Coefficients are the parameters of interest and the nuisance coefficients (effects that are modelled
-but not of interest). In each combination of the basis, one coefficient, the pivot, has the value
-one. The other coefficients cancel the effect of the pivot on the readings.
+but not of interest). In each combination of the basis, one coefficient has the value one; it is
+called the pivot. The other coefficients cancel the effect of the pivot on the readings.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EXACT_SHARE", "NullSpace"]
 
-# A combination of coefficients counts as unresolved only if it changes every reading by less than
-# this share of the change that its pivot, the coefficient with the value one, causes alone.
+# A combination of coefficients counts as unresolved only if it changes no reading by more than this
+# share of the largest change that its pivot (the coefficient with the value one) causes alone.
 EXACT_SHARE = 0.05
-# Coefficients are dropped from an unresolved combination if their effect on the readings is below a
-# share of the largest effect of any coefficient in the combination. The shares listed here are
-# tried in turn.
+# Coefficients are dropped from an unresolved combination if their effect on the readings is at most
+# a certain share of the largest effect of any coefficient in the combination. The shares listed
+# here are tried in turn.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # A combination from which coefficients of small effect are dropped may change a reading by at most
 # this share of the limit below which a change cannot be seen.
 _SPARSE_LIMIT_SHARE = 0.5
-# A preferred coefficient becomes a pivot only if its row of an orthonormal basis of the null space
-# is longer than this number. The directions of pivots chosen before are first projected out of the
-# row.
+# A preferred coefficient becomes a pivot before other coefficients only if its row of an
+# orthonormal basis of the null space is longer than this number. The directions of the pivots
+# chosen before are first projected out of the row.
 _LEAST_PIVOT_LENGTH = 0.05
 # When the effect of one coefficient on the readings is fitted by the effects of other coefficients,
 # singular values below this share of the largest count as zero.
 _RANK_TOLERANCE = 1e-12
-# Decimals to which lengths of rows of the null space's basis are compared, so that rounding errors
-# do not decide which coefficient becomes a pivot.
+# Number of decimals to which the lengths of the rows of the null space's basis are rounded before
+# they are compared. Rounding errors then do not decide which coefficient becomes a pivot.
 _LENGTH_DECIMALS = 6
 
 
@@ -45,8 +45,8 @@ class NullSpace:
     Parameters
     ----------
     scaled
-        Change of n readings per prior standard deviation of m coefficients, shape (n, m);
-        parameters of interest come first.
+        Change of each of n readings when one of m coefficients changes by its prior standard
+        deviation, shape (n, m). The parameters of interest come first.
     parameters
         Number of parameters of interest.
     limit
@@ -63,11 +63,11 @@ class NullSpace:
     def sparse_basis(self) -> list[tuple[int, Array]]:
         """Return the basis as pairs of pivot and vector; pairs with a nuisance as pivot come first.
 
-        A vector is a combination of the m coefficients that no reading resolves, shape (m,). Its
-        pivot is the index of the coefficient that has the value one and whose effect the other
-        coefficients cancel. Combinations of parameters alone are found first, then combinations of
-        one nuisance with the remaining parameters, then all other combinations. A nuisance that
-        alone changes no reading noticeably is left out.
+        A vector, shape (m,), is a combination of the m coefficients that no reading resolves. The
+        pivot of the vector is the index of the coefficient that has the value one and whose effect
+        the other coefficients cancel. Combinations of parameters alone are found first, then
+        combinations of one nuisance with parameters that are not pivots, then all other
+        combinations. A nuisance is left out if its effect alone changes no reading noticeably.
         """
         columns = np.arange(len(self.largest))
         is_parameter = columns < self.parameters
@@ -88,10 +88,11 @@ class NullSpace:
         """Return a basis of the unresolved combinations of some coefficients, one vector per pivot.
 
         The keys are indices of pivots. ``columns`` are the indices of the coefficients. Each vector
-        of the basis has the value one at its pivot, and zero at all other pivots. The values of the
-        other coefficients cancel the effect of the pivot on the readings. ``preferred``, with one
-        entry for each of ``columns``, is true for coefficients that should be pivots where
-        possible. A pivot whose effect cannot be cancelled well enough is left out.
+        of the basis has the value one at its pivot, and zero at all other pivots. In a vector, the
+        coefficients that are not pivots cancel the effect of the pivot on the readings.
+        ``preferred`` has one entry for each index in ``columns``; it is true for coefficients that
+        should be pivots where possible. A pivot whose effect cannot be cancelled well enough is
+        left out.
         """
         pivots = columns[_choose_pivots(self._orthonormal_basis(columns), preferred)]
         return self._imitations(pivots, np.setdiff1d(columns, pivots))
@@ -115,9 +116,10 @@ class NullSpace:
         """Return combinations of target coefficients and imitators that change no reading.
 
         ``targets`` and ``imitators`` are indices of coefficients; imitators are the coefficients
-        that may cancel the effect of a target. In the combination of a target, the target has the
-        value one, and the imitators have values that cancel its effect on the readings. Targets
-        whose effect the imitators cannot cancel are left out.
+        that may cancel the effect of a target. The result has one combination for each target. In
+        this combination, the target has the value one, and the values of the imitators cancel the
+        target's effect on the readings. Targets whose effect the imitators cannot cancel are left
+        out.
         """
         # The imitators (coefficients that may cancel the effect of a target) are the same for all
         # targets. The matrix of their effects is therefore factored only once.
@@ -135,13 +137,12 @@ class NullSpace:
         return imitations
 
     def _checked_imitation(self, target: int, solved: Array) -> Array | None:
-        """Return a combination in which imitators cancel the effect of a target coefficient.
+        """Return a combination in which imitators cancel a target's effect on the readings.
 
-        The effect is a change of the readings; imitators are the other coefficients in the
-        combination. ``target`` is the index of the target. ``solved``, shape (m,), is the
-        combination with all imitators. Imitators with the smallest effects are left out if the
-        other imitators suffice. Return None if the combination does not cancel the effect of the
-        target.
+        The imitators are the coefficients of the combination other than the target. ``target`` is
+        the index of the target coefficient. ``solved``, shape (m,), is the combination with all
+        imitators. Imitators with the smallest effects are left out of the result if the remaining
+        imitators suffice. Return None if ``solved`` does not cancel the effect of the target.
         """
         effect = self.largest * np.abs(solved)
         exact_limit = EXACT_SHARE * effect[target]
@@ -159,10 +160,10 @@ class NullSpace:
 def _choose_pivots(basis: Array, preferred: NDArray[np.bool_]) -> list[int]:
     """Return the indices of k linearly independent rows of a matrix.
 
-    The matrix is ``basis``, shape (c, k): k vectors with one row for each of c coefficients. In
-    each step, the row is chosen that has the longest part orthogonal to all rows chosen before.
-    ``preferred``, shape (c,), is true for rows that are chosen before other rows, unless their
-    orthogonal part is very short.
+    The matrix ``basis``, shape (c, k), holds k vectors; it has one row for each of c coefficients.
+    In each step, the row is chosen that has the longest part orthogonal to all rows chosen before.
+    ``preferred``, shape (c,), is true for preferred rows. A preferred row is chosen before all
+    other rows unless its orthogonal part is very short.
     """
     pivots: list[int] = []
     remainder = basis.copy()

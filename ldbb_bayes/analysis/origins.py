@@ -6,18 +6,18 @@ of this campaign alone, with a flat prior of the source, determine it with a sta
 less than half of its prior standard deviation. A source that is neither stated nor measured here is
 *assumed*.
 
-The origin is determined for each coefficient alone, at the Fourier order of the coefficient. For
-example, the readings may show a form error of the balls at the orders 5 to 12, and its prior may
-extend this knowledge to the orders 2 and 3. At the orders 2 and 3, the form error is still not
-measured here. The priors of the parameters of interest (compliances, slopes, geometric errors) are
-made flat, too. If they were not, the narrow prior of a squareness error would count as a
-measurement of a form error that changes the readings in the same way. All other effects keep their
-priors.
+The origin is determined for each coefficient separately, at the Fourier order of the coefficient.
+For example, the readings may show a form error of the balls at the orders 5 to 12, and the prior of
+the form error may extend this knowledge to the orders 2 and 3. At the orders 2 and 3, the form
+error is still not measured here. The priors of the parameters of interest (compliances, their
+changes with force, and geometric errors) are made flat, too. Otherwise the narrow prior of a
+squareness error would count as a measurement of a form error that changes the readings in the same
+way. All other effects keep their priors.
 
 Scatter differs from reading to reading, or from circle to circle, and has no coefficients that
-several circles share. Reading noise, set-up shift and discrepancy are measured here, because their
-sizes are hyper-parameters that the readings determine. Scatter of a fixed size, such as the random
-error of the force, is stated or assumed.
+several circles share. Reading noise, set-up shift and discrepancy are kinds of scatter that are
+measured here, because their sizes are hyper-parameters that the readings determine. Scatter of a
+fixed size, such as the random error of the force, is stated or assumed.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from ldbb_bayes.model.terms.columns import NOISE, OWN
 
 __all__ = ["MAJORITY", "Origin", "edition_terms", "is_prior_stated", "is_size_stated", "origins"]
 
-# Sources have most of a parameter's variance if their share of the variance is above this number.
-# Knowing the sources exactly would then reduce the standard uncertainty of the parameter by 30 % or
-# more.
+# Sources cause most of a parameter's variance if their total share of the variance is above this
+# number. If these sources were known exactly, the standard uncertainty of the parameter would be
+# smaller by about 30 % or more.
 MAJORITY = 0.5
-# An effect counts as measured here if the readings alone, with a flat prior of the effect, give it
-# a standard uncertainty below this share of its prior standard deviation.
+# An effect counts as measured here if its standard uncertainty from the readings alone, with a flat
+# prior of the effect, is below this share of its prior standard deviation.
 MEASURED_SD_RATIO = 0.5
 
 
@@ -57,13 +57,13 @@ class Origin(StrEnum):
 def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str], Origin]:
     """Return the origin of each source of uncertainty.
 
-    The size of a source is measured by the readings of this campaign, stated by the user, or
-    assumed by the model.
+    The sources are those of the uncertainty of a model's parameters. The size of a source is
+    measured by the readings of this campaign, stated by the user, or assumed by the model.
 
-    The sources are those of the uncertainty of a model's parameters. The keys are those of
-    `Information.shares`: the name of the coefficient or noise, and the name of the model term to
-    which it belongs. In this function, the parameters' own priors (key ``(OWN, OWN)``) count as
-    assumed; `is_prior_stated` returns for one parameter whether the user gave its prior.
+    The keys are those of `Information.shares`. A key has two parts: the name of a coefficient or
+    noise, and the name of the model term to which the coefficient or noise belongs. In this
+    function, the priors of the parameters (key ``(OWN, OWN)``) count as assumed; `is_prior_stated`
+    returns for one parameter whether the user gave its prior.
 
     Parameters
     ----------
@@ -93,11 +93,12 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
 def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
     """Return whether the size of a nuisance coefficient is stated.
 
-    The size is stated if a certificate states it, if the user has changed the prior sd of the
-    coefficient, or if the user has added the term to the model with ``with_term``. Other settings
-    of the term do not state the size: for example, if the user removes the curvature from a mount's
-    deflection, the size of the deflection stays uncertain. ``term`` is the model term that the
-    coefficient belongs to. Return False if ``term`` is None: the model has no such term.
+    ``term`` is the model term to which the coefficient belongs. Return False if ``term`` is None,
+    which means that the model has no such term. The size is stated if a certificate states it, if
+    the user has changed the prior sd of the coefficient, or if the model has the term only because
+    the user has added it with ``with_term``. Other settings of the term do not state the size: for
+    example, if the user removes the curvature from a mount's deflection, the size of the deflection
+    is still not stated.
     """
     if term is None:
         return False
@@ -105,7 +106,7 @@ def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bo
 
 
 def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
-    """Return whether the prior sd of a coefficient differs from that which the package gives it."""
+    """Return whether the prior sd of a coefficient differs from the package's own value."""
     if type(term).on_demand:
         return True
     usual = _with_usual_sizes(bound, term)
@@ -116,11 +117,11 @@ def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
 
 
 def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
-    """Return a term of the package with the package's own numbers, and all else unchanged.
+    """Return a model term in which the user's numbers are replaced by the package's own numbers.
 
-    The numbers are those of the model's preset, or the defaults of the class for a term that the
-    preset does not have. Settings that are not numbers, such as the covariate of a drift, are kept,
-    because they state which effect is modelled, not how large it is.
+    The package's numbers are those of the model's preset. If the preset does not have the term,
+    they are the defaults of the term's class. Settings that are texts, such as the covariate of a
+    drift, are kept, because they state which effect is modelled, and not how large the effect is.
     """
     usual = edition_terms(bound).get(type(term), type(term)())
     kinds_of_effect = {name: value for name, value in vars(term).items() if isinstance(value, str)}
@@ -131,9 +132,9 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object, ...] | None:
     """Return what determines the prior sd of a coefficient.
 
-    The values returned are the sd or a factor of the sd, the hyper-parameters that multiply this
-    factor, and the part of the sd that the user or a certificate states. Return None if the term
-    has no coefficient of this name.
+    Three values are returned: the prior sd, or a factor of it; the hyper-parameters that multiply
+    this factor; and the part of the prior sd that the user or a certificate states. Return None if
+    the term has no coefficient of this name.
     """
     for columns in term.columns(bound.setting):
         if isinstance(columns, Columns) and coefficient in columns.names:
@@ -146,8 +147,8 @@ def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object
 def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
     """Return whether the user gave the prior of a parameter of interest.
 
-    A prior counts as given if the model has a mean or sd for this parameter by name, or if a
-    setting of its `Prior` from which the parameter's sd follows is not that of the preset.
+    The user gave the prior if the model's `Prior` has a mean or an sd for this very parameter, or
+    if a setting of the `Prior` on which the parameter's sd depends differs from the preset.
     """
     prior = bound.model.prior
     if parameter in prior.overrides or parameter in prior.means:
@@ -158,18 +159,20 @@ def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
 
 
 def edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
-    """Return the nuisance terms of the preset from which a model was made; keys are their classes.
+    """Return the nuisance terms of the preset from which a model was made.
 
-    A nuisance is an effect that is modelled but not of interest. The terms have the package's own
-    values, even where the user has changed these values in the model.
+    The keys are the classes of the terms. A nuisance is an effect that is modelled but not of
+    interest. The terms have the package's own values, even where the user has changed these values
+    in the model.
     """
     return {type(term): term for term in _edition(bound).nuisances}
 
 
 def _edition(bound: BoundModel) -> HybridModel:
-    """Return the model of the preset that a model was made from, with the package's own values.
+    """Return the preset's model, with the package's own values, from which a model was made.
 
-    For the preset ``paper``, whose model has no nuisances, it is the model of the preset ``first``.
+    For the preset ``paper``, whose model has no nuisances, the model of the preset ``first`` is
+    returned.
     """
     return _edition_of(bound.model.preset, bound.model.degree)
 
@@ -182,7 +185,7 @@ def _edition_of(preset: str, degree: int) -> HybridModel:
 
 
 def _term_named(bound: BoundModel, owner: str) -> Term | None:
-    """Return the model's nuisance term whose class is named ``owner``; None if there is none."""
+    """Return the model's nuisance term whose class has the name ``owner``, or None."""
     for term in bound.model.nuisances:
         if type(term).__name__ == owner:
             return term
@@ -209,7 +212,10 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
 
 
 def _noises_of(bound: BoundModel) -> Mapping[str, tuple[Columns | BasisNoise, ...]]:
-    """Return the columns of the design matrix that act as noise of single tests, by term."""
+    """Return the columns of the design matrix that act as noise of single tests.
+
+    The keys are class names of model terms.
+    """
     noises = {}
     for kind, columns in bound.columns_of.items():
         noises[kind.__name__] = tuple(

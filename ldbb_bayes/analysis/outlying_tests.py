@@ -63,20 +63,20 @@ _CIRCLES_PER_DRAW_AGAIN = 2
 
 @dataclass(frozen=True)
 class JudgedTest:
-    """One test compared with its prediction from the other tests that are not flagged.
+    """Comparison of one test with the prediction from the other tests that are not flagged.
 
     If a campaign has only two tests and they disagree, both have small p-values. Neither test is
     flagged, because nothing shows which test is wrong.
     """
 
-    #: probability that another circle of the same machine deviates at least as much from the
-    #: prediction in any Fourier order
+    #: probability that another circle of the same machine would deviate from the prediction at
+    #: least as much as the test, in any Fourier order
     p_value: float
     family_wise_p_value: float  #: p-value adjusted for the number of tests (Holm)
     order_p_values: tuple[float, ...]  #: p-value of each single Fourier order, 0 … 12
     worst_order: int  #: Fourier order in which the test deviates most
-    #: whether the test is flagged as not in agreement with the other tests: its family-wise p-value
-    #: is below 2 %, and more than half of the tests remain unflagged
+    #: whether the test is flagged as not in agreement with the other tests. A test is flagged if
+    #: its family-wise p-value is below 2 % and more than half of the tests remain unflagged.
     flag: bool
     #: deviation in the worst Fourier order, stated as −ln of the probability of a larger χ². Among
     #: tests with equal p-values, the test with the largest deviation is flagged first.
@@ -95,9 +95,9 @@ def find_outlying_tests(
     """Find the tests that do not agree with the other tests, under one or several models.
 
     Each test is compared with circles that are simulated from the posterior given the other tests.
-    Its p-value is the probability that a circle of the same machine deviates at least as much from
-    the prediction in any Fourier order. A test is flagged if its family-wise p-value (Holm) is
-    below 2 %, and more than half of the tests remain unflagged.
+    The p-value of the test is the probability that another circle of the same machine would deviate
+    from the prediction at least as much as the test, in any Fourier order. A test is flagged if its
+    family-wise p-value (Holm) is below 2 % and more than half of the tests remain unflagged.
 
     Parameters
     ----------
@@ -117,8 +117,8 @@ def find_outlying_tests(
     Returns
     -------
     DataFrame
-        One row per test: force_N, p_value, family_wise_p_value, flag, and order_0 … order_12, the
-        p-values by Fourier order.
+        One row per test. Columns are force_N, p_value, family_wise_p_value, flag, and the p-values
+        of the single Fourier orders, order_0 … order_12.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def judge_tests(
     tolerance: float,
     replicates: int | None = None,
 ) -> dict[str, JudgedTest]:
-    """Return the comparison of every test with the other tests, by name.
+    """Return the comparison of every test with the other tests; the keys are names of tests.
 
     Parameters
     ----------
@@ -217,8 +217,8 @@ def judge_tests(
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
     """Return the quadrature nodes of the first model's posterior.
 
-    Nodes are weighted values of the hyper-parameters. The first model is used for properties of the
-    campaign that are the same in all models.
+    Nodes are weighted values of the hyper-parameters. The first model serves to look up properties
+    of the campaign, which are the same in all models.
     """
     return next(iter(nodes_by_model.values()))
 
@@ -234,8 +234,8 @@ def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
 def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
     """Return the judged tests with family-wise p-values by Holm's method.
 
-    No family-wise p-value is below ``lowest``, the largest family-wise p-value of the tests flagged
-    before.
+    A family-wise p-value below ``lowest`` is replaced by ``lowest``, the largest family-wise
+    p-value of the tests flagged before.
     """
     p_values = np.array([judged_test.p_value for judged_test in judged.values()])
     family_wise = np.maximum(holm(p_values), lowest)
@@ -254,10 +254,10 @@ def _judge_left_out(
 ) -> JudgedTest:
     """Return the comparison of the test ``name`` with circles predicted from the other tests.
 
-    ``size`` is the number of circles that are simulated at first. If at most 5 % of them deviate as
-    much as the test, the test is judged again with twice as many circles. ``nodes_by_model`` holds
-    the posterior of each model given all tests. ``left_out_nodes`` holds, for each model and test,
-    the posterior given all other tests.
+    ``size`` is the number of circles that are simulated at first. If the test's p-value is at most
+    5 %, the test is judged again with twice as many circles. ``nodes_by_model`` holds the posterior
+    of each model given all tests. ``left_out_nodes`` holds, for each model and test, the posterior
+    given all other tests.
     """
     bound = _any_nodes(nodes_by_model).bound
     r = bound.test_names.index(name)
@@ -284,11 +284,11 @@ def _replicates(
     circles_per_draw: int,
     rng: np.random.Generator,
 ) -> Array:
-    """Return simulated replicates of a test, as Fourier coefficients, shape (n, 25) [mm].
+    """Return replicates (simulated circles) of a test, as Fourier coefficients, shape (n, 25) [mm].
 
-    The number n of replicates is about ``size``, with ``circles_per_draw`` from each posterior
-    draw. The number from each model is in proportion to the posterior probability of the model
-    given the other tests.
+    The number n of replicates is about ``size``. From each posterior draw, ``circles_per_draw``
+    replicates are simulated. The number of replicates from each model is in proportion to the
+    posterior probability of the model given the other tests.
     """
     log_evidence = [by_test[name].evidence.log_value for by_test in left_out_nodes.values()]
     counts = np.round(probabilities(np.array(log_evidence)) * size).astype(int)
@@ -310,8 +310,8 @@ def _replicates(
 def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
     """Return the comparison of one test's circle with its replicates (simulated circles).
 
-    The p-value is not adjusted for the number of tests: the family-wise p-value of the result is 1,
-    and its flag is false.
+    The p-value is not adjusted for the number of tests. In the result, the family-wise p-value is
+    1, and the flag is false.
 
     Parameters
     ----------
@@ -339,9 +339,10 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
     # For each Fourier order, ``nearer_counts`` holds the number of replicates (simulated circles)
-    # that deviate less than the circle; ``most_nearer`` is the largest of these numbers. In each
-    # order, all but the ``most_nearer`` smallest deviations count as large. The p-value follows
-    # from the number of replicates with a large deviation in at least one order.
+    # that deviate less than the observed circle; ``most_nearer`` is the largest of these numbers.
+    # In each order, the deviations of the replicates are sorted, and all but the ``most_nearer``
+    # smallest deviations count as large. The p-value follows from the number of replicates with a
+    # large deviation in at least one order.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:
@@ -360,17 +361,18 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
 def _squared_distance(harmonics: Array, root: Array) -> Array:
     """Return squared Mahalanobis distances of n circles from their mean, shape (n,).
 
-    ``harmonics`` are k Fourier coefficients of each circle, less their means, shape (n, k).
-    ``root`` is the Cholesky factor of their covariance, shape (k, k).
+    ``harmonics``, shape (n, k), are k Fourier coefficients of each circle minus the means of these
+    coefficients. ``root``, shape (k, k), is the Cholesky factor of the coefficients' covariance.
     """
     white = solve_triangular(root, harmonics.T, lower=True, check_finite=False)
     return np.asarray((white**2).sum(axis=0))
 
 
 def _minus_log_tail(squared_distance: float, components: int) -> float:
-    """Return −ln of the probability that χ² exceeds ``squared_distance``.
+    """Return −ln of the probability that a χ² variable exceeds ``squared_distance``.
 
-    The degrees of freedom, one or two, are ``components``: the number of Fourier coefficients.
+    ``components``, one or two, is the number of Fourier coefficients, which is the number of
+    degrees of freedom of χ².
     """
     if components == 2:
         return 0.5 * squared_distance

@@ -17,9 +17,10 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["PairedRemedy", "paired_remedies"]
 
-# A second remedy (a change of the plan or a certificate) is compared with another by the ratio of
-# the parameter's standard uncertainty with both remedies to that without any remedy. If the two
-# ratios differ by less than this number, the cheaper remedy is taken.
+# Second remedies (changes of the plan or certificates) are compared by a ratio: the parameter's
+# standard uncertainty with the first and the second remedy, divided by its standard uncertainty
+# without any remedy. If the ratios of two second remedies differ by less than this share of the
+# smaller ratio, the cheaper of the two is taken.
 _EQUAL_RATIOS = 0.02
 
 
@@ -31,17 +32,18 @@ class PairedRemedy(Result):
     parameter is confounded if assumed effects cause more than half of its variance.
     """
 
-    #: first remedy, a change of the plan or a certificate: the cheapest if only one remedy is used
+    #: first remedy (a change of the plan or a certificate): the parameter's cheapest remedy from
+    #: `remedies`, which considers each remedy alone
     first: CureStep
-    #: second remedy, a change of the plan or a certificate: of all remedies, that which reduces the
-    #: parameter's standard uncertainty most if it is added to the first remedy
+    #: second remedy (a change of the plan or a certificate): the remedy that reduces the
+    #: parameter's standard uncertainty most when it is added to the first remedy
     second: CureStep
-    #: number of circles that both remedies (changes of the plan or certificates) add together
+    #: total number of circles that the two remedies add to the campaign
     circles: int
     #: standard uncertainty of the parameter that remains after both remedies, in internal units
     sd: float
     ratio: float  #: ``sd`` divided by the standard uncertainty without any remedy
-    #: whether the parameter stays confounded with assumed effects after both remedies
+    #: whether the parameter is still confounded with assumed effects after both remedies
     is_confounded: bool
 
 
@@ -54,19 +56,20 @@ def paired_remedies(
     """Return a pair of remedies for every parameter that stays confounded after one remedy.
 
     A remedy is a change of the plan, such as more circles, or a certificate of the instrument. The
-    first remedy is the parameter's cheapest remedy from `remedies`. The second remedy is that
-    which, added to the first, makes the standard uncertainty of the parameter smallest. A pair is
-    returned only if this standard uncertainty is less than 90 % of that with the first remedy
-    alone.
+    first remedy is the parameter's cheapest remedy from `remedies`. The second remedy is the remedy
+    that makes the standard uncertainty of the parameter smallest when it is added to the first. A
+    pair is returned only if the standard uncertainty with both remedies is less than 90 % of the
+    standard uncertainty with the first remedy alone.
 
     Parameters
     ----------
     tried
-        The campaign, with its standard uncertainties after each remedy.
+        The campaign, with the standard uncertainties of its parameters after each remedy.
     chosen
         The cheapest remedy for every parameter, from `remedies`. The keys are names of parameters.
     sd
-        Standard uncertainties of the parameters without any remedy, by name, in internal units.
+        Standard uncertainties of the parameters without any remedy, in internal units. The keys are
+        names of parameters.
     confounded
         Names of the parameters that are confounded.
 
@@ -92,10 +95,10 @@ def paired_remedies(
 def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> PairedRemedy | None:
     """Return the first remedy for a parameter together with the best second remedy.
 
-    A remedy is a change of the plan or a certificate. The best second remedy is that which, added
-    to the first, makes the parameter's standard uncertainty smallest. ``sd`` is the standard
-    uncertainty without any remedy. Return None if no second remedy reduces the standard uncertainty
-    to less than 90 % of that with the first remedy.
+    A remedy is a change of the plan or a certificate. The best second remedy is the remedy that
+    makes the parameter's standard uncertainty smallest when it is added to the first. ``sd`` is the
+    standard uncertainty without any remedy. Return None if no second remedy reduces the standard
+    uncertainty to less than 90 % of its value with the first remedy alone.
     """
     before = tried.sd_with()[name]
     ratio_of: dict[CureStep, float] = {}

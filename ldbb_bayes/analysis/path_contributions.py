@@ -36,8 +36,9 @@ __all__ = [
 
 # Number of posterior draws from which contributions to the readings of a circle are computed.
 DRAWS = 2000
-# Names of three sums of contributions to the readings. ``TOGETHER`` is the sum over all effects of
-# the machine, ``COMPLIANCE`` over all compliances, and ``GEOMETRY`` over all geometric errors.
+# Names of three sums of contributions to the readings: ``TOGETHER`` names the sum over all effects
+# of the machine, ``COMPLIANCE`` the sum over all compliances, and ``GEOMETRY`` the sum over all
+# geometric errors.
 TOGETHER = "compliance and geometry"
 COMPLIANCE = "compliance"
 GEOMETRY = "geometry"
@@ -54,31 +55,31 @@ def decompose_deviation(
 ) -> pd.DataFrame:
     """Return the contributions of the machine's effects to the readings of circles [µm].
 
-    There is one circle for each plane: that of the first test run in the plane. For each effect
-    (source), the table states the largest and the smallest contribution along the circle, and the
-    peak-to-peak value.
+    In each plane, the contributions are computed for the circle of the first test in the plane. For
+    each effect (source), the table states the largest and the smallest contribution along the
+    circle, and the peak-to-peak value of the contribution.
 
     Parameters
     ----------
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     force_N : float, optional
-        Force of the bar [N]. Default: the highest tested.
+        Force of the bar [N]. Default: the highest force tested.
     prob : float
         Probability of the equal-tailed intervals, between 0 and 1.
 
     Returns
     -------
     DataFrame
-        One row per plane and source. Sources are every compliance (its slope included), every
-        geometric error, and three sums: of all effects, of all compliances and of all geometric
-        errors. Offsets of the tool ball are separate sources, and are not included in the sums.
-        Columns are plane, radius_mm, force_N and source; and, in µm, maximum, minimum,
+        One row per plane and source. Sources are every compliance (including its change with
+        force), every geometric error, and three sums: of all effects, of all compliances and of all
+        geometric errors. Offsets of the tool ball are separate sources, and are not included in the
+        sums. Columns are plane, radius_mm, force_N and source; and, in µm, maximum, minimum,
         peak_to_peak, sd, ci_low and ci_high. The values maximum and minimum are those of the
         posterior mean contribution. The posterior of the peak-to-peak value has the median
-        peak_to_peak, the standard deviation sd and the interval from ci_low to ci_high. The
-        uncertainty of the contribution makes its peak-to-peak value too large; this excess is
-        removed.
+        peak_to_peak, the standard deviation sd and the credible interval from ci_low to ci_high.
+        The peak-to-peak values of the draws are too large because of the uncertainty of the
+        contribution; this excess is removed.
 
     Raises
     ------
@@ -124,10 +125,11 @@ def contribution_paths(
 ) -> Mapping[str, Array]:
     """Return contributions of the sources, such as ``C_XXX``, to the readings on one circle.
 
-    The circle is that of the test with index ``r``, at the force ``force_N``. Each contribution has
-    the shape (draws, 360) [µm], for the angles 0°, 1° … 359°. ``beta``, shape (draws, p), are
-    posterior draws of the p parameters. Sources are those of `decompose_deviation`; if ``only`` is
-    not empty, only the sources in it are returned. Sources without any effect are left out.
+    The circle is that of the test with index ``r``, and the force is ``force_N``. Each contribution
+    has the shape (draws, 360) [µm], for the angles 0°, 1° … 359°. ``beta``, shape (draws, p), are
+    posterior draws of the p parameters. Sources are those of `decompose_deviation`. If ``only`` is
+    not empty, only the sources named in ``only`` are returned. Sources without any effect are left
+    out.
     """
     turn = basis(ANGLE_RAD).T * 1e3
     paths = {}
@@ -145,8 +147,8 @@ def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, 
 
     An effect is the change of the circle's 25 Fourier coefficients per unit of the parameter. The
     columns of parameters that do not belong to the source are zero. Some sources are sums, for
-    example of all compliances. Offsets of the tool ball are separate sources, and are not included
-    in the sums.
+    example the sum of all compliances. Offsets of the tool ball are separate sources, and are not
+    included in the sums.
     """
     geometry = np.where(is_tool_ball_offset(bound), 0.0, columns.geometric)
     by_source = {

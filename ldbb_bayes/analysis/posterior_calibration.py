@@ -1,18 +1,20 @@
 """Simulation-based calibration for machines like the measured one, with enlarged campaigns.
 
-Calibration over the prior (`calibrate`) tests the computation for all machines that the prior
-allows. Here the computation is tested for machines like the one that was measured (Säilynoja,
-Schmitt, Bürkner and Vehtari, Posterior SBC, 2025). With y the readings measured and θ all unknowns:
+Calibration over the prior (`calibrate`) tests the computation of the posterior for all machines
+that the prior allows. Here the computation is tested for machines like the one that was measured
+(Säilynoja, Schmitt, Bürkner and Vehtari, Posterior SBC, 2025). With y the measured readings and θ
+all unknowns, the steps are:
 
 1. A true θ' is drawn from the posterior p(θ | y).
 2. Readings y' of a repetition of the same tests are simulated from θ'.
-3. The posterior p(θ | y, y') of the measured and the simulated campaign together is computed. If it
-   is computed correctly, θ' is a draw from this posterior as well, and its ranks among other draws
-   from this posterior are uniformly distributed.
+3. The posterior p(θ | y, y') given the measured and the simulated readings together is computed. If
+   this posterior is computed correctly, θ' is a draw from it as well, and the ranks of θ' among
+   other draws from it are uniformly distributed.
 
-Bar, balls, mount and force device are the same in both campaigns; set-up shift, discrepancy, random
-force error and white noise are drawn anew. All effects are linearised at the estimate Ĉ of the
-compliances from the measured campaign, as in the posterior.
+Bar, balls, mount and force device are the same in the measured and the simulated campaign; set-up
+shift, discrepancy, random force error and white noise are drawn anew for the simulated campaign.
+All effects are linearised at the estimate Ĉ of the compliances from the measured campaign, as in
+the posterior p(θ | y).
 """
 
 from __future__ import annotations
@@ -60,11 +62,12 @@ def calibrate_posterior(
 ) -> Validation:
     """Return the ranks of true values among posterior draws of campaigns enlarged by simulation.
 
-    In every replicate, true parameters and hyper-parameters (the scales of the noise and of other
-    effects) are drawn from the posterior, a repetition of the tests is simulated from them, and the
-    posterior of measured and simulated readings together is computed. The rank of a true value is
-    the number of draws from this posterior that are below the true value. If this posterior is
-    computed correctly, the ranks are uniformly distributed (posterior SBC, Säilynoja et al. 2025).
+    In every replicate, true values of the parameters and of the hyper-parameters (the scales of the
+    noise and of other effects) are drawn from the posterior. A repetition of the tests is simulated
+    from the true values, and the posterior given the measured and the simulated readings together
+    is computed. The rank of a true value is the number of draws from this new posterior that are
+    below the true value. If the new posterior is computed correctly, the ranks are uniformly
+    distributed (posterior SBC, Säilynoja et al. 2025).
 
     Parameters
     ----------
@@ -83,7 +86,7 @@ def calibrate_posterior(
         Executor of ``concurrent.futures`` that runs the replicates in parallel. Default: this
         process runs them one after the other. The result does not depend on the executor.
     progress : callable, optional
-        Function called with the number of replicates done and their total.
+        Function called with the number of replicates done and the number of all replicates.
 
     Returns
     -------
@@ -138,8 +141,9 @@ class _EnlargedCampaigns(NamedTuple):
     """Settings that all replicates have in common: model, measured campaign and true values.
 
     ``beta``, shape (replicates, p), and ``phi``, shape (replicates, h), are posterior draws of the
-    parameters and hyper-parameters, one for each replicate. ``draws`` is the number of draws among
-    which these true values are ranked.
+    parameters and of the hyper-parameters; one draw of each gives the true values of a replicate.
+    ``draws`` is the number of posterior draws of the enlarged campaign among which the true values
+    are ranked.
     """
 
     model: HybridModel
@@ -178,11 +182,11 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 
 
 def _with_times(campaign: Campaign) -> Campaign:
-    """Return a campaign whose tests state their times, if drift is computed from the tests' order.
+    """Return a campaign with times of the tests, if drift is computed from the tests' order.
 
     If drift is not computed from the order in which the tests are listed, the campaign is returned
-    unchanged. A repetition of the tests then has the same times as the tests, and drift is measured
-    from the same mean time.
+    unchanged. With stated times, a repetition of the tests has the same times as the tests
+    themselves, so that drift is measured from the same mean time with and without the repetition.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign
@@ -193,9 +197,10 @@ def _with_times(campaign: Campaign) -> Campaign:
 
 
 def _enlarge(campaign: Campaign, truth: ModelDraws, rng: np.random.Generator) -> Campaign:
-    """Return a campaign enlarged by a repetition of its tests, simulated from true values.
+    """Return a campaign enlarged by a simulated repetition of its tests.
 
-    ``truth`` holds one draw of the model's parameters and hyper-parameters.
+    The repetition is simulated from the true values ``truth``: one draw of the model's parameters
+    and hyper-parameters.
     """
     plan = campaign.plan()
     tests = list(campaign.tests)

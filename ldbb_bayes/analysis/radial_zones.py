@@ -19,9 +19,9 @@ _FEWEST_ANGLES = 3
 
 @dataclass(frozen=True)
 class Zone:
-    """Range of the radial deviations of a tool path about the centre of its least-squares circle.
+    """Range of the radial deviations of a path about the centre of its least-squares circle.
 
-    All values are in the unit of the deviations.
+    All values are in the unit of the radial deviations.
     """
 
     lower: float  #: smallest distance of the path from the centre, minus the nominal radius
@@ -47,20 +47,20 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
 
 
 def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
-    """Return the width of the narrowest ring, about any centre, that contains a tool path.
+    """Return the width of the narrowest ring, about any centre, that contains a path.
 
-    ``deviation``, shape (n,), are the radial deviations ρ at the angles θ, ``angle_rad``, shape
-    (n,). A linear programme finds the centre (a, b) of the ring and its limits ``lower`` and
-    ``upper`` that make upper − lower smallest subject to lower ≤ ρ − a cos θ − b sin θ ≤ upper. The
-    width has the unit of the deviations.
+    ``deviation``, shape (n,), are the radial deviations ρ of the path at the angles θ
+    (``angle_rad``, shape (n,)). A linear programme finds the centre (a, b) of the ring and its
+    limits ``lower`` and ``upper`` that make ``upper - lower`` smallest, subject to
+    ``lower`` ≤ ρ − a cos θ − b sin θ ≤ ``upper``. The width has the unit of the deviations.
     """
     columns = _circle_columns(angle_rad, deviation)
     scale = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
     ones = columns[:, :1]
     zeros = 0.0 * ones
     centre = columns[:, 1:]
-    # The unknowns of the linear programme are the centre (a, b) and the limits of the zone, lower
-    # and upper.
+    # The linear programme has four unknowns: the two coordinates of the centre, and the lower and
+    # the upper limit of the zone.
     below_upper = -np.column_stack([centre, zeros, ones])
     above_lower = np.column_stack([centre, ones, zeros])
     limits = np.concatenate([-deviation, deviation]) / scale

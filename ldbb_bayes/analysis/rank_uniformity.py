@@ -3,8 +3,9 @@
 A rank is the number of posterior draws below the true value in a simulated campaign. The method is
 that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and
 Computing 32:32 (2022). The band consists of a binomial interval at every rank. All intervals have
-the same probability. This probability is chosen so that the joint probability of staying inside all
-intervals is the probability of the band. The joint probability is computed exactly.
+the same probability. This probability is chosen so that the empirical distribution of uniform ranks
+stays inside all intervals with the probability of the band. The probability of staying inside all
+intervals is computed exactly.
 """
 
 from __future__ import annotations
@@ -36,10 +37,10 @@ def ecdf(ranks: Array, draws: int) -> Array:
 
 @cache
 def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, Array]:
-    """Return lower and upper limits of a band for the distribution of ranks, shape (draws,) each.
+    """Return a band for the empirical distribution of ranks.
 
-    For ranks that are uniform in 0 … draws, the whole distribution `ecdf` stays inside the band
-    with probability ``prob``. The true probability may be slightly larger, because the number of
+    For ranks that are uniform in 0 … draws, the whole empirical distribution `ecdf` stays inside
+    the band with probability ``prob``, or with a slightly larger probability, because the number of
     ranks below a limit is a whole number.
 
     Parameters
@@ -49,12 +50,13 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     draws
         Largest rank.
     prob
-        Probability that the whole distribution stays inside the band.
+        Probability that the whole empirical distribution stays inside the band.
 
     Returns
     -------
     lower, upper : Array
-        Limits of the share of ranks that are at most k, for k = 0 … draws − 1.
+        Lower and upper limits of the share of ranks that are at most k, for k = 0 … draws − 1,
+        shape (draws,) each.
     """
     level = np.arange(1, draws + 1) / (draws + 1)
     counts = np.arange(replicates + 1.0)[:, None]
@@ -84,11 +86,12 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
 
 
 def _simultaneous_coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
-    """Return the probability that the numbers of uniform ranks below all levels lie within limits.
+    """Return the probability that the number of uniform ranks below every level is within limits.
 
-    There are ``replicates`` ranks, scaled to 0 … 1. For each of the increasing probabilities
-    ``level``, the number of ranks below it must lie between the entries of ``lower`` and ``upper``.
-    From level to level, these numbers form a binomial Markov chain.
+    There are ``replicates`` ranks, scaled to 0 … 1. ``level`` holds increasing levels between 0 and
+    1. For each level, the number of ranks below the level must lie between the entries of ``lower``
+    and ``upper`` for this level. From level to level, the numbers form a Markov chain with binomial
+    transition probabilities.
     """
     previous_level = 0.0
     previous_counts = np.zeros(1, dtype=int)

@@ -7,12 +7,13 @@ tried: the model is bound to the changed plan, or to the campaign with the certi
 hyper-parameters φ (the scales of the noise and of other effects) keep their values
 (`HyperPrior.carried`).
 
-Changes of a plan that add circles double the number of circles. To take all readings twice under
-the same conditions would also reduce the uncertainty. Circles in another order, in the other
-direction of travel, with turned balls or at another radius are therefore a remedy only if they
-reduce the uncertainty more than such a repetition. More circles are advised only if sources that
-the readings measure, such as scatter between readings and circles, have most of the variance. An
-effect whose size is assumed is the same in every circle, and does not average out.
+A change of a plan that adds circles adds up to as many circles as the plan has. The uncertainty
+would also become smaller if all readings were taken twice under the same conditions. Circles in
+another order, in the other direction of travel, with turned balls or at another radius are
+therefore a remedy only if they reduce the uncertainty more than taking all readings twice does.
+More circles under the same conditions are advised only if sources that the readings measure, such
+as scatter between readings and circles, cause most of the variance. An effect whose size is assumed
+is the same in every circle, and does not average out.
 """
 
 from __future__ import annotations
@@ -31,16 +32,17 @@ from ldbb_bayes.units import ranked
 __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 
 # A remedy (a change of the plan or a certificate) is sufficient if the standard uncertainty with
-# the remedy, divided by that without the remedy, is at most this number. At least half of the
-# variance is then removed.
+# the remedy, divided by the standard uncertainty without the remedy, is at most this number. The
+# remedy then removes at least half of the variance.
 CURED_RATIO = 0.5**0.5
 # A change of the plan, or a certificate, counts as a remedy for a large uncertainty only if the
-# standard uncertainty with the remedy, divided by that without the remedy, is less than this
-# number.
+# standard uncertainty with the change or certificate, divided by the standard uncertainty without
+# it, is less than this number.
 NARROWER = 0.9
-# A change of the plan that adds circles counts as a remedy for a large uncertainty only if it is
-# better than taking all readings twice: the standard uncertainty with the change, divided by that
-# from taking all readings twice, must be less than this number.
+# A change of the plan that adds circles under other conditions counts as a remedy for a large
+# uncertainty only if it is better than taking all readings twice: the standard uncertainty with the
+# change, divided by the standard uncertainty from all readings taken twice, must be less than this
+# number.
 _BETTER_THAN_REPETITION = 0.9
 
 
@@ -62,8 +64,8 @@ class Remedy(Result):
 class _Trial:
     """One remedy (a change of the plan or a certificate) that was tried.
 
-    ``ratio``, shape (p,), are the standard uncertainties of all parameters with the remedy, divided
-    by those without the remedy.
+    ``ratio``, shape (p,), holds for each of the p parameters and changes with force its standard
+    uncertainty with the remedy, divided by its standard uncertainty without the remedy.
     """
 
     kind: RemedyKind
@@ -73,28 +75,28 @@ class _Trial:
 
 
 def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, Remedy | None]:
-    """Return the cheapest remedy for every parameter and every change with force, by name.
+    """Return the cheapest remedy for every parameter and every change of a compliance with force.
 
-    A remedy for a large uncertainty is a change of the plan or a certificate. It is None if no
-    remedy reduces the standard uncertainty by more than 10 %. Changes with force are those of
-    compliances over the tested forces (`curve_changes`). In the result, the changes with force come
-    after the parameters; their names are such as "change of C_XXX".
+    A remedy for a large uncertainty is a change of the plan or a certificate. The keys of the
+    result are the names of the parameters, followed by names such as "change of C_XXX" for the
+    changes of compliances over the tested forces (`curve_changes`). A value is None if no remedy
+    reduces the standard uncertainty by more than 10 %.
 
     Remedies are tried in the order of `RemedyKind`, and certificates in the order of
     ``CERTIFICATES``. The first remedy that reduces the standard uncertainty to at most 71 % (the
-    variance to half) is returned. If there is no such remedy, the remedy that reduces the standard
-    uncertainty most is returned.
+    variance to at most half) is returned. If there is no such remedy, the remedy that reduces the
+    standard uncertainty most is returned.
 
     Parameters
     ----------
     tried
-        The campaign, with its standard uncertainties after each remedy.
+        The campaign, with the standard uncertainties of its parameters after each remedy.
     sd
-        Standard uncertainties of the p parameters and changes without any remedy, shape (p,), in
-        internal units.
+        Standard uncertainties of the p parameters and changes with force without any remedy, shape
+        (p,), in internal units.
     measured_share
-        For each of these p quantities, the share of its variance that comes from sources that are
-        measured here, such as scatter between readings and circles, shape (p,).
+        Shares, shape (p,), of the variances of these p quantities that come from sources measured
+        here, such as scatter between readings and circles.
     """
     bound = tried.bound
     once = tried.sd_with()
@@ -120,11 +122,12 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
     """Return whether a remedy by itself reduces the standard uncertainty of parameter i noticeably.
 
     A remedy is a change of the plan or a certificate. The standard uncertainty with the remedy must
-    be less than 90 % of that without the remedy. A remedy that adds circles under other conditions
-    must also be better than taking all readings twice with nothing else changed; ``repetition`` is
-    the standard uncertainty from all readings taken twice, divided by the present standard
-    uncertainty. More circles under the same conditions help only if most of the variance comes from
-    sources that are measured here; ``measured_share`` is the share of these sources.
+    be less than 90 % of the standard uncertainty without the remedy. A remedy that adds circles
+    under other conditions must also be better than taking all readings twice under the same
+    conditions; ``repetition`` is the standard uncertainty from all readings taken twice, divided by
+    the present standard uncertainty. More circles under the same conditions help only if most of
+    the variance comes from sources that are measured here; ``measured_share`` is the share of these
+    sources in the variance.
     """
     ratio = float(trial.ratio[i])
     if not ratio < NARROWER:
@@ -140,9 +143,10 @@ def _cheapest(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
     """Return the first sufficient remedy for parameter i, or the best remedy if none is sufficient.
 
     A remedy is a change of the plan or a certificate. ``helpful`` are the remedies that reduce the
-    standard uncertainty noticeably, the cheapest first; if there are none, return None. A remedy is
-    sufficient if it removes at least half of the variance. The best remedy leaves the smallest
-    standard uncertainty. ``sd`` is the standard uncertainty without any remedy.
+    standard uncertainty noticeably, the cheapest first. Return None if ``helpful`` is empty. A
+    remedy is sufficient if it removes at least half of the variance. The best remedy is the one
+    with the smallest remaining standard uncertainty. ``sd`` is the standard uncertainty of the
+    parameter without any remedy.
     """
     if not helpful:
         return None

@@ -1,9 +1,9 @@
-"""Slopes compared with rival explanations of why compliance seems to change with force.
+"""Comparison of slopes with rival explanations of why compliance seems to change with force.
 
-Compliances that change with force (slopes), joints that yield to their own load, a nonlinear mount
-and a nonlinear force device may each explain why the readings do not grow in proportion to force.
-Every combination of these explanations is a model. All models have the same prior probability, and
-their evidences give the posterior probabilities.
+The readings may not grow in proportion to force for several reasons: compliances change with force
+(slopes), joints yield to their own load, or the mount or the force device is nonlinear. Every
+combination of these explanations is a model. All models have the same prior probability, and the
+evidences of the models determine their posterior probabilities.
 """
 
 from __future__ import annotations
@@ -23,11 +23,10 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Explained", "Explanations", "compare_explanations", "subsets"]
 
-# Name of the slopes (changes of compliance with force) among the explanations of why the compliance
-# seems to change with force.
+# Name of the slopes (changes of compliance with force) in the list of explanations.
 _SLOPES = "slopes"
-# The readings support slopes (changes of compliance with force) if the log Bayes factor of slopes
-# over no slopes is above this number [nat].
+# The readings support slopes (changes of compliance with force) if the log Bayes factor of the
+# model with slopes over the model without slopes is above this number [nat].
 _ASKING = 1.0
 
 
@@ -50,11 +49,11 @@ class Explanations:
 
     inclusion_probability: dict[str, float]  #: posterior probability of each explanation
     models: tuple[Explained, ...]  #: all combinations of explanations, the most probable first
-    #: log Bayes factor of slopes (changes of compliance with force) over no slopes, averaged over
-    #: all combinations of the rival explanations
+    #: log Bayes factor of slopes (changes of compliance with force) over no slopes, from evidences
+    #: averaged over all combinations of the rival explanations
     averaged: Assumed
-    #: log Bayes factor of slopes (changes of compliance with force) over no slopes in models
-    #: without rival explanations
+    #: log Bayes factor of slopes (changes of compliance with force) over no slopes, from the two
+    #: models without rival explanations
     alone: Assumed
 
     @property
@@ -62,8 +61,9 @@ class Explanations:
         """Names of the rival explanations that make slopes unnecessary; empty if there are none.
 
         Slopes are changes of compliance with force. Rival explanations make slopes unnecessary if
-        the readings support slopes in models without rivals, but not on the average over rivals.
-        The names are those of the rivals in the most probable combination without slopes.
+        the readings support slopes in the models without rival explanations, but not on the average
+        over all combinations of rival explanations. The rival explanations named are those in the
+        most probable combination without slopes.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)
@@ -79,24 +79,26 @@ def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
 def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
     """Compare slopes with rival explanations, using the evidence of every combination.
 
-    Slopes are changes of compliance with force; rivals are other effects, such as a nonlinear
-    mount, that change the readings in the same way. A model includes the slopes or not, and each
-    rival explanation or not, so that r rivals give 2^(1 + r) models. All models have the same prior
-    probability. The probability of an explanation is the sum of the probabilities of the models
-    that include it. The Bayes factor of slopes over no slopes is computed twice: from the models
-    without rivals, and from the evidences averaged over the combinations of rivals.
+    Slopes are changes of compliance with force. Rival explanations are other effects, such as a
+    nonlinear mount, that change the readings in a similar way. Each model has slopes or no slopes,
+    and any combination of the rival explanations, so that r rival explanations give 2^(1 + r)
+    models. All models have the same prior probability. The probability of an explanation is the sum
+    of the probabilities of the models that include it. The Bayes factor of slopes over no slopes is
+    computed twice: from the models without rival explanations, and from the evidences averaged over
+    the combinations of rival explanations.
 
     Parameters
     ----------
     pair : mapping of str to HybridModel
-        The model without slopes, then the same model with slopes; both have the same rivals.
+        The model without slopes, then the same model with slopes. Both models name the same rival
+        explanations (``HybridModel.rivals``).
     evidences : Evidences
-        Evidences that are known already; new evidences are added to this object.
+        Evidences that have been computed before; new evidences are added to this object.
 
     Returns
     -------
     Explanations
-        Probabilities of the explanations and of their combinations, and both Bayes factors.
+        Probabilities of the explanations and of their combinations, and the two Bayes factors.
     """
     constant, linear = pair.values()
     names = (_SLOPES, *linear.rivals)
@@ -127,8 +129,9 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # In the order of `subsets`, the first row has the models with slopes and the second those
-    # without slopes. The last column has the models without rival explanations.
+    # The models are in the order of `subsets`. The first row of these arrays is therefore for the
+    # models with slopes, the second row for the models without slopes, and the last column for the
+    # models without rival explanations.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)
     rival_combinations = log_evidence_by_slopes.shape[1]
@@ -149,11 +152,12 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
 def _compare_slopes(
     label: str, pair: Mapping[str, HybridModel], log_evidence_by_slopes: Array, error: float
 ) -> Assumed:
-    """Return the log Bayes factor of slopes over no slopes, with both log evidences.
+    """Return the log Bayes factor of slopes over no slopes, with the two log evidences.
 
     Slopes are changes of compliance with force. ``label`` states how rival explanations are
-    treated; ``error`` is that of the log Bayes factor [nat]. In ``log_evidence_by_slopes`` the
-    model with slopes comes first; in ``pair`` it comes last.
+    treated. ``error`` is the error of the log Bayes factor [nat]. ``log_evidence_by_slopes`` holds
+    the log evidence with slopes, then the log evidence without slopes. In ``pair``, the model
+    without slopes comes first.
     """
     with_slopes, without_slopes = log_evidence_by_slopes.tolist()
     constant_name, linear_name = pair

@@ -14,18 +14,18 @@ from ldbb_bayes.results import Finite
 
 __all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptions", "under"]
 
-# Function that takes a model and returns it with one assumption changed, such as how circles differ
-# from one another.
+# Function that takes a model and returns a copy of the model with another assumption, for example
+# about how circles differ from one another.
 Change = Callable[[HybridModel], HybridModel]
 # Label of the assumption that circles differ from one another by white noise only, and that
 # compliances may be negative.
 WHITE_NOISE = "white noise only, no truncation"
-# Label of the models' own assumption about how circles differ from one another.
+# Label of the case in which the models are unchanged.
 _UNCHANGED = "as in the model"
 
 
 class _Alternative(NamedTuple):
-    """Assumption about how circles differ from one another, made by a change of a model term."""
+    """Assumption about how circles differ from one another, expressed by changing a model term."""
 
     label: str
     kind: type[Term]  #: class of the model term that is replaced or left out
@@ -51,8 +51,9 @@ _ALTERNATIVES = (
 class Assumed:
     """Log evidences of two models and their log Bayes factor under one assumption [nat].
 
-    The Bayes factor is that of the second model over the first. ``assumption`` is a text, such as
-    "without set-up shift"; the keys of ``log_evidence`` are the names of the models.
+    ``log_bayes_factor`` is the log Bayes factor of the second model over the first. ``assumption``
+    is a text, such as "without set-up shift". The keys of ``log_evidence`` are the names of the two
+    models.
     """
 
     assumption: str
@@ -62,16 +63,17 @@ class Assumed:
 
     @property
     def best(self) -> float:
-        """Log evidence of the better of the two models, computed under the assumption [nat]."""
+        """Larger of the two log evidences under the assumption [nat]."""
         return max(self.log_evidence.values())
 
 
 def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
     """Return assumptions about how circles may differ from one another; the keys are labels.
 
-    Each assumption is a function that changes a model. The first assumption leaves the models
-    unchanged, each following assumption changes one term, and the last assumption leaves only white
-    noise. A change of a term is omitted if it alters none of ``models``.
+    Each assumption is a function that takes a model and returns the model changed. The first
+    function leaves the model unchanged, each following function changes one model term, and the
+    last function leaves only white noise. A change of a term is omitted if it alters none of
+    ``models``.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:
@@ -95,7 +97,7 @@ def _leave_unchanged(model: HybridModel) -> HybridModel:
 
 
 def _change_to(alternative: _Alternative) -> Change:
-    """Return the function that makes an alternative assumption in a model."""
+    """Return the function that changes a model to an alternative assumption."""
 
     def change(model: HybridModel) -> HybridModel:
         if alternative.term is None:
@@ -112,10 +114,11 @@ def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return two models changed by each assumption; the keys are labels of assumptions.
+    """Return, for each assumption, the two models ``pair`` changed to this assumption.
 
-    ``changes`` are the assumptions, as `discrepancy_assumptions` returns them. An assumption is
-    left out if the two models are the same under it.
+    The keys are labels of assumptions. ``changes`` are the assumptions as
+    `discrepancy_assumptions` returns them. An assumption is left out if it makes the two models
+    equal.
     """
     pair = tuple(pair)
     pairs = {}
@@ -131,19 +134,20 @@ def under(
     assumptions: Mapping[str, Sequence[HybridModel]],
     weigh: Callable[..., Sequence[Nodes]],
 ) -> tuple[Assumed, ...]:
-    """Return log evidences and log Bayes factor of two models under every assumption.
+    """Return the log evidences and the log Bayes factor of two models under every assumption.
 
-    The Bayes factor is that of the second model over the first.
+    The Bayes factor is the ratio of the second model's evidence to the first model's.
 
     Parameters
     ----------
     names : iterable of str
         Names of the two models.
     assumptions : mapping of str to sequence of HybridModel
-        The two models by assumption, from `changed`.
+        The two models under each assumption, from `changed`; the keys are labels of assumptions.
     weigh : callable
-        Function that takes models and returns the quadrature nodes (weighted values of the
-        hyper-parameters) of each model's posterior. The nodes hold the evidence of the model.
+        Function that takes models as arguments and returns, for each model, the quadrature nodes
+        (weighted values of the hyper-parameters) of its posterior. The nodes hold the evidence of
+        the model.
     """
     names = tuple(names)
     comparisons = []

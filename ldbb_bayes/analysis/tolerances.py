@@ -1,4 +1,4 @@
-"""Tolerances: the quantities that may have one, and tolerances read from texts with a unit."""
+"""Quantities that may have a tolerance, and tolerances read from texts with a unit."""
 
 from __future__ import annotations
 
@@ -29,18 +29,19 @@ __all__ = [
 _UPPER = ("upper",)
 _LOWER = ("lower",)
 _BOTH = ("lower", "upper")
-# Quantities of the machine's circular path that may have a tolerance. The value of each is the
-# limit, upper or lower, that is meant if its tolerance is one number without a sign.
+# Quantities of the machine's circular path that may have a tolerance. Each value states which
+# limit, the upper or the lower, is meant if the tolerance is one number without a sign.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
-# Stiffnesses of a plane that may have a tolerance: least and greatest stiffness along the bar, and
-# their ratio. The value of each is the limit that is meant if its tolerance is one number without a
-# sign.
+# Stiffnesses of a plane that may have a tolerance: the least and the greatest stiffness along the
+# bar, and the ratio of the two. Each value states which limit, the upper or the lower, is meant if
+# the tolerance is one number without a sign.
 STIFFNESS_QUANTITIES = {"k_min": _LOWER, "k_max": _LOWER, "k_ratio": _UPPER}
-# Internal unit of each stiffness by direction; a ratio has none.
+# Internal units of these stiffnesses; the ratio has no unit.
 _STIFFNESS_UNITS = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": ""}
 # Regular expressions for names of quantities that cannot be negative. ``_DIRECT_COMPLIANCE``
-# matches direct compliances (deflection along a force, or tilt about a moment). ``_NEVER_NEGATIVE``
-# also matches stiffnesses, the ratio of stiffnesses and the circular deviation G.
+# matches direct compliances (deflection in the direction of the force, or tilt about the axis of
+# the moment). ``_NEVER_NEGATIVE`` also matches stiffnesses, the ratio of stiffnesses and the
+# circular deviation G.
 _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(
     _DIRECT_COMPLIANCE.pattern + r"|stiffness_.|(G|k_min|k_max|k_ratio)(_..)?"
@@ -49,8 +50,8 @@ _NEVER_NEGATIVE = re.compile(
 # to ``_LARGEST_FORCE_SHARE`` times the largest force tested.
 _LEAST_FORCE_SHARE = 0.1
 _LARGEST_FORCE_SHARE = 1.5
-# Signs before the number of a tolerance, such as ≤, and the limits, upper or lower, that they
-# state.
+# Limits, upper or lower or both, that a sign before the number of a tolerance states, such as ≤ for
+# an upper limit.
 _SIDES_BY_SIGN = {"±": _BOTH, "≤": _UPPER, "<=": _UPPER, "≥": _LOWER, ">=": _LOWER}
 _SIGN = re.compile(r"\s*(±|≤|<=|≥|>=)?")
 _NUMBER = re.compile(r"^\s*[+−-]?[\d.]+(e[+-]?\d+)?", re.IGNORECASE)
@@ -64,8 +65,8 @@ _UNIT_CHARACTER = re.compile(r"[^\W\d]|[%°]")
 class Tolerance(Shown):
     """Tolerance of a quantity: its lower limit, its upper limit or both.
 
-    Limits are in internal units (mm, N, rad). Values equal to a limit conform. At least one limit
-    must be given. If both are given, the lower limit must lie below the upper limit.
+    Limits are in internal units (mm, N, rad). A value equal to a limit conforms. At least one limit
+    must be given. If both limits are given, the lower limit must be smaller than the upper limit.
 
     Examples
     --------
@@ -93,7 +94,7 @@ class Tolerance(Shown):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Lower and upper limit of the tolerance; infinite if there is no such limit."""
+        """Lower and upper limit of the tolerance; a limit that is not given is infinite."""
         return (
             -np.inf if self.lower is None else self.lower,
             np.inf if self.upper is None else self.upper,
@@ -104,8 +105,8 @@ class Tolerance(Shown):
 class Quantity:
     """A quantity that may have a tolerance.
 
-    ``unit`` is its internal unit (mm, N, rad). ``sides`` are the limits, "upper", "lower" or both,
-    that are meant where a tolerance is one number without a sign.
+    ``unit`` is the internal unit of the quantity (composed of mm, N and rad). ``sides`` states
+    which limits, "upper", "lower" or both, are meant if a tolerance is one number without a sign.
     """
 
     unit: str
@@ -118,9 +119,9 @@ def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[s
     Parameters
     ----------
     units : mapping of str to str
-        Internal units (mm, N, rad) of the parameters, by name.
+        Internal units (mm, N, rad) of the parameters; the keys are names of parameters.
     planes : collection of str
-        The planes in which the machine's circular path, and its stiffness by direction, may have a
+        The planes in which the machine's circular path and the stiffness along the bar may have a
         tolerance.
     """
     by_name = {}
@@ -142,9 +143,10 @@ def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[s
 
 
 def name_in_plane(name: str, plane: str, planes: Collection[str]) -> str:
-    """Return the name of a plane's quantity, with the plane if there are several, as in ``G_YZ``.
+    """Return the name of a quantity in a plane, such as ``G_YZ``, or ``G`` for a single plane.
 
-    ``planes`` are all planes that were tested.
+    ``planes`` are all planes that were tested. If several planes were tested, the name of the plane
+    is appended to ``name``.
     """
     return f"{name}_{plane}" if len(planes) > 1 else name
 
@@ -152,9 +154,9 @@ def name_in_plane(name: str, plane: str, planes: Collection[str]) -> str:
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
     """Return the quantities of a bound model that may have a tolerance, by name.
 
-    The quantities are the model's parameters, stiffnesses such as ``stiffness_X``, least and
-    greatest stiffness by direction and their ratio, and G, F_max and F_min of the machine's
-    circular path.
+    The quantities are the model's parameters; stiffnesses of single axes, such as ``stiffness_X``;
+    in each plane, the least and the greatest stiffness along the bar and the ratio of the two; and
+    G, F_max and F_min of the machine's circular path.
     """
     units = {parameter.name: parameter.unit for parameter in bound.parameters}
     return quantities(units, bound.setting.planes)
@@ -163,15 +165,16 @@ def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
 def tolerances_in(
     known: Mapping[str, Quantity], given: Mapping[str, str | Tolerance]
 ) -> dict[str, Tolerance]:
-    """Return tolerances by name, after reading texts with a unit and checking names and limits.
+    """Read tolerances from texts with a unit, check their names and limits, and return them.
 
-    ``given`` are the tolerances as stated by the user; ``known`` are all quantities that may have a
-    tolerance.
+    ``given`` are the tolerances as stated by the user, and ``known`` are all quantities that may
+    have a tolerance. The keys of both, and of the result, are names of quantities.
 
-    A single number such as ``60 nm/N`` is the upper limit of a direct compliance, of G, of F_max or
-    of a ratio, the lower limit of a stiffness or of F_min, and both limits (±) of any other
-    quantity. A sign before the number takes precedence: ``≤`` gives an upper limit, ``≥`` a lower
-    limit and ``±`` both. A text such as ``−20..40 µrad`` or ``−20…40 µrad`` also gives both limits.
+    For a direct compliance, G, F_max and a ratio, a single number such as ``60 nm/N`` is the upper
+    limit. For a stiffness and F_min, a single number is the lower limit. For any other quantity, it
+    is both limits (±). A sign before the number takes precedence over these rules: ``≤`` states an
+    upper limit, ``≥`` a lower limit and ``±`` both. A range such as ``−20..40 µrad`` or
+    ``−20…40 µrad`` also states both limits.
     """
     require(
         isinstance(given, Mapping),
@@ -207,8 +210,8 @@ def tolerances_in(
 def check_force(campaign: Campaign, force_N: float | None) -> None:
     """Raise an `InputError` if a force is too far from the tested forces to state a compliance.
 
-    ``force_N`` [N] must lie between a tenth of the smallest force tested and 1.5 times the largest.
-    None, which stands for the model's reference force, is allowed.
+    ``force_N`` [N] must lie between a tenth of the smallest force tested and 1.5 times the largest
+    force tested. None is allowed; it stands for the model's reference force.
     """
     if force_N is None:
         return
@@ -248,8 +251,8 @@ def _read_range(subject: str, text: str, lower: str, upper: str, inside_unit: st
     """Return the tolerance whose limits are the texts ``lower`` and ``upper``.
 
     A lower limit without a unit has the unit of the upper limit. ``inside_unit`` is the internal
-    unit of the result (composed of mm, N and rad). Error messages name ``subject`` and quote
-    ``text``, the whole tolerance as the user wrote it.
+    unit of the result (composed of mm, N and rad). ``subject``, such as "tolerance of C_XXX", and
+    ``text``, the whole tolerance as the user wrote it, appear in error messages.
     """
     if not _UNIT_CHARACTER.search(_EXPONENT.sub("", lower)):
         lower += _NUMBER.sub("", upper)

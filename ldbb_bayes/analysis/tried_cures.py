@@ -1,10 +1,10 @@
-"""Trial of remedies for large uncertainties: a model is bound to a changed campaign.
+"""Trial of remedies for large uncertainties: uncertainties are computed for a changed campaign.
 
 A remedy is a change of the plan (another order of the circles, the other direction of travel,
 turned balls, more circles, a second radius) or a certificate of the instrument. The model is bound
 to the changed plan, or to the campaign with the certificate. The hyper-parameters φ (the scales of
 the noise and of other effects) keep their values (`HyperPrior.carried`). Effects that depend on an
-estimate of the machine keep the estimate from the readings.
+estimate of the machine are computed with the estimate from the unchanged campaign.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 
-# Angle by which both balls are turned in the further circles [°]. A second angle is not needed,
-# because this angle turns the phase of a ball's form error by 90° at order 2, by 135° at order 3
-# and by 180° at order 4.
+# Angle by which both balls are turned in the circles that the remedy with turned balls adds [°]. A
+# second angle is not needed, because this angle turns the phase of a ball's form error by 90° at
+# order 2, by 135° at order 3 and by 180° at order 4.
 _TURN_DEG = 45.0
-# Number of random orders in which the circles might be run. The order that is least correlated with
-# force is taken.
+# Number of random orders of the circles that are drawn. The order whose positions are least
+# correlated with the forces of the circles is taken.
 _ORDERS_TRIED = 200
 
 
 class RemedyKind(StrEnum):
-    """Kinds of remedy for a large uncertainty, in the order of their cost, the cheapest first."""
+    """Kinds of remedy for a large uncertainty, from the cheapest to the most expensive."""
 
     ORDER = "order"  #: the same circles are run in an order that is not correlated with force
     DIRECTION = "direction"  #: every circle is run in both directions of travel
@@ -57,15 +57,16 @@ class CureStep(Result):
     """A remedy for a large uncertainty: a change of the plan, or a certificate."""
 
     kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
-    #: name of the certificate (a key of ``CERTIFICATES``, such as "mount ± 2 %") if the remedy for
-    #: a large uncertainty is a certificate; empty if the remedy is a change of the plan
+    #: name of the certificate, a key of ``CERTIFICATES`` such as "mount ± 2 %"; empty if the remedy
+    #: is a change of the plan
     certificate: str
 
 
 class TriedCures:
-    """A campaign, and its uncertainties after each remedy alone or after several remedies together.
+    """A campaign, and the uncertainties of its parameters after one remedy or several remedies.
 
     A remedy for a large uncertainty is a change of the plan or a certificate of the instrument.
+    Results that have been computed are kept and not computed again.
 
     Parameters
     ----------
@@ -94,11 +95,11 @@ class TriedCures:
         return tuple(steps)
 
     def bound_with(self, *steps: CureStep) -> BoundModel | None:
-        """Return the model bound to the campaign after the remedies ``steps``, applied in turn.
+        """Return the model bound to the campaign as changed by the remedies ``steps``.
 
-        A remedy is a change of the plan or a certificate of the instrument. Return None if a remedy
-        cannot be applied after the earlier remedies, for example because the instrument already has
-        the certificate.
+        A remedy is a change of the plan or a certificate of the instrument. The remedies are
+        applied one after the other. Return None if a remedy cannot be applied after the earlier
+        remedies, for example because the instrument already has the certificate.
         """
         if steps not in self._bound_with:
             before = self.bound_with(*steps[:-1])
@@ -109,11 +110,12 @@ class TriedCures:
         return self._bound_with[steps]
 
     def sd_with(self, *steps: CureStep) -> dict[str, float]:
-        """Return standard uncertainties of parameters and changes after the remedies ``steps``.
+        """Return the standard uncertainties after the remedies ``steps``, in internal units.
 
-        A remedy is a change of the plan or a certificate of the instrument. Changes are those of
-        compliances with force. The keys are the names that `sd_by_name` uses. The result is empty
-        if the remedies cannot be applied one after the other.
+        A remedy is a change of the plan or a certificate of the instrument. The standard
+        uncertainties are those of the parameters, and of the changes of compliances with force. The
+        keys are the names that `sd_by_name` uses. The result is empty if the remedies cannot be
+        applied one after the other.
         """
         if steps not in self._sd_with:
             changed = self.bound_with(*steps)
@@ -123,10 +125,11 @@ class TriedCures:
         return self._sd_with[steps]
 
     def confounded_with(self, *steps: CureStep) -> set[str]:
-        """Return the names of the parameters that stay confounded after the remedies ``steps``.
+        """Return the names of the parameters that are confounded after the remedies ``steps``.
 
         A remedy is a change of the plan or a certificate of the instrument. A parameter is
-        confounded if assumed effects cause more than half of its variance.
+        confounded if effects whose size is assumed cause more than half of its variance. The result
+        is empty if the remedies cannot be applied one after the other.
         """
         if steps not in self._confounded_with:
             names = set()
@@ -142,7 +145,8 @@ class TriedCures:
     def circles_with(self, *steps: CureStep) -> int:
         """Return the number of circles that the remedies ``steps`` add to the campaign.
 
-        A remedy is a change of the plan or a certificate of the instrument.
+        A remedy is a change of the plan or a certificate of the instrument. Return zero if the
+        remedies cannot be applied one after the other.
         """
         changed = self.bound_with(*steps)
         if changed is None:
@@ -155,7 +159,7 @@ class TriedCures:
 
 
 def _with_cure(bound: BoundModel, step: CureStep) -> BoundModel | None:
-    """Return the model bound to the campaign or plan after one further remedy.
+    """Return the model bound to the campaign or plan as changed by one remedy.
 
     A remedy is a change of the plan or a certificate of the instrument. Return None if the
     instrument already has the certificate, or if the plan does not need the change.
@@ -179,9 +183,11 @@ def _with_cure(bound: BoundModel, step: CureStep) -> BoundModel | None:
 def sd_by_name(
     bound: BoundModel, information: Information, *, times: float = 1.0
 ) -> dict[str, float]:
-    """Return the standard uncertainty of every parameter, then of every change with force, by name.
+    """Return standard uncertainties of all parameters and of the compliances' changes with force.
 
-    ``times`` is the number of repetitions of all readings.
+    The keys are the names of the parameters, followed by names such as "change of C_XXX" for the
+    changes of compliances over the tested forces. The values are in internal units. ``times`` is
+    the number of times that all readings are taken.
     """
     covariance = information.covariance(times=times)
     interest = information.interest
@@ -198,8 +204,8 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
 
     The keys are the kinds of change. Changes that the campaign does not need are left out: another
     order of the circles if the model has no drift, and the other direction of travel if every plane
-    is run in both directions. For another order, the circles of a plan are reordered. If the
-    campaign has been run already, its circles are repeated in the new order.
+    is run in both directions. If the order changes, the circles of a plan are reordered; the
+    circles of a campaign that has been run already are repeated in the new order.
     """
     plan = bound.campaign.plan()
     tests = _timed(plan)
@@ -222,8 +228,9 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
 def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
     """Return the circles of a plan with the times from which drift is computed.
 
-    If not all circles state their times, they are taken to be run in the order of the plan, one
-    every six minutes. No circle has a time if the plan states that its order is random.
+    If all circles state their times, these times are kept. Otherwise the circles are taken to be
+    run in the order of the plan, one every six minutes; but if the plan states that its order was
+    drawn at random, the circles returned have no times.
     """
     if None not in [test.time_s for test in plan.tests]:
         return tuple(plan.tests)
@@ -237,8 +244,8 @@ def _extended(
 ) -> Campaign:
     """Return a plan with the circles ``before``, followed by the circles ``added`` under new names.
 
-    If the circles ``before`` have times, the added circles follow the last of them, one every six
-    minutes.
+    If the circles ``before`` have times, the added circles follow the latest of these circles, one
+    every six minutes. Otherwise the added circles have no times.
     """
     times = [test.time_s for test in before if test.time_s is not None]
     later = []
@@ -254,8 +261,8 @@ def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests in an order that is nearly uncorrelated with their forces.
 
     From 200 random orders with a fixed seed, the order is taken that has the smallest correlation
-    between the position of a test in the order and the test's force. The k-th test of the new order
-    is run at the k-th time.
+    between the position of a test in the order and the test's force. The times of all tests are
+    sorted, and the k-th test of the new order gets the k-th time.
     """
     forces = np.array([float(test.force_N or 0.0) for test in tests])
     place = np.arange(len(tests)) - 0.5 * (len(tests) - 1)

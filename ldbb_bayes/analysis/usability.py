@@ -16,10 +16,10 @@ from ldbb_bayes.results import Result
 __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "state_of", "undetermined_parameters"]
 
 
-# If the ratio of a parameter's posterior and prior standard deviation is above a limit, the
-# readings hardly determine the parameter. The limit lies between ``_LEAST_RATIO`` and
+# The readings hardly determine a parameter if its posterior standard deviation, divided by its
+# prior standard deviation, is above a limit. The limit lies between ``_LEAST_RATIO`` and
 # ``_LARGEST_RATIO``, in the widest gap (on a logarithmic scale) between the ratios of the
-# campaign's parameters. Parameters that are known equally well are thus judged alike.
+# campaign's parameters. Two parameters with nearly the same ratio are therefore judged alike.
 _LEAST_RATIO = 0.25
 _LARGEST_RATIO = 0.4
 
@@ -48,7 +48,7 @@ class ReasonKind(StrEnum):
 
 @dataclass(frozen=True)
 class Reason(Result):
-    """A reason why values on a certificate cannot be used, or can be used only with reservation."""
+    """Reason why values on a certificate cannot be used, or can be used only with reservation."""
 
     kind: ReasonKind
     names: tuple[str, ...] = ()  #: names of the parameters or tests that the reason is about
@@ -61,7 +61,7 @@ class Reason(Result):
 class Judgement(Result):
     """Judgement whether the values on a certificate can be used.
 
-    ``reasons`` are all reasons against their use, the gravest first.
+    ``reasons`` are all reasons against the use of the values, the gravest first.
     """
 
     use: Use
@@ -71,15 +71,17 @@ class Judgement(Result):
 def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) -> frozenset[str]:
     """Return the names of the parameters that the readings hardly determine.
 
-    A parameter that `Verdict` calls identified, or that has a flat prior, is determined. Every
-    remaining parameter is hardly determined if the ratio of its posterior and prior standard
-    deviation is above a limit between 0.25 and 0.4. The limit lies in the widest gap between the
-    ratios of these parameters, so that two parameters with nearly the same ratio are judged alike.
+    Parameters with the verdict "identified" (`Verdict`), or with a flat prior, count as determined.
+    For each remaining parameter, a ratio is computed: the posterior standard deviation divided by
+    the prior standard deviation. The readings hardly determine the parameter if this ratio is above
+    a limit between 0.25 and 0.4. The limit lies in the widest gap between the ratios of the
+    remaining parameters, so that two parameters with nearly the same ratio are judged alike.
 
     Parameters
     ----------
     verdicts : mapping of str to ParameterIdentifiability
-        Verdict on each parameter (identified, prior-limited or confounded), by name.
+        Verdict on each parameter (identified, prior-limited or confounded); the keys are names of
+        parameters.
 
     Returns
     -------
@@ -96,7 +98,7 @@ def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) ->
 def _limit_in_widest_gap(ratios: Sequence[float]) -> float:
     """Return the middle of the widest gap between ratios, on a logarithmic scale.
 
-    Only ratios between 0.25 and 0.4 are considered; these two numbers are added to the ratios.
+    Only gaps between 0.25 and 0.4 are considered; the two numbers themselves are treated as ratios.
     """
     inside = sorted(ratio for ratio in ratios if _LEAST_RATIO < ratio < _LARGEST_RATIO)
     logarithms = np.log([_LEAST_RATIO, *inside, _LARGEST_RATIO])
@@ -114,23 +116,24 @@ def state_of(
     """Return whether the values on a certificate can be used, with reasons against their use.
 
     The values cannot be used if the sampler missed its target, the readings do not fit the model,
-    or the readings speak against non-negative compliances. If none of these holds, the values can
-    be used with reservation if one of the following holds: the readings hardly determine a stated
-    parameter; a result depends on the prior; the noise, or the scale of another effect, is larger
-    than its prior expects; the tests have too few different forces for the degree of the model; the
-    evidences of the compared models are not precise enough; or the result of the comparison depends
-    on assumptions.
+    or the readings speak against non-negative compliances. If none of these is the case, the values
+    can be used only with reservation in each of the following cases: the readings hardly determine
+    a stated parameter; a stated parameter depends on the prior; the noise, or the scale of another
+    effect, is larger than its prior expects; the tests have too few different forces for the degree
+    of the model; the evidences of the compared models are not precise enough; or the result of the
+    comparison depends on assumptions.
 
     Parameters
     ----------
     fit : Fit
         How well the model fits the readings.
     verdicts : mapping of str to ParameterIdentifiability
-        Verdict on each parameter (identified, prior-limited or confounded), by name.
+        Verdict on each parameter (identified, prior-limited or confounded); the keys are names of
+        parameters.
     stated : collection of str
         Names of the parameters on the certificate.
     comparison : Comparison, optional
-        Comparison of models, where the certificate states one.
+        Comparison of models, if the certificate states its result.
     """
     grave = _grave_reasons(fit)
     reservations = _reservations(fit, verdicts, stated)
@@ -160,7 +163,7 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
 def _reservations(
     fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
 ) -> list[Reason]:
-    """Return the reasons for reservation that come from the fit and from verdicts on parameters.
+    """Return the reasons for reservation that follow from the fit and from verdicts on parameters.
 
     A verdict states how far the readings determine a parameter. ``stated`` are the names of the
     parameters on the certificate.
@@ -184,7 +187,7 @@ def _reservations(
 
 
 def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
-    """Return the reasons for reservation that come from a comparison of models."""
+    """Return the reasons for reservation that follow from a comparison of models."""
     reasons = []
     if not comparison.within_tolerance:
         reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))

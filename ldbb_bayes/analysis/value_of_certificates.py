@@ -22,9 +22,9 @@ __all__ = [
     "worth_of_certificates",
 ]
 
-# Certificates that the instrument could have, and the fields of the instrument that each
-# certificate states. The certificate of a single ball is for instruments whose other ball already
-# has a certificate.
+# Certificates that the instrument could have. The keys are names of certificates; the values are
+# the fields of the instrument that the certificate states. The certificate of a single ball is for
+# instruments whose other ball already has a certificate.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "work ball of grade G10": {"work": Ball(grade="G10")},
@@ -46,11 +46,12 @@ _MOST_VALUES = 1024
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
     """Return the standard uncertainty of every parameter, given an instrument's certificates.
 
-    The variance of each parameter is the sum of two parts: its variance given φ, averaged over
-    values of φ, and the variance of its mean given φ over these values. The hyper-parameters φ are
-    the scales of the noise and of other effects. The given values of φ are those for the instrument
-    of ``bound``. In the model with ``instrument``, each hyper-parameter has the value of the
-    hyper-parameter of the same name (`HyperPrior.carried`).
+    The hyper-parameters φ are the scales of the noise and of other effects. The variance of each
+    parameter is the sum of two parts: the average, over values of φ, of the parameter's variance
+    given φ, and the variance, over the same values, of the parameter's mean given φ. The argument
+    ``phi`` belongs to the model with the instrument of ``bound``. In the model with ``instrument``,
+    each hyper-parameter has the value of the hyper-parameter of the same name in ``phi``
+    (`HyperPrior.carried`).
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     instrument
         Instrument with its certificates.
     weight
-        Weights of w values of the hyper-parameters, shape (w,).
+        Weights of the w values of the hyper-parameters, shape (w,).
     phi
         Values of the h hyper-parameters, shape (w, h), from `hyper_parameter_nodes`; lengths in mm.
 
@@ -87,24 +88,25 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
     """Return means and standard uncertainties of combinations of coefficients, averaged over φ.
 
     The hyper-parameters φ are the scales of the noise and of other effects. As in
-    `uncertainty_with`, the variance of a combination is the sum of two parts: its variance given φ,
-    averaged over φ, and the variance of its mean given φ.
+    `uncertainty_with`, the variance of a combination is the sum of two parts: the average, over φ,
+    of the variance given φ, and the variance, over φ, of the mean given φ.
 
     Parameters
     ----------
     bound
         Model bound to a campaign or plan.
     combinations
-        Weights of the m coefficients in q combinations, shape (q, m). The coefficients, in their
-        internal units, have the order of `Information.names`: the parameters, then the nuisance
+        Weights of the m coefficients in each of q combinations, shape (q, m). The coefficients are
+        in internal units and in the order of `Information.names`: the parameters, then the nuisance
         coefficients that all tests share.
     weight, phi
-        Weights, shape (w,), and values, shape (w, h), of the hyper-parameters; lengths in mm.
+        Weights, shape (w,), of w values of the h hyper-parameters, and these values, shape (w, h);
+        lengths in mm.
     """
     sample = _few_values(weight, phi)
     number = len(bound.names)
-    # In the posterior density of all coefficients, the parameters come after the nuisance
-    # coefficients.
+    # The columns are reordered, because in the posterior density of all coefficients the parameters
+    # come after the nuisance coefficients.
     rows = np.concatenate([combinations[:, number:], combinations[:, :number]], axis=1)
     density = bound.collapsed.conditional(sample.phi)[1]
     mean = density.mean @ rows.T + combinations[:, :number] @ bound.centre
@@ -114,7 +116,7 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
 
 
 class _ScaleValues(NamedTuple):
-    """Values of the hyper-parameters over which results are averaged, with their weights.
+    """Values of the hyper-parameters over which results are averaged, and weights of these values.
 
     ``weight`` has the shape (w,), and ``phi`` the shape (w, h).
     """
@@ -124,7 +126,10 @@ class _ScaleValues(NamedTuple):
 
 
 def _few_values(weight: Array, phi: Array) -> _ScaleValues:
-    """Return at most 1024 values of the hyper-parameters, with their weights."""
+    """Return at most 1024 values of the hyper-parameters, with the weights of these values.
+
+    If more values are given, a systematic sample of 1024 values with equal weights is returned.
+    """
     if len(weight) <= _MOST_VALUES:
         return _ScaleValues(weight, phi)
     return _ScaleValues(np.full(_MOST_VALUES, 1.0 / _MOST_VALUES), phi[_systematic_sample(weight)])
@@ -135,25 +140,25 @@ def worth_of_certificates(
 ) -> dict[str, dict[str, float]]:
     """Return the standard uncertainties to expect with further certificates of the instrument.
 
-    The uncertainties of all parameters are computed for the instrument as it is, then with each
+    The uncertainties of all parameters are computed for the present instrument, then with each
     missing certificate alone, and finally with all missing certificates. Missing certificates are
-    those in `CERTIFICATES` that the instrument does not have yet.
+    the certificates in `CERTIFICATES` that the instrument does not have yet.
 
     Parameters
     ----------
     bound
         Model bound to a campaign or plan.
     weight
-        Weights of w values of the hyper-parameters, shape (w,).
+        Weights of the w values of the hyper-parameters, shape (w,).
     phi
         Values of the h hyper-parameters, shape (w, h), from `hyper_parameter_nodes`; lengths in mm.
 
     Returns
     -------
     dict
-        Standard uncertainties in internal units (mm, N, rad), by certificate, then by parameter.
-        The keys for certificates are "none of these", the missing keys of `CERTIFICATES` and, if
-        several are missing, "all of these".
+        For each case, a dict with the standard uncertainty of every parameter, by name, in internal
+        units (mm, N, rad). The cases are "none of these", the names of the missing certificates
+        and, if several certificates are missing, "all of these".
     """
     missing = missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
@@ -175,8 +180,8 @@ def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]
     """Return the certificates in `CERTIFICATES` that the instrument does not have yet.
 
     The keys are names of certificates. The values are the fields of the instrument that the
-    certificate states. No field is in two of the certificates: the certificate of a single ball is
-    included only if the other ball already has a certificate.
+    certificate states. No two of the certificates returned state the same field: the certificate of
+    a single ball is included only if the other ball already has a certificate.
     """
     uncertified = Instrument()
     missing = {}
@@ -191,10 +196,10 @@ def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]
 
 
 def _systematic_sample(weight: Array) -> NDArray[np.intp]:
-    """Return indices of values drawn in equal steps of the cumulative weight, shape (1024,).
+    """Return the indices of a systematic sample of weighted values, shape (1024,).
 
-    The number of times that an index occurs is 1024 times its share of the total weight, rounded up
-    or down.
+    The sample is taken in equal steps of the cumulative weight. The number of times that an index
+    occurs is 1024 times the share of its weight in the total weight, rounded up or down.
     """
     steps = (np.arange(_MOST_VALUES) + 0.5) / _MOST_VALUES
     cumulative = np.cumsum(weight) / np.sum(weight)

@@ -1,15 +1,16 @@
 """Sources of the variance of parameters and of other quantities, under one model or several.
 
 Given the hyper-parameters φ (the scales of the noise and of other effects), the error of every
-quantity is a sum of independent errors, one from each source: a model term, reading noise or the
-prior of a parameter. Each source has a share in the quantity's variance, and an origin: it is
-measured here, stated or assumed (`origins`).
+quantity is a sum of independent errors, one from each source. A source is a model term, the reading
+noise or the prior of a parameter. Each source has a share in the quantity's variance, and an
+origin: the size of the source is measured here, stated or assumed (`origins`).
 
 In an average over models m with probabilities p_m, the variance of a quantity is
-Σ p_m (var_m + (mean_m − mean)²). The part Σ p_m var_m is divided among the sources of every model,
-as for a single model. The part Σ p_m (mean_m − mean)² is a separate source, the choice between the
-models (`MODEL_CHOICE`). This source counts as measured here, because the readings determine the
-probabilities of the models. The variances var_m are those of the posterior draws.
+Σ p_m (var_m + (mean_m − mean)²). Here mean_m and var_m are the mean and the variance of the
+posterior draws under model m, and mean is the average Σ p_m mean_m. The part Σ p_m var_m is divided
+among the sources of every model, as for a single model. The part Σ p_m (mean_m − mean)² is a
+separate source, the choice between the models (`MODEL_CHOICE`). This source counts as measured
+here, because the readings determine the probabilities of the models.
 """
 
 from __future__ import annotations
@@ -38,33 +39,34 @@ __all__ = [
     "weights_of_parameters",
 ]
 
-# Name of the source of variance that is the spread between the models of an average.
+# Name of the source of variance for the differences between the means under the averaged models.
 MODEL_CHOICE = "ModelChoice"
 
 
 @dataclass(frozen=True)
 class VarianceSource(Result):
-    """A source of the uncertainty of one parameter, with its share of the variance.
+    """A source of the uncertainty of one parameter, with its share of the parameter's variance.
 
-    ``name`` is the class name of a model term, such as ``Mount``, or ``ReadingNoise``. For the
-    prior of another parameter it is the name of that parameter, for the prior of the parameter
-    itself it is ``Parameters``, and for the spread between the models of an average it is
-    ``ModelChoice``.
+    If the source is a model term or the reading noise, ``name`` is the class name of the term, such
+    as ``Mount``, or ``ReadingNoise``. If the source is a prior, ``name`` is ``Parameters`` for the
+    prior of the parameter itself, and the name of the other parameter for the prior of another
+    parameter. For the spread between the models of an average, ``name`` is ``ModelChoice``.
     """
 
     name: str
-    origin: Origin  #: where the size of the source comes from: measured here, stated or assumed
-    share: float  #: share of the source in the parameter's variance
+    origin: Origin  #: whether the size of the source is measured here, stated or assumed
+    share: float  #: share of the parameter's variance that the source causes
 
 
 class SourcesOfVariance(NamedTuple):
     """Sources of the variance of one parameter.
 
-    ``sources`` are all sources, the largest share first. Together with an error of this parameter,
-    an assumed source causes errors of the other parameters. The errors of all parameters form a
-    vector. ``likeness`` holds, for the names of two assumed sources, the squared cosine of the
-    angle between their vectors. The squared cosine is 1 if both sources act on the same combination
-    of parameters.
+    ``sources`` are all sources, the largest share first. ``likeness`` compares assumed sources. An
+    assumed source that causes an error of this parameter causes errors of the other parameters at
+    the same time; these errors form a vector with one element for each parameter. For every pair of
+    names of assumed sources, ``likeness`` holds the squared cosine of the angle between the vectors
+    of the two sources. The squared cosine is 1 if both sources act on the same combination of
+    parameters.
     """
 
     sources: tuple[VarianceSource, ...]
@@ -78,17 +80,18 @@ class ModelVariance:
     probability: float  #: probability of the model in the average; one for a single model
     bound: BoundModel  #: the model, bound to a campaign or plan
     information: Information  #: information of the bound model, given the hyper-parameters
-    #: change of each quantity, in its internal unit, if one of the model's m coefficients changes
+    #: changes of the quantities, in internal units, when one of the model's m coefficients changes
     #: by its prior sd, shape (q, m); zero for a quantity that the model lacks
     weights: Array
     mean: Array  #: means of the quantities under this model, shape (q,)
-    #: standard deviations of the quantities under this model, shape (q,): those of posterior draws,
-    #: which may differ from those of the linear Gaussian model because compliances are bounded
+    #: standard deviations of the posterior draws of the quantities under this model, shape (q,).
+    #: They may differ from the standard deviations in the linear Gaussian model, because
+    #: compliances cannot be negative.
     sd: Array
 
     @cached_property
     def origins(self) -> dict[tuple[str, str], Origin]:
-        """Origin of every source; each key has the names of the source and of its model term."""
+        """Origin of every source; a key is a pair of names: the source and its model term."""
         return origins(self.bound, self.information)
 
     @cached_property
@@ -97,13 +100,12 @@ class ModelVariance:
         return self._variance(self.information)
 
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Return, for every source, the covariance of the errors that it causes, shape (q, q).
+        """Return, for every source, the covariance of the quantities' errors, shape (q, q).
 
-        The errors are those of the q quantities.
-
-        The keys are names of sources with their origins. A source is a model term or the prior of a
-        parameter. Its name is that of the term or of the parameter. The covariances are scaled so
-        that they add up to the variances ``sd``².
+        The errors are the errors of the q quantities that the source causes. A source is a model
+        term, the reading noise or the prior of a parameter. The keys are pairs: the name of the
+        term, noise or parameter, and the origin of the source. The covariances are scaled so that
+        their diagonals add up to the variances ``sd``².
         """
         drawn = self.sd / np.sqrt(np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1))
         scale = np.outer(drawn, drawn)
@@ -127,19 +129,19 @@ class ModelVariance:
     def variance_if_known(self, names: Sequence[str]) -> Array:
         """Return the variances that the quantities would have if some effects were known exactly.
 
-        ``names`` are the names of these effects: model terms or single coefficients. The result has
-        the shape (q,).
+        ``names`` are the names of the known effects: class names of model terms, or names of single
+        coefficients. The result has the shape (q,).
         """
         return self._scaled(self._variance(self.information, names))
 
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return the variances that quantities would have if some assumed coefficients were known.
 
-        The assumed coefficients of the effects ``partners`` are taken to be known. Coefficients of
-        these effects that are measured or stated stay uncertain. For example, if a certificate
-        states the mount's deflection, only the curvature of this deflection, which is assumed,
-        becomes known. ``partners`` are names of model terms, or names of parameters for the effects
-        of their priors. The result has the shape (q,).
+        ``partners`` are names of effects: class names of model terms, or names of parameters for
+        the effects of the parameters' priors. Those coefficients of these effects whose size is
+        assumed are taken to be known. Coefficients of these effects whose size is measured or
+        stated stay uncertain. For example, if a certificate states the mount's deflection, only the
+        curvature of the deflection is assumed and taken to be known. The result has the shape (q,).
         """
         information = self.information
         known = [name for name in partners if name in information.names]
@@ -157,6 +159,7 @@ class ModelVariance:
         """Return variances of the linear model, scaled to the variances of the draws, shape (q,).
 
         Each variance is multiplied by ``sd``² and divided by the quantity's `gaussian_variance`.
+        The result is at most ``sd``².
         """
         before = np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1.0)
         return np.clip(variance / before, 0.0, 1.0) * self.sd**2
@@ -164,10 +167,10 @@ class ModelVariance:
 
 @dataclass(frozen=True, eq=False)
 class AveragedVariance:
-    """The variance of q quantities, averaged over models, and its sources.
+    """Variances of q quantities in an average over models, and the sources of these variances.
 
     ``models`` are the models of the average, or a single model. The first ``number`` quantities are
-    the parameters; a parameter is included if at least one of the models has it.
+    the parameters: all parameters that at least one of the models has.
     """
 
     models: tuple[ModelVariance, ...]
@@ -175,12 +178,15 @@ class AveragedVariance:
 
     @cached_property
     def mean(self) -> Array:
-        """Means of the quantities, Σ p_m mean_m, shape (q,)."""
+        """Means of the quantities, averaged over the models: Σ p_m mean_m, shape (q,)."""
         return np.sum([model.probability * model.mean for model in self.models], axis=0)
 
     @cached_property
     def spread(self) -> Array:
-        """Covariance of the quantities' means between the models, shape (q, q)."""
+        """Covariance of the quantities' means over the models, shape (q, q).
+
+        It is Σ p_m d_m d_mᵀ, where d_m is the deviation of the means under model m from `mean`.
+        """
         covariance = np.zeros((len(self.mean), len(self.mean)))
         for model in self.models:
             deviation = model.mean - self.mean
@@ -189,9 +195,9 @@ class AveragedVariance:
 
     @cached_property
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Covariance of the errors of the q quantities that each source causes, shape (q, q).
+        """Covariances of the q quantities' errors, one for each source, shape (q, q) each.
 
-        The keys are names of sources with their origins; see `ModelVariance.errors`.
+        The keys are pairs of a source's name and origin; see `ModelVariance.errors`.
         """
         errors: dict[tuple[str, Origin], Array] = {}
         for model in self.models:
@@ -208,17 +214,15 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Divisors of shares: the variances of the quantities, or one where a variance is zero."""
+        """Divisors for shares: the variances of the quantities, or one where a variance is zero."""
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
     @cached_property
     def shares_by_term(self) -> dict[str, Array]:
-        """Share of every model term in the variances of the quantities, shape (q,).
+        """Shares of every model term in the variances of the q quantities, shape (q,) each.
 
-        The keys are class names of terms.
-
-        The priors of the parameters count as one term, and so does the choice between the models of
-        an average.
+        The keys are class names of terms. The priors of all parameters together count as one term,
+        and so does the choice between the models of an average.
         """
         shares: dict[str, Array] = {}
         if not self.models[0].information.flat:
@@ -231,9 +235,9 @@ class AveragedVariance:
 
     @cached_property
     def shares_removed(self) -> dict[str, Array]:
-        """Share of the quantities' variances, shape (q,), that knowing a model term would remove.
+        """Shares of the q quantities' variances that would vanish if a model term were known.
 
-        The keys are the class names of the terms.
+        The keys are the class names of the terms. The shares for each term have the shape (q,).
         """
         removed: dict[str, Array] = {}
         for model in self.models:
@@ -246,9 +250,9 @@ class AveragedVariance:
     def sd_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return the standard uncertainties that quantities would have without assumed effects.
 
-        The assumed coefficients of the effects ``partners`` are taken to be known. ``partners`` are
-        names of model terms or parameters; see `ModelVariance.variance_without_assumed`. The result
-        has the shape (q,).
+        ``partners`` are names of model terms or of parameters. The coefficients of these effects
+        whose size is assumed are taken to be known; see `ModelVariance.variance_without_assumed`.
+        The result has the shape (q,).
         """
         variance = np.diag(self.spread).copy()
         for model in self.models:
@@ -259,9 +263,9 @@ class AveragedVariance:
         """Return the sources of the variance of one quantity, the largest share first.
 
         ``i`` is the index of the quantity. ``own`` are the names of the parameters whose priors
-        count as the prior of the quantity itself. If the quantity is a parameter, ``own`` is the
-        name of the parameter. If the quantity is a change with force, ``own`` are the names of the
-        slopes that determine the change.
+        count as the prior of the quantity itself. If the quantity is a parameter, ``own`` holds
+        only the name of this parameter. If the quantity is a change of a compliance with force,
+        ``own`` holds the names of the slopes that determine the change.
         """
         sd = np.sqrt(self._divisor)
         shares: dict[tuple[str, Origin], float] = {}
@@ -283,8 +287,9 @@ class AveragedVariance:
 def sources_of(bound: BoundModel, information: Information) -> dict[str, SourcesOfVariance]:
     """Return all sources of the variance of every parameter of one model, largest share first.
 
-    A model term whose coefficients have several origins gives one source for each origin. The prior
-    of the parameter itself is a separate source, and so is the prior of each other parameter.
+    The keys are names of parameters. A model term whose coefficients have different origins gives
+    one source for each origin. The prior of the parameter itself is a separate source, and so is
+    the prior of each other parameter.
 
     Parameters
     ----------
@@ -301,10 +306,10 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
 
 
 def weights_of_parameters(information: Information) -> Array:
-    """Return the change of each parameter if one of the m coefficients changes by its prior sd.
+    """Return changes of the p parameters when a coefficient changes by its prior sd, shape (p, m).
 
-    The p parameters are coefficients themselves, so that every row has a single element that is not
-    zero. The result has the shape (p, m).
+    There is one column for each of the m coefficients. The parameters are coefficients themselves,
+    so that every row has a single element that is not zero.
     """
     return (np.eye(len(information.names)) * information.scale)[information.interest]
 
@@ -317,7 +322,8 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
     if not known:
         return information
     # Tests with the same noise share one dictionary of noise sources. ``remaining`` holds one new
-    # dictionary for each of these, so that the tests share a dictionary in the result, too.
+    # dictionary for each shared dictionary, so that the same tests share a dictionary in the
+    # result, too.
     remaining: dict[int, dict[str, Array]] = {}
     for sources in information.noise:
         remaining[id(sources)] = {name: sources[name] for name in sources if name not in known}
@@ -327,9 +333,9 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
 def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
     """Return the squared cosine of the angle between every two vectors of errors.
 
-    A vector, shape (p,), holds the errors of all p parameters that one source causes together with
-    an error of the quantity considered. The keys of the result are pairs of names of sources. If a
-    vector is zero, its squared cosines are zero.
+    ``patterns`` holds one vector, shape (p,), for each source: the errors of all p parameters that
+    the source causes together with an error of the quantity considered. The keys of the result are
+    pairs of names of sources. If a vector is zero, its squared cosines are zero.
     """
     if not patterns:
         return {}

@@ -2,9 +2,10 @@
 
 A slope is the change of a compliance with force. Every compliance may have a slope or none, and
 each subset of slopes is a model with its own evidence. Curves of compliance against force are
-averaged over these models. If there are too many subsets, only some of them are considered. A
-search starts from no slopes and from all slopes, and goes on to the subsets that differ from the
-best subset in one slope.
+averaged over these models. If there are too many subsets, a search selects some of them. The search
+starts with the subset without slopes and the subset with all slopes. In each step, it takes the
+subset of the largest evidence that has not been used in a step before, and adds the subsets that
+differ from this subset in one slope.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ __all__ = [
 _DRAWS = 4000
 _CURVE_POINTS = 41
 # The curves of a model are computed from draws of the parameters at several values of the
-# hyper-parameters. At each value there are at most ``_DRAWS_PER_NODE`` draws. There are fewer draws
-# at each value where this is necessary to reach ``_FEWEST_NODES`` values.
+# hyper-parameters. At each value there are at most ``_DRAWS_PER_NODE`` draws. If this would give
+# fewer than ``_FEWEST_NODES`` values of the hyper-parameters, there are fewer draws at each value.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
 # In a subset of slopes, some compliances change with force and others do not. If there are at most
@@ -52,13 +53,14 @@ _FEWEST_NODES = 64
 _ALL_SUBSETS = 729
 _SEARCHED_SUBSETS = 100
 
-# Subset of slopes: for each compliance of a model, whether it has a slope (changes with force).
+# Subset of slopes: one entry for each slope of the full model, true if the subset has the slope
+# (the change of a compliance with force).
 Choice = tuple[bool, ...]
 
 
 @dataclass(frozen=True)
 class SlopeSubset:
-    """One subset of slopes: a model in which only some compliances change with force."""
+    """One subset of slopes: a model in which only the compliances ``varying`` change with force."""
 
     varying: tuple[str, ...]  #: names of the compliances that vary with force
     log_evidence: float  #: log evidence of the model with this subset of slopes [nat]
@@ -77,8 +79,8 @@ class Curve:
     """Compliance C(F) against force F with its credible intervals, in mm, N and rad.
 
     ``mean``, ``median``, ``low`` and ``high`` are given at each of the forces ``force_N``. ``low``
-    and ``high`` are the ends of the equal-tailed credible interval, and ``prob`` is its
-    probability.
+    and ``high`` are the ends of the equal-tailed credible interval, and ``prob`` is the probability
+    of this interval.
     """
 
     unit: str
@@ -91,7 +93,7 @@ class Curve:
 
 
 class AveragedSlopes(NamedTuple):
-    """Probabilities of slopes, and compliances against force, averaged over subsets of slopes."""
+    """Probabilities of slopes, and curves of compliance against force, from subsets of slopes."""
 
     slopes: dict[str, VaryingSlope]  #: probability that each compliance changes with force
     subsets: tuple[SlopeSubset, ...]  #: subsets of slopes, the most probable first
@@ -122,11 +124,11 @@ def slope_subsets(
     model : HybridModel
         Model of degree 1 with all slopes.
     evidences : Evidences
-        Evidences that are known already; new evidences are added to this object.
+        Evidences that have been computed before; new evidences are added to this object.
     seed : int
         Seed of the random draws from which the curves C(F) are computed.
     prob : float
-        Probability of the credible bands of the curves.
+        Probability of the credible intervals of the curves.
     """
     slope_names = _slope_names(model, evidences.campaign)
 
@@ -172,8 +174,9 @@ def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, N
     """Search for the subsets of slopes with the largest evidence.
 
     Return, for every subset tried, the quadrature nodes (weighted values of the hyper-parameters)
-    of its posterior, which hold its evidence. ``weigh`` returns the nodes for a subset. ``slopes``
-    is the number of possible slopes. The search ends after ``_SEARCHED_SUBSETS`` subsets.
+    of the posterior; the nodes hold the evidence of the subset. ``weigh`` returns the nodes for a
+    subset. ``slopes`` is the number of possible slopes. The search ends after ``_SEARCHED_SUBSETS``
+    subsets, or when no new subset is left.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):
@@ -198,8 +201,9 @@ def averaged_curves(
 ) -> dict[str, Curve]:
     """Return the curve C(F) of each compliance over the tested forces F, averaged over models.
 
-    Each curve has 41 equally spaced forces, from the lowest to the highest force tested. If all
-    tests were run at one force, each curve has this force only.
+    The keys are names of compliances. Each curve is given at 41 equally spaced forces, from the
+    lowest to the highest force tested. If all tests were run at one force, each curve is given at
+    this force only.
 
     Parameters
     ----------
@@ -210,7 +214,7 @@ def averaged_curves(
     seed : int
         Seed of the random draws.
     prob : float
-        Probability of the credible bands of the curves.
+        Probability of the credible intervals of the curves.
     """
     rng = np.random.default_rng(seed)
     bound = weighed[0].bound

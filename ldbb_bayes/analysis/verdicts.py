@@ -2,24 +2,23 @@
 
 A verdict states how far the readings determine a parameter. It follows from the sources of the
 parameter's uncertainty. Each source has a share in the variance of the parameter
-(`Information.shares`; the shares sum to one), and an origin: its size is measured by the readings
-of this campaign, stated by the user, or assumed by the model (`origins`). A parameter is confounded
-with an effect that nobody measured or stated if this effect has more than half of the variance. In
-this module, β are the parameters (compliances, their slopes and geometric errors) and y the
-readings. Nuisances are effects that are modelled but not of interest.
+(`Information.shares`; the shares sum to one), and an origin: the size of the source is measured by
+the readings of this campaign, stated by the user, or assumed by the model (`origins`). A parameter
+is confounded with an assumed effect if this effect causes more than half of the variance. In this
+module, β are the parameters (compliances, changes of compliances with force, and geometric errors)
+and y are the readings. Nuisances are effects that are modelled but not of interest.
 
 Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
 may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
-effects). For a campaign with readings, this value is the posterior mean of φ. For a plan, it is the
-posterior mean given the readings of the plan's pilot (the campaign from which it was designed) or,
-without a pilot, the prior median; a plan can thus be judged before it is run. Standard
-uncertainties, in contrast, account for the spread of φ: the variance is the mean of the variances
-given φ plus the variance of the means given φ. This also holds for the uncertainties that are
-expected if the user obtains a further certificate. If a posterior
-is judged, standard uncertainties are those of its draws; if a plan is judged, they are those of its
-forecast.
+effects). For a campaign with readings, this value is the posterior mean of φ. For a plan, the value
+is the posterior mean given the readings of the plan's pilot (the campaign from which the plan was
+designed) or, without a pilot, the prior median; a plan can therefore be judged before it is run.
+Standard uncertainties, in contrast, account for the spread of φ: the variance is the mean of the
+variances given φ plus the variance of the means given φ. The uncertainties to expect with further
+certificates are computed in the same way. If a posterior is judged, the standard uncertainties are
+the standard deviations of its draws; if a plan is judged, they are those of its forecast.
 
-In an average over models, shares and uncertainties are averaged over the models, weighted with the
+In an average over models, shares and variances are averaged over the models, weighted with the
 models' probabilities (`variance_sources`). The verdicts then follow by the same rules as for a
 single model.
 """
@@ -90,33 +89,35 @@ __all__ = [
     "variance_share_removed",
 ]
 
-# A parameter β is prior-limited where its contraction, 1 − Var(β | y) / Var(β) for readings y, is
-# below this limit: its posterior sd is more than half of its prior sd.
+# A parameter β is prior-limited if its contraction, 1 − Var(β | y) / Var(β) for readings y, is
+# below this limit. The posterior sd of β is then more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
-# A change of a parameter's least-squares estimate below this share of the parameter's prior
-# standard deviation is a rounding error.
+# An error of a parameter's least-squares estimate that is below this share of the parameter's scale
+# counts as a rounding error and is set to zero.
 _ROUNDING = 1e-12
 
 
 class Verdict(StrEnum):
     """Verdict on a parameter, which states how far the readings determine the parameter.
 
-    Every source of uncertainty has a share in the variance of the parameter, and an origin: it is
-    measured here, stated or assumed. The sources are the terms of the model, with one source for
-    each origin in a term, and the priors of the parameters. In the rules, sd is the standard
-    deviation. The rules apply in this order:
+    Every source of uncertainty has a share in the variance of the parameter, and an origin: its
+    size is measured here, stated or assumed. The sources are the terms of the model and the priors
+    of the parameters; a term whose coefficients have several origins gives one source for each
+    origin. In the rules, sd is the standard deviation. The verdict is the first of these that
+    applies:
 
-    1. *confounded*, if one assumed effect has more than half of the parameter's variance, or if
-       several assumed effects that act on the same combination of parameters have more than half
-       together. The effects with the largest shares are named, but no effect with a share below
+    1. *confounded*, if one assumed effect causes more than half of the parameter's variance, or if
+       several assumed effects that act on the same combination of parameters together cause more
+       than half. The effects with the largest shares are named, but no effect with a share below
        5 %. An effect is a term of the model, or another parameter through its prior.
-       Together with an error of this parameter, an effect causes errors of all parameters. Two
-       effects act on the same combination if the vectors of these errors, in units of posterior
-       sds, are nearly proportional: the squared cosine of the angle between the vectors is at least
-       0.95. Knowing the effects would remove at least their share of the variance, and so reduce
-       the parameter's standard uncertainty by 30 % or more.
+       An effect that causes an error of this parameter causes errors of the other parameters at the
+       same time. Two effects act on the same combination if their vectors of these errors, in units
+       of posterior sds, are nearly proportional: the squared cosine of the angle between the
+       vectors is at least 0.95. If the effects were known, at least their share of the variance
+       would vanish, and the parameter's standard uncertainty would be smaller by about 30 % or
+       more.
     2. *prior-limited*, if the posterior sd is more than half of the prior sd.
-    3. *identified*, if neither of these rules applies.
+    3. *identified*, if rules 1 and 2 do not apply.
 
     Shares within 1e-6 of one half count as one half, and therefore not as more than half. Effects
     whose shares agree within 1e-6 are ranked in the order of the model's terms.
@@ -146,8 +147,9 @@ class ParameterIdentifiability(Result):
     name: str  #: name of the parameter
     verdict: Verdict  #: verdict: identified, prior-limited or confounded
     held_by: VarianceSource  #: source with the largest share of the parameter's variance
-    #: assumed effects that a confounded parameter cannot be separated from: model terms, or other
-    #: parameters, sorted by share, the largest first. Empty if the parameter is not confounded.
+    #: names of the assumed effects (model terms or other parameters) with which the parameter is
+    #: confounded, the effect with the largest share of the variance first; empty if the parameter
+    #: is not confounded
     partners: Annotated[tuple[str, ...], Field(alias="with")]
     #: for each effect in ``partners``, the share of the parameter's variance that is due to this
     #: effect; the keys are names of effects
@@ -155,13 +157,13 @@ class ParameterIdentifiability(Result):
     #: standard uncertainty that the parameter would have if the effects in ``partners`` were known
     #: exactly; None if ``partners`` is empty
     sd_if_known: float | None
-    #: cheapest remedy for a large uncertainty (a change of the plan or a certificate), with the
-    #: parameter's standard uncertainty after this remedy; None if no remedy reduces the standard
-    #: uncertainty by more than 10 %, or if no remedies were looked for
+    #: cheapest change of the plan or certificate that would reduce the parameter's standard
+    #: uncertainty, with the standard uncertainty after this remedy; None if no remedy reduces the
+    #: standard uncertainty by more than 10 %, or if no remedies were looked for
     remedy: Remedy | None
-    #: two remedies (changes of the plan or certificates) together, if the parameter stays
-    #: confounded after ``remedy`` alone; None if the parameter does not stay confounded, or if no
-    #: second remedy reduces the standard uncertainty by a further 10 %
+    #: ``remedy`` together with a second remedy, if the parameter stays confounded after ``remedy``
+    #: alone; None if the parameter does not stay confounded, if there is no ``remedy``, or if no
+    #: second remedy reduces the standard uncertainty by more than a further 10 %
     paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter, composed of mm, N and rad
     prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
@@ -169,17 +171,18 @@ class ParameterIdentifiability(Result):
     prior_sd: Finite
     mean: float  #: posterior mean of the parameter; for a plan the prior mean
     sd: float  #: posterior standard deviation of the parameter
-    #: contraction: one minus the ratio of the posterior and the prior variance; not a number for a
-    #: flat prior
+    #: contraction: one minus the posterior variance divided by the prior variance; not a number for
+    #: a flat prior
     contraction: Number
     #: mutual information of parameter and readings, ½ ln(prior variance / posterior variance)
     #: [nat]; not a number for a flat prior
     information_gain: Number
-    #: share of the parameter's posterior variance that vanishes if a model term is known, by class
-    #: name of the term
+    #: for each model term, the share of the parameter's posterior variance that would vanish if the
+    #: effect of the term were known exactly; the keys are class names of terms
     confounding: dict[str, float]
-    #: shares of the parameter's variance that are due to each model term, to reading noise and to
-    #: the parameters' own priors, as in `budget_uncertainty`; the shares sum to one
+    #: shares of the parameter's variance that are due to each model term, to reading noise, to the
+    #: priors of all parameters together (key ``Parameters``) and, in an average over models, to the
+    #: choice between the models, as in `budget_uncertainty`; the shares sum to one
     shares: dict[str, float]
     #: for each origin (measured here, stated or assumed), the share of the parameter's variance
     #: that is due to the sources of this origin; the shares sum to one
@@ -190,7 +193,7 @@ class ParameterIdentifiability(Result):
 class ChangeIdentifiability(Result):
     """How well the change of one compliance C(F) over the tested forces is known.
 
-    The numbers are in internal units (mm, N, rad); the rules of the verdict are those of `Verdict`.
+    The numbers are in internal units (mm, N, rad). The verdict follows by the rules in `Verdict`.
 
     Examples
     --------
@@ -215,7 +218,8 @@ class ChangeIdentifiability(Result):
     #: share of the variance of the change that is due to this effect; the keys are names of effects
     partner_shares: dict[str, float]
     #: cheapest remedy (a change of the plan or a certificate) for a large uncertainty of the
-    #: compliance's change with force; None if no remedy reduces ``sd`` by more than 10 %
+    #: compliance's change with force; None if no remedy reduces ``sd`` by more than 10 %, or if no
+    #: remedies were looked for
     remedy: Remedy | None
     #: prior standard deviation of the compliance's change with force; infinite for a flat prior
     prior_sd: Finite
@@ -242,8 +246,8 @@ class Identifiability(Result):
 
     #: verdict on each parameter, by name
     parameters: dict[str, ParameterIdentifiability]
-    #: how well the change of each compliance over the tested forces is known, by name of the
-    #: compliance
+    #: how well the change of each compliance over the tested forces is known; the keys are names of
+    #: compliances
     changes: dict[str, ChangeIdentifiability]
     degeneracies: tuple[Degeneracy, ...]  #: combinations of coefficients that no reading resolves
     #: remedies for each of ``degeneracies``: further tests that would resolve the degeneracy, or a
@@ -252,34 +256,35 @@ class Identifiability(Result):
     #: class names of the terms of the model's preset that the user switched off. The credible
     #: intervals of the parameters do not cover the effects of these terms.
     not_modelled: tuple[str, ...]
-    #: number of parameters that the readings determine: the sum of the contractions of all
-    #: parameters, where a contraction is one minus the ratio of posterior and prior variance; for a
-    #: flat prior, the number of all parameters
+    #: effective number of parameters that the readings determine: the sum of the contractions of
+    #: all parameters. The contraction of a parameter is one minus its posterior variance divided by
+    #: its prior variance. For a flat prior, the effective number is the number of all parameters.
     effective_parameters: float
-    #: table of changes of least-squares estimates, in internal units (mm, N, rad). Rows are
-    #: parameters and columns are nuisance coefficients. Each change is that of the parameter's
-    #: estimate if the fit ignores a nuisance coefficient of one prior standard deviation.
+    #: table of errors of least-squares estimates, in internal units (mm, N, rad). Rows are
+    #: parameters, and columns are nuisance coefficients (of effects not of interest). Each entry is
+    #: the error of the parameter's estimate if the nuisance coefficient has the size of its prior
+    #: standard deviation and the fit ignores this coefficient.
     alias: ByRow
-    #: posterior correlations of the parameters, and of the nuisances (effects not of interest) that
-    #: act in several tests
+    #: table of posterior correlations between coefficients: the parameters, and the coefficients of
+    #: nuisances (effects not of interest) that act in several tests
     correlation: ByRow
-    #: standard uncertainties to expect with further certificates of the instrument, first by
-    #: certificate, then by parameter. There are entries for no further certificate, for each
-    #: certificate that the instrument lacks, and for all these certificates together. There is no
-    #: entry for a flat prior.
+    #: standard uncertainties to expect with further certificates of the instrument; the keys are
+    #: names of certificates, and each value has the parameters' names as keys. There are entries
+    #: for no further certificate, for each certificate that the instrument lacks, and for all these
+    #: certificates together. For a flat prior, there are no entries.
     certificates: dict[str, dict[str, float]]
-    #: hyper-parameters (scales of the noise and of other effects) at which the verdicts on the
-    #: parameters are computed; lengths in µm; noise factors λ and decays are pure numbers
+    #: values of the hyper-parameters (scales of the noise and of other effects) at which the
+    #: verdicts are computed, by name; lengths in µm; noise factors λ and decays are pure numbers
     hyper_um: dict[str, float]
-    #: whether the hyper-parameters and the means come from readings; if not, they come from priors
+    #: whether the campaign has readings; false for a plan
     measured: bool
 
 
 def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
-    """Return weights, shape (w,), and values, shape (w, h), of the hyper-parameters of a plan.
+    """Return weighted values of a plan's hyper-parameters: weights (w,) and values (w, h).
 
-    Hyper-parameters are the scales of the noise and of other effects. The values represent the
-    posterior of the hyper-parameters given the readings of the plan's pilot (the campaign from
+    Hyper-parameters are the scales of the noise and of other effects. The weighted values represent
+    the posterior of the hyper-parameters given the readings of the plan's pilot (the campaign from
     which the plan was designed). If the plan has no pilot, the only value is the prior median.
     """
     pilot = plan.pilot
@@ -291,9 +296,10 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
 
 
 def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
-    """Return prior and expected sds of all parameters of a plan; None for a flat prior.
+    """Return the prior and the expected posterior standard deviations of a plan's parameters.
 
-    The expected standard deviations are those of the forecast that `design` also makes.
+    The expected standard deviations are those of the forecast that `design` also makes. Return None
+    for a flat prior.
     """
     if bound.model.prior.flat:
         return None
@@ -306,10 +312,10 @@ def _relative_to(
 ) -> dict[str, dict[str, float]]:
     """Return standard uncertainties with further certificates, scaled to a plan's forecast.
 
-    ``certificates`` holds standard uncertainties by certificate, then by parameter. The first key
-    stands for no further certificate. The standard uncertainties of each parameter are all
-    multiplied by the same factor. With this factor, the standard uncertainty without a further
-    certificate equals the forecast ``expected``.
+    ``certificates`` holds standard uncertainties by certificate, then by parameter. Its first key
+    stands for no further certificate. For each parameter, all standard uncertainties are multiplied
+    by the factor that makes the standard uncertainty without a further certificate equal to the
+    forecast ``expected``.
     """
     without = next(iter(certificates.values()))
     scaled = {}
@@ -324,9 +330,9 @@ def _relative_to(
 class SampledSd(NamedTuple):
     """Prior and posterior standard deviations of all p parameters, shape (p,) each.
 
-    The standard deviations are those of random draws. If there are no draws, they are those of the
-    linear Gaussian model, either averaged over the hyper-parameters or at one value of the
-    hyper-parameters.
+    The standard deviations come from random draws or from the linear Gaussian model. The posterior
+    standard deviations of the linear Gaussian model are either averaged over the hyper-parameters
+    or computed at one value of the hyper-parameters.
     """
 
     prior: Array
@@ -337,15 +343,15 @@ class SampledSd(NamedTuple):
 def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     """Return how well a campaign or a plan determines the parameters of a model.
 
-    Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
-    (an effect that nobody measured causes most of its variance). No readings are needed, so that a
-    plan can be judged before it is run. All results are those of the linear Gaussian model, in
-    which compliances may be negative. Shares of the variance are those at the posterior mean of the
-    hyper-parameters (the scales of the noise and of other effects). For a plan, the shares are
-    those at the posterior mean given the readings of its pilot (the campaign from which it was
-    designed) or, without a pilot, at the prior median. Standard uncertainties are averaged over the
-    hyper-parameters. For a plan, the standard uncertainties are those that the analysis of its
-    readings is expected to state; `design` forecasts the same values.
+    The verdict on each parameter is identified, prior-limited (the readings hardly narrow its
+    prior) or confounded (effects that nobody measured or stated cause most of its variance). No
+    readings are needed, so that a plan can be judged before it is run. All results are those of the
+    linear Gaussian model, in which compliances may be negative. Shares of the variance are computed
+    at the posterior mean of the hyper-parameters (the scales of the noise and of other effects).
+    For a plan, the shares are computed at the posterior mean given the readings of the plan's pilot
+    (the campaign from which the plan was designed) or, without a pilot, at the prior median.
+    Standard uncertainties are averaged over the hyper-parameters. For a plan, they are the standard
+    uncertainties to expect when the plan has been run; `design` forecasts the same values.
 
     Parameters
     ----------
@@ -357,8 +363,9 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     Returns
     -------
     Identifiability
-        Verdicts on the parameters; combinations that no reading resolves, with remedies; and the
-        uncertainties to expect with further certificates. Units are internal (mm, N, rad).
+        Verdicts on the parameters; combinations of coefficients that no reading resolves, with
+        remedies; and the uncertainties to expect with further certificates. Units are internal (mm,
+        N, rad).
 
     Raises
     ------
@@ -435,9 +442,9 @@ def _averaged_over_scales(
 ) -> AveragedVariance:
     """Return variances of parameters and changes with force under one model, with their sources.
 
-    The shares of the sources are those at the mean of the hyper-parameters. The uncertainties are
-    averaged over the values ``phi`` of the hyper-parameters, shape (w, h), with the weights
-    ``weight``, shape (w,).
+    The shares of the sources are computed from ``information``, at the mean of the
+    hyper-parameters. The variances are averaged over the values ``phi`` of the hyper-parameters,
+    shape (w, h), with the weights ``weight``, shape (w,).
     """
     weights = _weights_of_quantities(information, changes)
     moments = averaged_moments(bound, weights / information.scale, weight, phi)
@@ -451,17 +458,20 @@ def _averaged_over_scales(
 
 
 def _weights_of_quantities(information: Information, changes: Mapping[str, CurveChange]) -> Array:
-    """Return the change of every quantity if one of the m coefficients changes by its prior sd.
+    """Return changes of the q quantities when a coefficient changes by its prior sd, shape (q, m).
 
-    The q quantities are all parameters, then all changes of compliances with force. The result has
-    the shape (q, m).
+    There is one column for each of the m coefficients. The quantities are all parameters, then all
+    changes of compliances with force.
     """
     rows = [change.weights for change in changes.values()]
     return np.concatenate([weights_of_parameters(information), *(row[None] for row in rows)])
 
 
 def _prior_sd_of_changes(information: Information, changes: Mapping[str, CurveChange]) -> Array:
-    """Return the prior standard deviations of changes with force; infinite for a flat prior."""
+    """Return prior standard deviations of the compliances' changes with force, shape (changes,).
+
+    For a flat prior, they are infinite.
+    """
     if information.flat:
         return np.full(len(changes), np.inf)
     return np.array([float(np.linalg.norm(change.weights)) for change in changes.values()])
@@ -469,17 +479,18 @@ def _prior_sd_of_changes(information: Information, changes: Mapping[str, CurveCh
 
 @one_blas_thread
 def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
-    """Return for every parameter of a posterior whether the readings determine it.
+    """Return the verdict on every parameter of a posterior.
 
-    A parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
-    (an effect that nobody measured causes most of its variance). Remedies for large uncertainties
-    are not looked for; `identify` finds these remedies.
+    The verdict is identified, prior-limited (the readings hardly narrow the parameter's prior) or
+    confounded (effects that nobody measured or stated cause most of the parameter's variance).
+    Remedies for large uncertainties are not looked for; `identify` finds these remedies.
 
     If the posterior is an average over models (`average`), the variance of a parameter is the sum
-    of two parts: its mean variance within the models, and the variance of its means between them.
-    The second part is a separate source of uncertainty, ``ModelChoice``. The share of every other
-    source in the first part is averaged over the models. The weight of a model is its probability
-    times the variance of the parameter within it.
+    of two parts: the average, over the models, of the parameter's variance under each model, and
+    the variance of the parameter's means under the models. The second part is a separate source of
+    uncertainty, ``ModelChoice``. The share of every other source in the first part is averaged over
+    the models. In this average, the weight of a model is its probability times the parameter's
+    variance under this model.
 
     Parameters
     ----------
@@ -489,9 +500,9 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     Returns
     -------
     dict of str to ParameterIdentifiability
-        Verdict on each parameter by name, computed at the posterior mean of the hyper-parameters
-        (the scales of the noise and of other effects) under each model; mean, sd and contraction
-        are those of the posterior draws.
+        Verdict on each parameter; the keys are names of parameters. The verdict is computed at the
+        posterior mean of the hyper-parameters (the scales of the noise and of other effects) under
+        each model. The fields ``mean``, ``sd`` and ``contraction`` come from the posterior draws.
 
     Raises
     ------
@@ -512,7 +523,8 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 class JudgedQuantities(NamedTuple):
     """Verdicts on all parameters, and on the changes of all compliances with force.
 
-    The keys are the names of the parameters, and of the compliances.
+    The keys of ``parameters`` are names of parameters; the keys of ``changes`` are names of
+    compliances.
     """
 
     parameters: dict[str, ParameterIdentifiability]
@@ -522,18 +534,18 @@ class JudgedQuantities(NamedTuple):
 @kept
 @one_blas_thread
 def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
-    """Return how well the parameters of a posterior, and changes with force, are known.
+    """Return verdicts on a posterior's parameters and on its compliances' changes with force.
 
-    A verdict calls each of them identified, prior-limited or confounded. The verdicts on the
-    parameters are those of `judge_posterior`. The verdicts on the changes C(F_max) − C(F_min) of
-    compliances follow by the same rules from posterior draws of the curves C(F). In an average over
-    models, the prior variance of a change is the mean of its prior variances under all models that
-    have draws.
+    The verdicts are identified, prior-limited or confounded. The verdicts on the parameters are
+    those of `judge_posterior`. The verdicts on the changes C(F_max) − C(F_min) of compliances
+    follow by the same rules from posterior draws of the curves C(F) of compliance C against force
+    F. In an average over models, the prior variance of a change is the unweighted mean of its prior
+    variances under all models that have draws.
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
-    # The model with all parameters contains every change with force, and shows on which slopes each
-    # change depends.
+    # The model with all parameters has every change of a compliance with force. From this model,
+    # `curve_changes` finds on which slopes each change depends.
     phi = np.concatenate([model.phi for model in models]).mean(axis=0)
     all_changes = curve_changes(bound, information_of(bound, phi))
     variances = [_variance_of_model(model, all_changes) for model in models]
@@ -551,10 +563,10 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
 
 
 def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
-    """Return the variance of all parameters, then of changes with force, under one model.
+    """Return the variances of all parameters, then of changes with force, under one model.
 
-    ``changes`` holds the changes of all models together; the keys are names of compliances. The
-    variance of a change that the model lacks is zero.
+    ``changes`` holds every change of a compliance with force that any of the averaged models has;
+    the keys are names of compliances. The weights of a change that this model lacks are zero.
     """
     bound = model.bound
     information = information_of(bound, model.phi.mean(axis=0))
@@ -594,7 +606,10 @@ def _drawn_changes(model: AveragedModel, names: Sequence[str]) -> Array:
 
 
 def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVariance) -> SampledSd:
-    """Return prior and posterior standard deviations of the parameters' random draws."""
+    """Return the standard deviations of prior draws and of posterior draws of all parameters.
+
+    For a parameter with a flat prior, the prior standard deviation is infinite.
+    """
     prior_sd = np.full(len(bound.names), np.inf)
     for j, name in enumerate(bound.names):
         if np.isfinite(bound.prior_sd[j]):
@@ -644,11 +659,11 @@ def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
 
 
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Return weights, shape (w,), and values, shape (w, h), of the hyper-parameters φ.
+    """Return weighted values of the hyper-parameters φ: weights (w,) and values (w, h).
 
-    The w values are quadrature nodes that represent p(φ | y), for the readings y and a model in
-    which compliances may be negative. Lengths are in mm; decays and noise factors are pure numbers.
-    For a plan there is one node, the prior median.
+    The w values are quadrature nodes. Together with their weights, they represent p(φ | y), for the
+    readings y and a model in which compliances may be negative. Lengths are in mm; decays and noise
+    factors are pure numbers. For a plan there is one node, the prior median.
     """
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)
@@ -658,10 +673,10 @@ def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
 
 
 def variance_share_removed(information: Information, names: Sequence[str]) -> Array:
-    """Return the share of each parameter's variance that knowing some effects would remove.
+    """Return the share of each parameter's variance that would vanish if some effects were known.
 
-    The variance is that of the posterior. ``names`` are the names of these effects: model terms or
-    single coefficients. The result has the shape (p,) for p parameters.
+    The variance is that of the posterior. ``names`` are the names of the effects: class names of
+    model terms, or names of single coefficients. The result has the shape (p,) for p parameters.
     """
     return np.clip(1.0 - information.variances(names) / information.variances(), 0.0, 1.0)
 
@@ -696,11 +711,12 @@ def judge(
     sources
         All sources of the parameter's variance, the largest share first.
     contraction
-        One minus the ratio of posterior and prior variance; not a number for a flat prior.
+        One minus the posterior variance divided by the prior variance; not a number for a flat
+        prior.
     likeness
-        Squared cosine of the angle between the vectors of parameter errors that two sources cause,
-        by the names of the two sources. Default: all sources act on the same combination of
-        parameters.
+        For each pair of names of assumed sources, the squared cosine of the angle between the
+        vectors of parameter errors that the two sources cause. Default: all sources are taken to
+        act on the same combination of parameters.
     """
     partners = confounding_sources(sources, likeness)
     if partners:
@@ -729,12 +745,12 @@ def judge_parameters(
     sampled_sd
         Prior and posterior standard deviations that the results state. They come from random draws
         in which no compliance is negative, or they are averaged over the hyper-parameters. Default:
-        those of the linear Gaussian model, given the hyper-parameters.
+        the standard deviations of the linear Gaussian model, given the hyper-parameters.
 
     Returns
     -------
     dict of ParameterIdentifiability
-        Verdict by parameter.
+        Verdict on each parameter; the keys are names of parameters.
     """
     if sampled_sd is None:
         sampled_sd = _gaussian_sd(bound, information)
@@ -794,8 +810,9 @@ def _judge_changes(
 ) -> dict[str, ChangeIdentifiability]:
     """Return how well the change of every compliance with force is known.
 
-    ``variance`` holds the variances of all parameters, then of the changes, under each model.
-    ``prior_sd`` are the prior standard deviations of the changes, one for each of ``changes``.
+    The keys are names of compliances. ``variance`` holds the variances of all parameters, then of
+    the changes, under each model. ``prior_sd`` holds one prior standard deviation for each entry of
+    ``changes``.
     """
     entries = {}
     for k, (name, change) in enumerate(changes.items()):
@@ -825,10 +842,11 @@ def _remedies_of(
     parameters: Mapping[str, ParameterIdentifiability],
     changes: Mapping[str, ChangeIdentifiability],
 ) -> dict[str, Remedy | None]:
-    """Return the cheapest remedy for every parameter and every change with force, by name.
+    """Return the cheapest remedy for every parameter and every change of a compliance with force.
 
-    A remedy for a large uncertainty is a change of the plan or a certificate. The names are those
-    of `remedies`. ``tried`` holds the campaign and its uncertainties after each remedy.
+    A remedy for a large uncertainty is a change of the plan or a certificate. The keys are the
+    names that `remedies` uses. ``tried`` holds the campaign, with the uncertainties of its
+    parameters after each remedy.
     """
     entries: list[ParameterIdentifiability | ChangeIdentifiability] = []
     entries += parameters.values()
@@ -839,7 +857,7 @@ def _remedies_of(
 
 
 def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:
-    """Return the shares of sources in the variance of a quantity, by name of the source."""
+    """Return the share of each source in the variance of a quantity; keys are names of sources."""
     return {source.name: source.share for source in sources}
 
 
@@ -855,10 +873,9 @@ def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
 
 
 def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:
-    """Return prior and posterior standard deviations of all parameters without random draws.
+    """Return the parameters' prior and posterior standard deviations in the linear Gaussian model.
 
-    The standard deviations are those of the linear Gaussian model, in which compliances may be
-    negative.
+    In this model, compliances may be negative.
     """
     prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
     posterior_sd = np.sqrt(information.variances()) * information.scale[information.interest]
@@ -876,10 +893,11 @@ def _information_gain(variance_ratio: float) -> float:
 
 
 def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
-    """Return the errors of least-squares estimates of the parameters caused by ignored nuisances.
+    """Return the errors of the parameters' least-squares estimates that ignored nuisances cause.
 
-    Rows are parameters, columns are nuisance coefficients. Each error is that for a nuisance whose
-    size is one prior standard deviation, in internal units (mm, N, rad).
+    Rows are parameters, and columns are nuisance coefficients. Each entry is the error of the
+    parameter's estimate, in internal units (mm, N, rad), if the nuisance coefficient has the size
+    of its prior standard deviation.
     """
     interest = information.interest
     names = np.array(information.names)
@@ -896,9 +914,10 @@ def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
 
 
 def _correlation(information: Information) -> pd.DataFrame:
-    """Return the posterior correlations of parameters and of nuisances that act in several tests.
+    """Return the table of posterior correlations between coefficients.
 
-    Rows and columns of the table are named by these coefficients.
+    The coefficients are the parameters, and the nuisance coefficients that act in several tests.
+    Rows and columns are named after the coefficients.
     """
     covariance = information.covariance()
     names = list(information.names)

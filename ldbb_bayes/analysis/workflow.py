@@ -1,4 +1,4 @@
-"""The checks of a Bayesian workflow for one model and campaign, in one call.
+"""Checks of a Bayesian workflow for one model and one campaign.
 
 The checks are those of Gelman et al., Bayesian Workflow (2020), as far as they apply here:
 
@@ -40,8 +40,8 @@ __all__ = ["LeftOutCircle", "PriorRange", "Workflow", "check_workflow"]
 # Number of circles drawn from the prior. The ranges (largest minus smallest reading) of these
 # circles are compared with the measured ranges.
 _PRIOR_CIRCLES = 2000
-# Probability of the interval in which the prior expects the range (largest minus smallest reading)
-# of a circle.
+# Probability, under the prior, that the range (largest minus smallest reading) of a circle lies in
+# the interval with which the measured range is compared.
 _PRIOR_PROB = 0.95
 # Error allowed in every log evidence [nat].
 _TOLERANCE = 1e-2
@@ -55,25 +55,28 @@ _STACKING_STEPS = 500
 
 @dataclass(frozen=True)
 class PriorRange:
-    """Range (largest minus smallest reading) of one circle, measured and expected by the prior."""
+    """Measured range of one circle (largest minus smallest reading), and the range expected.
+
+    The prior expects a range between ``low_um`` and ``high_um``.
+    """
 
     measured_um: float
     #: lower end of the interval of ranges (largest minus smallest reading) that the prior expects
     low_um: float
     #: upper end of the interval of ranges (largest minus smallest reading) that the prior expects
     high_um: float
-    #: probability, under the prior, of a range at least as large as the measured range, not
-    #: adjusted for the number of circles; a small value means that the prior is too narrow for this
-    #: machine
+    #: probability, under the prior, of a range at least as large as the measured range. It is not
+    #: adjusted for the number of circles. A small value means that the prior is too narrow for this
+    #: machine.
     p_value: float
 
 
 @dataclass(frozen=True)
 class LeftOutCircle:
-    """One circle compared with its prediction from the other circles."""
+    """Comparison of one circle with the prediction from the other circles."""
 
-    #: probability that another circle of the same machine deviates from the prediction at least as
-    #: much as this circle does
+    #: probability that another circle of the same machine would deviate from the prediction at
+    #: least as much as this circle
     p_value: float
     family_wise_p_value: float  #: p-value adjusted for the number of circles (Holm)
     worst_order: int  #: Fourier order in which the circle deviates most
@@ -91,35 +94,40 @@ class Workflow(Result):
     """
 
     campaign: str  #: name of the campaign
-    #: range (largest minus smallest reading) of every circle, by name of the test
+    #: range (largest minus smallest reading) of every circle, measured and expected by the prior;
+    #: the keys are names of tests
     prior_ranges: dict[str, PriorRange]
     prior_prob: float  #: probability of the intervals in ``prior_ranges``
     rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
-    #: smallest effective sample size for the mean of a parameter or hyper-parameter
+    #: effective sample size for the mean (bulk ESS), the smallest of all parameters and
+    #: hyper-parameters
     ess_bulk_min: float
-    #: smallest effective sample size for the 5 % or 95 % quantile of a parameter or hyper-parameter
+    #: effective sample size for the 5 % and the 95 % quantile (tail ESS), the smallest of all
+    #: parameters and hyper-parameters
     ess_tail_min: float
     converged: bool  #: whether the sampler reached its targets for R-hat and effective sample size
     #: sensitivity to the prior (by power-scaling) of the parameters whose sensitivity is above
-    #: 0.05, by name, the most sensitive first
+    #: 0.05, the most sensitive first; the keys are names of parameters
     prior_sensitivity: dict[str, float]
-    #: comparison of every circle with its prediction from the other circles, by name of the test
+    #: comparison of every circle with the prediction from the other circles; the keys are names of
+    #: tests
     left_out: dict[str, LeftOutCircle]
-    #: calibration for machines like this one: ranks of true values among posterior draws, from
-    #: `calibrate_posterior`
+    #: result of `calibrate_posterior`: ranks of true values among posterior draws of simulated
+    #: campaigns, for machines like this one
     calibration: Validation
-    #: weights of the mixture of models that predicts circles left out best, by name of the model
+    #: weights of the mixture of models that predicts circles left out best; the keys are names of
+    #: models
     stacking_weights: dict[str, float]
-    #: expected log predictive density of each model: sum over the tests of the log density of each
-    #: test given the other tests [nat]; the keys are names of models
+    #: expected log predictive density of each model [nat]: the sum, over all tests, of the log
+    #: density of a test's readings given the other tests; the keys are names of models
     elpd: dict[str, float]
 
     @property
     def surprising_circles(self) -> tuple[str, ...]:
-        """Names of circles with a much larger range of readings than the prior expects.
+        """Names of the circles with a much larger range of readings than the prior expects.
 
-        The range is the largest minus the smallest reading. The family-wise p-value of such a
-        circle is below 2 %.
+        The range is the largest minus the smallest reading. For a circle named here, the p-value of
+        the range, adjusted for the number of circles (Holm), is below 2 %.
         """
         names = list(self.prior_ranges)
         p_values = np.array([entry.p_value for entry in self.prior_ranges.values()])
@@ -128,7 +136,7 @@ class Workflow(Result):
 
     @property
     def quiet_circles(self) -> tuple[str, ...]:
-        """Names of the circles with a smaller range of readings than the prior expects.
+        """Names of the circles whose range of readings is below the interval the prior expects.
 
         For these circles, the prior is wider than this machine needs. This is no fault, because the
         prior is meant for all machines.
@@ -152,26 +160,27 @@ class Workflow(Result):
     def uniformity_p_value(self) -> float:
         """p-value of the hypothesis that the p-values of all circles left out are uniform.
 
-        The p-values of the circles depend on one another, which the test takes into account. If no
-        circle is outlying, a small value means that many circles deviate a little more, or a little
-        less, than the other circles predict.
+        The test accounts for the dependence of the circles' p-values on one another. If no circle
+        is outlying, a small result means that many circles deviate a little more than the other
+        circles predict, or that many circles deviate a little less.
         """
         p_values = np.array([circle.p_value for circle in self.left_out.values()])
         return float(uniformity_p_value(p_values))
 
     @property
     def scatter_as_predicted(self) -> bool:
-        """Whether the p-values of all circles left out are uniform (p-value at least 5 %).
+        """Whether ``uniformity_p_value`` is at least 5 %: circles left out scatter as predicted.
 
-        This result is for information only; ``passed`` does not depend on it.
+        This property is for information only; ``passed`` does not depend on it.
         """
         return self.uniformity_p_value >= _UNIFORM
 
     @property
     def passed(self) -> bool:
-        """Whether nothing is found wrong with computation or model.
+        """Whether the checks find no fault of the computation or of the model.
 
-        The result may be true although a parameter depends on its prior, which is no fault.
+        The property may be true although a parameter depends on its prior, because this is no
+        fault.
         """
         nothing_odd = not self.surprising_circles and not self.outlying_circles
         return nothing_odd and self.converged and self.calibration.calibrated
@@ -190,9 +199,9 @@ def check_workflow(
 ) -> Workflow:
     """Return the results of the checks of a Bayesian workflow for one model and campaign.
 
-    The checks are prior prediction, convergence of the sampler, sensitivity to the prior, leaving
-    one circle out, calibration for machines like this one, and stacking of constant and linear
-    compliance.
+    The checks are prior prediction, convergence of the sampler, sensitivity to the prior,
+    prediction of each circle from the other circles, calibration for machines like this one, and
+    stacking of the models with constant and with linear compliance.
 
     Parameters
     ----------
@@ -210,12 +219,13 @@ def check_workflow(
         Executor of ``concurrent.futures`` that runs the calibration in parallel. Default: this
         process runs it. The result does not depend on the executor.
     progress : callable, optional
-        Function called with the number of replicates of the calibration done and their total.
+        Function called with the number of replicates of the calibration that are done, and the
+        number of all replicates.
 
     Returns
     -------
     Workflow
-        Findings of every check.
+        Results of every check.
 
     Raises
     ------
@@ -266,7 +276,10 @@ def check_workflow(
 
 
 def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
-    """Return the model with constant compliance and, if it has slopes, the model itself."""
+    """Return a model with its compliances made constant and, if it has slopes, the model itself.
+
+    Slopes are changes of compliance with force. The keys are the names of the degrees.
+    """
     models = {DEGREE_NAMES[0]: model.with_degree(0)}
     if model.degree > 0:
         models[DEGREE_NAMES[model.degree]] = model
@@ -274,7 +287,10 @@ def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
 
 
 def _prior_ranges(posterior: xr.DataTree, seed: int) -> dict[str, PriorRange]:
-    """Return the range of readings of every circle, and the interval that the prior expects."""
+    """Return the range of readings of every circle, and the interval that the prior expects.
+
+    The keys are names of tests.
+    """
     bound = bound_of(posterior)
     rng = np.random.default_rng(seed)
     ranges = {}
@@ -294,7 +310,10 @@ def _left_out_circles(
     left_out_nodes: Mapping[str, Mapping[str, Nodes]],
     seed: int,
 ) -> dict[str, LeftOutCircle]:
-    """Return the comparison of every circle with its prediction from the other circles, by name."""
+    """Return the comparison of every circle with the prediction from the other circles.
+
+    The keys are names of tests.
+    """
     judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
     circles = {}
     for name, test in judged.items():
@@ -303,12 +322,13 @@ def _left_out_circles(
 
 
 def stacking_weights(log_densities: Mapping[str, Array]) -> dict[str, float]:
-    """Return the weights of the mixture of models that predicts circles left out best, by model.
+    """Return the weights of the mixture of models that predicts circles left out best.
 
-    The weights w_m are not negative, sum to one and maximise Σ_r ln Σ_m w_m p_m(y_r | y_−r) (Yao et
-    al., Bayesian Analysis 13, 2018). ``log_densities`` holds ln p_m(y_r | y_−r) [nat], shape
-    (tests,), for each model m. The weights are found by the steps of the EM algorithm, which raise
-    the sum in every step.
+    The keys are names of models. The weights w_m of the models m are not negative, sum to one and
+    maximise Σ_r ln Σ_m w_m p_m(y_r | y_−r) (Yao et al., Bayesian Analysis 13, 2018), where y_r are
+    the readings of test r and y_−r the readings of the other tests. ``log_densities`` holds
+    ln p_m(y_r | y_−r) [nat], shape (tests,), for each model m. The weights are found by the EM
+    algorithm, which raises the sum in every step.
     """
     names = list(log_densities)
     log_density = np.array([log_densities[name] for name in names])
