@@ -5,8 +5,8 @@ campaign = lb.read_campaign("data/recovered_experiment")
 posterior = lb.sample(lb.HybridModel.default(degree=1), campaign, seed=1)
 print(lb.summarize(posterior))
 
-The model is that of the article "A Novel Elasto-Geometric Model Exploiting Loaded Circular Test on
-a Machine Tool". Docstrings call this article the paper. Numbered equations and tables are those of
+The model comes from the article "A Novel Elasto-Geometric Model Exploiting Loaded Circular Test on
+a Machine Tool". Docstrings call this article the paper; numbers of equations and tables refer to
 the paper.
 """
 

@@ -300,7 +300,7 @@ _REGISTRATIONS: set[Callable[[], object]] = set()
 
 
 def register_when_displayed(register: Callable[[], object]) -> None:
-    """Store a function that defines how results are displayed, to be called later.
+    """Store a function, to be called later, that defines how results are displayed.
 
     ``register`` is called without arguments when a result is displayed and the display of its class
     is not defined yet. Thus a program loads the modules that display results only when it displays

@@ -125,7 +125,8 @@ class Table:
     ) -> Self:
         """Return a table with a caption, the heads of its columns, and its rows of cells.
 
-        All columns hold numbers, except the first and those whose heads are in ``text``.
+        All columns hold numbers, except the first column and the columns whose heads are in
+        ``text``.
         """
         numeric = tuple(position > 0 and head not in text for position, head in enumerate(heads))
         return cls(caption, tuple(heads), numeric, tuple(tuple(row) for row in rows))
@@ -139,9 +140,9 @@ class Table:
 
         If the table is too wide, the heads of its columns are broken into lines. If it is still too
         wide, columns with the same value in every row are stated once below the table. If that is
-        not enough, the cells of further columns are moved to lines beneath their rows: first those
-        of columns with texts, then those of columns with numbers, and finally those of an estimate
-        and its uncertainty.
+        not enough, the cells of further columns are moved to lines beneath their rows: first the
+        cells of columns with texts, then of columns with numbers, and finally of columns with an
+        estimate or its uncertainty.
         """
         return _TextLayout(self, width).text()
 
@@ -260,7 +261,7 @@ class _TextLayout:
         """Return the sort key of a column for the order in which columns are moved beneath rows.
 
         Columns with smaller keys are moved earlier: first columns with texts, then columns with
-        numbers, then those of an estimate and its uncertainty, and last the column of the unit.
+        numbers, then columns with an estimate or its uncertainty, and last the column of the unit.
         ``column`` is the index of the column.
         """
         head = self._heads[column]

@@ -66,8 +66,8 @@ def _display_units() -> dict[str, tuple[float, str]]:
     """Return the display units of all internal units (made of mm, N and rad).
 
     The keys are internal units. Each value is a pair: the factor from the internal unit to the
-    display unit, and the label of the display unit. Linear slopes of a compliance with force are
-    displayed per kN, quadratic slopes per kN².
+    display unit, and the label of the display unit. Coefficients of the change of a compliance with
+    force are displayed per kN (linear) or per kN² (quadratic).
     """
     slopes = {}
     curvatures = {}
@@ -86,7 +86,7 @@ DISPLAY_UNITS = _display_units()
 class _Size(NamedTuple):
     """Size of a unit in mm, N and rad, with its powers of length and force.
 
-    For angles and ratios, both powers are zero; for mm/N, the power of length is 1 and that of
+    For angles and ratios, both powers are zero. For mm/N, the power of length is 1 and the power of
     force is −1.
     """
 
@@ -154,7 +154,8 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
     """Return the quantity that a text states, with its unit, as a number in an internal unit.
 
     In mm/N, "0.5 nm/N" is 5e-7. Any unit of the same kind may be used: nm/N, µm/kN or um/kN for a
-    compliance; nm/N per kN or nm/N/kN for its slope; µrad/(N m) or µrad/N/m for a rotation.
+    compliance; nm/N per kN or nm/N/kN for the change of a compliance with force; µrad/(N m) or
+    µrad/N/m for a rotation.
 
     Parameters
     ----------
@@ -296,7 +297,7 @@ def is_slope(name: str) -> bool:
 
 
 def without_slopes(names: Iterable[str]) -> list[str]:
-    """Return the names of parameters that are not slopes; if all are slopes, return all names."""
+    """Return the names that are not names of slopes (`is_slope`); if all are, return all names."""
     listed = list(names)
     return [name for name in listed if not is_slope(name)] or listed
 

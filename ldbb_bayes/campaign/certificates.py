@@ -145,7 +145,7 @@ class CalibrationCertificate(Shown):
     """Digital calibration certificate (DCC): its identifier and its numbers.
 
     The methods return dictionaries of what the certificate states about a bar, a force device or a
-    ball. The keys are those of ``campaign.toml``. The methods raise an `InputError` if the
+    ball. The keys are the keys of ``campaign.toml``. The methods raise an `InputError` if the
     certificate states nothing about the object.
     """
 
@@ -182,11 +182,11 @@ class CalibrationCertificate(Shown):
     def bar(self, length_mm: float | None = None) -> dict[str, Any]:
         """Return the length error of a bar, its expanded uncertainty, and the certificate's name.
 
-        The keys are those of the table [bar] in campaign.toml: length_error_um [µm], U_um (k = 2)
-        [µm] and certificate. The length error is the amount by which readings are too large. If the
-        certificate states an error of indication, this error is returned unchanged. If it states a
-        deviation from the nominal length, the sign is changed, because a longer bar reads too
-        small. If it states the actual length and the nominal length, the actual length is
+        The keys are named as in the table [bar] of campaign.toml: length_error_um [µm], U_um (k =
+        2) [µm] and certificate. The length error is the amount by which readings are too large. If
+        the certificate states an error of indication, this error is returned unchanged. If it
+        states a deviation from the nominal length, the sign is changed, because a longer bar reads
+        too small. If it states the actual length and the nominal length, the actual length is
         subtracted from the nominal length. If the certificate states several bars, the bar of the
         nominal length ``length_mm`` is used. Raise an `InputError` if no uncertainty is stated, or
         if several errors remain after the choice of the bar.
@@ -302,9 +302,9 @@ class CalibrationCertificate(Shown):
     def ball(self) -> dict[str, Any]:
         """Return a ball's deviation from sphericity [µm] and the name of its certificate.
 
-        The keys are those of campaign.toml: sphericity_um and certificate. The expanded uncertainty
-        (k = 2) of each form deviation is added to this form deviation. The largest of these sums is
-        returned as the deviation from sphericity.
+        The keys are named as in campaign.toml: sphericity_um and certificate. The expanded
+        uncertainty (k = 2) of each form deviation is added to this form deviation. The largest of
+        these sums is returned as the deviation from sphericity.
         """
         largest_bound = 0.0
         quantity = None

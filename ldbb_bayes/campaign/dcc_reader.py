@@ -67,7 +67,7 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
     CalibrationCertificate
         The certificate with its ``identifier`` and its ``quantities``. The method ``fields`` of the
         certificate returns what the certificate states about a ``"bar"``, a ``"force"`` device or a
-        ``"ball"``; the keys are those of ``campaign.toml``.
+        ``"ball"``; the keys are named as in ``campaign.toml``.
 
     Raises
     ------

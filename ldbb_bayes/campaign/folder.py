@@ -73,7 +73,8 @@ def read_campaign(
     Raises
     ------
     InputError
-        For anything that cannot be read; the message names the file, the fault and the remedy.
+        For anything that cannot be read. The message states the file, the fault, and what the user
+        can do.
 
     Examples
     --------

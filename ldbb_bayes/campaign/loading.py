@@ -19,7 +19,7 @@ __all__ = ["ForceLaw", "MountCompensation"]
 class ForceLaw(Shown):
     """Force F of the bar as a function of the regulator's pressure P, F = slope · P + offset.
 
-    The default values are those of the bar in the published experiment (`embedded_campaign`). If a
+    The default values are valid for the bar in the published experiment (`embedded_campaign`). If a
     test states only its force or only its pressure, the missing quantity is computed with the
     campaign's force law.
 

@@ -276,7 +276,7 @@ def _describe_angles(test: CircularTest) -> _Angles:
 class _Readings(NamedTuple):
     """Quantities computed from the readings of a test, with the same names as in `TestPreview`.
 
-    The defaults are those of a planned test, which has no readings.
+    The default values are for a planned test, which has no readings.
     """
 
     resolution_um: float | None = None
@@ -321,7 +321,7 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
 def _remark_on_angles(
     test: CircularTest, campaign: Campaign, angles: _Angles, remarks: _Remarks
 ) -> None:
-    """Add remarks on angles that contradict the direction, leave a gap or cover only an arc."""
+    """Add remarks on angles that contradict the direction, leave a gap, or cover only an arc."""
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
         remarks.add(RemarkKind.TRAVEL, stated=test.direction, travel=angles.travel)
@@ -441,7 +441,8 @@ def _path(
 class _Fit(NamedTuple):
     """Result of a least-squares fit to the readings of a test without its spikes.
 
-    Spikes are readings far from the fitted curve; ``coefficients`` are those of the curve.
+    Spikes are readings far from the fitted curve; ``coefficients`` are the coefficients of the
+    curve.
     """
 
     coefficients: Array

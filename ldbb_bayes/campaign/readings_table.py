@@ -104,7 +104,7 @@ def _single_value(path: Path, test: str, column: str, values: Any) -> str | floa
 
 
 def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
-    """Return the columns of a CSV file as arrays of numbers or of texts; the keys are their names.
+    """Return the columns of a CSV file as arrays of numbers or texts; the keys are column names.
 
     If semicolons or tabs separate the cells and no number contains a point, commas are read as
     decimal marks. ``known`` are the permitted names of columns. Raise an `InputError` for a name
@@ -180,7 +180,7 @@ def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
 
 
 def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
-    """Return the column of angles and the column of readings of a table; the keys are their names.
+    """Return the column of angles and the column of readings of a table; the keys are column names.
 
     ``columns`` are all columns of the table. Raise an `InputError` if a column is missing or given
     in both units, or if the range of the angles contradicts their unit.
@@ -206,8 +206,8 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
     """Return whichever of the two ``names`` is the name of a column of a table.
 
-    ``columns`` holds the columns of the table; the keys are their names. Raise an `InputError` if
-    the table has columns of both names, or no column of these names.
+    ``columns`` holds the columns of the table; the keys are the names of the columns. Raise an
+    `InputError` if the table has columns of both names, or no column of these names.
     """
     present = [name for name in names if name in columns]
     if len(present) != 1:

@@ -284,7 +284,8 @@ def _design_for_goals(
     """Find the cheapest campaign that reaches the goals for uncertainties; print and write it.
 
     ``settings`` are the options of the command ``design``, which include the goals; the keys are
-    their names. The campaign is written as a plan. Exit with code 1 if a goal is not reached.
+    the names of the options. The campaign is written as a plan. Exit with code 1 if a goal is not
+    reached.
     """
     # The import is here and not at the top of the file, because the imported modules load SciPy,
     # which takes a long time.

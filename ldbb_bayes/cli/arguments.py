@@ -46,8 +46,8 @@ __all__ = [
     "model_from",
 ]
 
-# Default deflection of the work ball's mount per pressure [µm/bar]: that of the published
-# experiment.
+# Default deflection of the work ball's mount per pressure [µm/bar], which is the deflection in the
+# published experiment.
 _MOUNT_UM_PER_BAR = 2.33
 # Quantities that the columns of a table of readings can hold.
 _COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
@@ -84,7 +84,7 @@ def campaign_from(path: Path, **options: Any) -> lb.Campaign:
 
 
 def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
-    """Return the campaign or plan that files hold: a campaign, a stored fit, or tables.
+    """Return the campaign or plan that is read from a campaign folder, a stored fit, or tables.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def _read_sheets(text: str, flag: str) -> list[str]:
 
 
 def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
-    """Return the layout, which states how tables are to be read, from a layout file and options.
+    """Return the layout (how tables are to be read) that a layout file and options state together.
 
     ``layout`` is the path of the file; None if there is no file. ``options`` holds values of fields
     of `Layout`; the keys are names of fields. These values take precedence over the file.
@@ -350,8 +350,8 @@ def model_from(
 def _drift_over(covariate: str, model: lb.HybridModel) -> lb.terms.Drift:
     """Return the drift term of a model, with drift proportional to the quantity ``covariate``.
 
-    The quantity is ``time`` or ``temperature``. The other settings of the drift term are those of
-    the model's drift term, or the defaults if the model has no drift term.
+    The quantity is ``time`` or ``temperature``. The other settings are copied from the model's
+    drift term; they are the defaults if the model has no drift term.
     """
     usual = lb.terms.Drift()
     for term in model.nuisances:
@@ -384,8 +384,8 @@ _LAYOUT_OPTIONS = options_of(
     sheets=Kind(str, _read_sheets),
 )
 _LAYOUT_KEYWORDS = [option.to or name for name, option in _LAYOUT_OPTIONS.items()]
-# Options that several commands have; the keys are their names. Each constant below is one of these
-# options.
+# Options that several commands have; the keys are the names of the options. Each constant below is
+# one of these options.
 _SHARED = options_of("shared")
 CI = _SHARED["ci"]
 SEED = _SHARED["seed"]
@@ -396,8 +396,8 @@ JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
 PRIOR_FROM = _SHARED["prior_from"]
 
-# Types of arguments are written as texts. The classes that are the types are then not imported, and
-# the help of a command appears sooner.
+# Types of arguments are written as texts. The classes that the texts name are then not imported,
+# and the help of a command appears sooner.
 CampaignArgument = Annotated[
     Path,
     typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),

@@ -1,4 +1,4 @@
-"""Command ``ldbb-bayes machine``: parameters that circular tests show, and their patterns.
+"""Command ``ldbb-bayes machine``: parameters that circular tests show, and patterns of parameters.
 
 The pattern of a parameter is the change of the reading around the circle per unit of the parameter.
 """
@@ -31,7 +31,7 @@ def write_atlases(machine: lb.Machine, circles: Sequence[lb.machine.Circle], fol
     """Write figures of the patterns of compliances and geometric errors, for every plane.
 
     The pattern of a parameter is the change of the reading around a circle per unit of the
-    parameter. In every plane, the patterns are those for the first of ``circles`` in this plane.
+    parameter. In every plane, the patterns are computed for the first of ``circles`` in this plane.
 
     Parameters
     ----------

@@ -37,7 +37,8 @@ AVERAGED_NAME = "averaged.nc"
 # Files and folders that a report made from readings has in addition to its page and the files of
 # the fit.
 _FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
-# Approximate relative durations of the steps in which a report is made; the keys name the steps.
+# Approximate durations of the steps in which a report is made, relative to each other. The keys are
+# the names of the steps.
 STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
 # Largest numerical error that a report allows in a log evidence [nat]. The command compare allows
 # 0.01, with which the computation takes three to ten times as long.
@@ -89,7 +90,7 @@ def report_files(
         Output of the command ``report``. If it names no folder, the report is written into a folder
         beside the first file.
     settings
-        Options of the report; the keys are their names.
+        Options of the report; the keys are the names of the options.
     model
         Model with compliance linear in force.
     steps
@@ -153,7 +154,8 @@ def report_files(
 def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
     """Raise an `InputError` for options that are valid only for reports made from stored fits.
 
-    ``settings`` are the options; the keys are their names. ``source`` are the files of readings.
+    ``settings`` are the options; the keys are the names of the options. ``source`` are the files of
+    readings.
     """
     for name in ("comparison", "design"):
         require(
@@ -177,7 +179,7 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     settings
-        Options of the report; the keys are their names.
+        Options of the report; the keys are the names of the options.
 
     Returns
     -------
@@ -211,7 +213,7 @@ def _analyse(
         Function that is called with the name of a step when this step of the report begins, so that
         the progress bar shows the name.
     settings
-        Options of the report; the keys are their names.
+        Options of the report; the keys are the names of the options.
     executor
         Executor with a second process, which computes a part of the analyses; None if there is no
         second process.
@@ -254,9 +256,9 @@ def _analyse_for_sheets(
 ) -> tuple[xr.DataTree, _Analyses]:
     """Return a fit of compliance linear in force, and an average over two models.
 
-    The models have constant and linear compliance. The arguments are the same as those of
-    `_analyse`. Models are not compared and no tests are chosen, because these results are shown
-    only in the report's annex, which is not made.
+    The two models have constant and linear compliance. The arguments are the same as in `_analyse`.
+    Models are not compared and no tests are chosen, because these results are shown only in the
+    report's annex, which is not made.
     """
     seed = settings["seed"]
     begin_step("fit")

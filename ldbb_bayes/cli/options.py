@@ -40,7 +40,8 @@ __all__ = [
     "options_of",
 ]
 
-EXIT_MISSED = 1  # exit code if a target of sampling, accuracy or optimality was not reached
+# exit code if a target was not reached: number of draws, accuracy, or proven best design
+EXIT_MISSED = 1
 EXIT_BAD_INPUT = 2  # exit code if options or files cannot be used
 EXIT_INTERRUPTED = 130  # exit code of shells for Ctrl-C: 128 + SIGINT
 # Value for the default of an option; it states that the user must type the option.
@@ -130,7 +131,7 @@ class Option:
 class Group:
     """Options whose values together make one argument of a command, such as the model."""
 
-    options: Mapping[str, Option]  #: options of the group; the keys are their names
+    options: Mapping[str, Option]  #: options of the group; the keys are the names of the options
     make: Callable[..., Any]  #: function that makes the argument from the values of the options
     #: parameter of the command that is not an option; its value is the first argument of ``make``.
     #: None if there is no such parameter.
@@ -150,7 +151,7 @@ class Group:
         """Return the argument that the options of the group make together.
 
         ``typed`` holds the values of all options of the command; the keys are the names of the
-        options. The values of the options of this group are removed from it.
+        options. The values of the options of this group are removed from ``typed``.
         """
         positional = []
         if self.positional is not None:
@@ -175,7 +176,7 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     default
         Value if the user does not type the option. For None, no value is passed on.
     to
-        Keyword argument that gets the value. Default: the option's own name.
+        Keyword argument that gets the value. Default: the name of the option.
     **settings
         Further arguments of `typer.Option`. The argument ``name`` states the flag of the option, if
         the flag does not follow from the name of the option.
@@ -356,7 +357,8 @@ def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
 
 # Kind of an option whose value is a comma-separated list of numbers.
 NUMBERS = Kind(str, numbers_in)
-# Types and kinds of option values; the keys are their names in the file options.toml.
+# Types and kinds of option values. The keys are the names by which the file options.toml calls
+# these types and kinds.
 _KINDS: Mapping[str, Any] = {
     "text": str,
     "integer": int,

@@ -35,8 +35,8 @@ def _progress_bar(
     """Show a progress bar on stderr, and yield the function that updates the bar.
 
     Yield None if no bar is shown, because ``quiet`` is true or stderr is not a terminal.
-    ``state_of`` is a function. It converts the arguments with which the bar is updated to the
-    completed share and a text beside the bar. ``title`` is shown in front of the bar.
+    ``state_of`` is a function that takes the arguments of an update, and returns the completed
+    share and the text beside the bar. ``title`` is shown in front of the bar.
     """
     if quiet or not sys.stderr.isatty():
         yield None
@@ -128,8 +128,8 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
         the present step, the number of things done in this step, and the total number of things in
         this step (both 0 if unknown). If None, no progress is reported.
     **weights
-        Approximate relative durations of the steps, in the order of the steps. The keys are the
-        names of the steps.
+        Approximate durations of the steps, relative to each other, in the order of the steps. The
+        keys are the names of the steps.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
         weight_before[name] = sum(weights[step] for step in weight_before)
 
     def begin(step: str) -> Tell | None:
-        """Report that a step begins, and return the function that reports its progress."""
+        """Report that a step begins, and return the function that reports the step's progress."""
         if update is None:
             return None
 
@@ -166,8 +166,8 @@ def step_progress(quiet: bool, **weights: float) -> Iterator[Begin]:
     quiet
         Whether to show no bar.
     **weights
-        Approximate relative durations of the steps; the keys are the names of the steps. See
-        `steps_of`.
+        Approximate durations of the steps, relative to each other; the keys are the names of the
+        steps. See `steps_of`.
 
     Yields
     ------

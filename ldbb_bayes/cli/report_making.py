@@ -55,7 +55,7 @@ def make_report(
     output
         Output of the command.
     settings
-        Options of the report; the keys are their names.
+        Options of the report; the keys are the names of the options.
     model
         Model with compliance linear in force.
     figures
@@ -122,7 +122,7 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
     """Write a report from stored fits, and return it.
 
     The report is written into the folder that the user chose; by default, this is the folder of the
-    first fit. ``settings`` are the options of the report; the keys are their names.
+    first fit. ``settings`` are the options of the report; the keys are the names of the options.
     """
     source.refuse_table_options()
     paths = source.paths

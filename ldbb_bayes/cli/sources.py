@@ -142,7 +142,7 @@ class ReportSource:
 
     @property
     def is_result(self) -> bool:
-        """Whether the first path is that of a stored fit."""
+        """Whether the first path belongs to a stored fit."""
         first = self.paths[0]
         return first.suffix == ".nc" or (first.is_dir() and (first / "posterior.nc").exists())
 

@@ -44,7 +44,7 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
     Returns
     -------
     dict
-        The values; the keys are their names.
+        The keys are the names, and the values are the texts after the equals signs.
 
     Raises
     ------

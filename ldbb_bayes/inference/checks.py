@@ -317,11 +317,11 @@ def check_predictions(
 ) -> dict[str, TestChecks]:
     """Return posterior predictive p-values of every test; the keys are the names of the tests.
 
-    Each p-value compares the readings of a test with those of a new circle that the posterior
-    predicts. ``phi``, shape (draws, h), holds posterior draws of the hyper-parameters (scales of
-    the noise and of other effects). ``beta``, shape (draws, p), holds posterior draws of the
-    parameters (compliances, their changes with force, geometric errors). At most 500 of the draws
-    are used. ``bound`` is the model, applied to its campaign.
+    Each p-value compares the readings of a test with the readings of a new circle that are
+    predicted from the posterior. ``phi``, shape (draws, h), holds posterior draws of the
+    hyper-parameters (scales of the noise and of other effects). ``beta``, shape (draws, p), holds
+    posterior draws of the parameters (compliances, their changes with force, geometric errors). At
+    most 500 of the draws are used. ``bound`` is the model, applied to its campaign.
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)
@@ -431,13 +431,13 @@ def average_checks(
 def autocorrelation(test: CircularTest) -> tuple[float, float]:
     """Return the lag-one autocorrelation of a test's residuals and the p-value of that correlation.
 
-    The residuals are those of the readings, in order of angle, after a fit of the Fourier orders 0
-    to 12. The p-value is two-sided, under the hypothesis of white noise. For n readings of white
-    noise the autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. The matrix
-    M, shape (n, n), removes the Fourier orders 0 to 12 from the readings; S, shape (n, n), shifts
-    the readings by one reading. If a test has more than 100 000 readings, only the first 100 000 in
-    order of angle are used. If the residuals are rounding errors only, the autocorrelation is 0 and
-    its p-value is 1.
+    The residuals are what remains of the readings, in order of angle, after a fit of the Fourier
+    orders 0 to 12. The p-value is two-sided, under the hypothesis of white noise. For n readings of
+    white noise the autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. The
+    matrix M, shape (n, n), removes the Fourier orders 0 to 12 from the readings; S, shape (n, n),
+    shifts the readings by one reading. If a test has more than 100 000 readings, only the first 100
+    000 in order of angle are used. If the residuals are rounding errors only, the autocorrelation
+    is 0 and its p-value is 1.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]

@@ -13,7 +13,7 @@ noise factors λ_1 … λ_R of the measured circles gives the probabilities
 A value of a is drawn with these probabilities, and λ² of the new circle is then drawn from
 InvGamma(a, a). The model and its posterior are not changed.
 
-The draws of λ are those of a posterior that assumes a = 3/2. If there are few circles, the readings
+The draws of λ come from a posterior that assumes a = 3/2. If there are few circles, the readings
 determine each λ poorly. The probabilities of a then favour 3/2, and bands are wider than necessary:
 by about a tenth if the circles scatter alike (studies/92_peers).
 """

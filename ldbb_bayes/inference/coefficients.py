@@ -225,7 +225,7 @@ def elastic_draws_with(
     Shared nuisances are effects that are modelled but not of interest and that several tests have
     in common. ``shared``, shape (draws, q), are the coefficients of these nuisances. These
     coefficients are not used if the model has no term `JointLoad` (joints that yield to their own
-    load). The other arguments are those of `elastic_draws`.
+    load). The other arguments are the same as in `elastic_draws`.
     """
     bound = draws.bound
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])
@@ -340,7 +340,7 @@ def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generat
 def private_terms(bound: BoundModel, phi: Array, r: int) -> Iterator[PrivateTerm]:
     """Yield the effects that act on one test only: force error, set-up shift, discrepancy.
 
-    The set-up shift is that of the circle's zero and centre; the discrepancy consists of the
+    The set-up shift is a shift of the circle's zero and centre; the discrepancy consists of the
     unexplained deviations of the orders 2 to 12. r is the index of the test. ``phi``, shape (draws,
     h), holds draws of the hyper-parameters, which are the scales of these and other effects.
     ``bound`` is the model, applied to its campaign.

@@ -60,9 +60,9 @@ class Diagnostics(NamedTuple):
 def diagnose(chain: Array) -> Diagnostics:
     """Return effective sample sizes and rank-normalised split R-hat of d parameters.
 
-    ``chain`` holds random draws, shape (chains, draws, d). The diagnostics are those of Vehtari et
-    al. 2021. The effective sample size for the tails is the smaller of the effective sample sizes
-    for the quantiles at 5 % and at 95 %.
+    ``chain`` holds random draws, shape (chains, draws, d). The diagnostics are defined by Vehtari
+    et al. 2021. The effective sample size for the tails is the smaller of the effective sample
+    sizes for the quantiles at 5 % and at 95 %.
     """
     from arviz_stats.base import array_stats
 

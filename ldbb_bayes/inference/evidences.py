@@ -92,7 +92,7 @@ class Evidences(Shown):
         self._posteriors: dict[str, HyperPosterior] = {}
 
     def of_campaign(self, campaign: Campaign) -> Evidences:
-        """Return this object if its readings are those of the given campaign.
+        """Return this object if it holds evidences for the readings of the given campaign.
 
         Raise an `InputError` if the readings of the campaign differ from those of this object.
         """

@@ -81,12 +81,12 @@ def importance_sample(
     f divided by the proposal. The proposal of the first round is fitted to f along directions
     through every mode. The proposal of a later round is fitted to the points of all rounds before.
     If the weights of a round are even enough, its number of points is doubled. The integral
-    returned is that of the earliest round that reaches the tolerance with weights that can be
-    trusted. The first round is never returned. If no round reaches the tolerance, the round with
-    the smallest error is returned; ``trusted`` of the result states whether the weights of the
-    round can be trusted. If they cannot be trusted, the rounds are repeated with other seeds,
-    because a round may miss a tail of f by chance. If no seed gives weights that can be trusted,
-    the result of the first seed is returned.
+    returned is from the earliest round that reaches the tolerance with weights that can be trusted.
+    The first round is never returned. If no round reaches the tolerance, the round with the
+    smallest error is returned; ``trusted`` of the result states whether the weights of the round
+    can be trusted. If they cannot be trusted, the rounds are repeated with other seeds, because a
+    round may miss a tail of f by chance. If no seed gives weights that can be trusted, the result
+    of the first seed is returned.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def _best_of_rounds(
 
     The best round is the round with the smallest error. Rounds with weights that cannot be trusted
     are considered only if there are no other rounds. The first round only serves to fit the
-    proposal (the density drawn from) and is never returned. The arguments are those of
+    proposal (the density drawn from) and is never returned. The arguments are the same as in
     `importance_sample`.
     """
     rng = np.random.default_rng(seed)

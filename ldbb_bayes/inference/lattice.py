@@ -132,7 +132,7 @@ def _lattice(
 
     The columns of ``cell``, shape (h, h), are the steps of a grid along its h directions.
     ``coarser_difference`` is the difference between ln ∫ f from the two grids before the step was
-    last shortened [nat], or zero. The other arguments are those of `_grow_grid`.
+    last shortened [nat], or zero. The other arguments are the same as in `_grow_grid`.
     """
     grids = [
         _grow_grid(log_density, centre, cell, starts, offset, depth, max_nodes)

@@ -3,8 +3,8 @@
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the
 hyper-parameters, the scales of the noise and of other effects. Given φ and the readings, β is
 Gaussian with a mean m and a covariance V. The marginal density of a parameter is therefore a
-mixture of Gaussians, one for every draw of φ. The quantiles of the mixture scatter less from seed
-to seed than those of the draws of β themselves (Rao-Blackwell theorem).
+mixture of Gaussians, one for every draw of φ. From seed to seed, the quantiles of the mixture
+scatter less than the quantiles of the draws of β (Rao-Blackwell theorem).
 
 If truncation is active, β is restricted to A β ≥ 0, where the elements of A β are the compliances
 that must not be negative. Parameter j is then no longer Gaussian. But each draw of β can be moved

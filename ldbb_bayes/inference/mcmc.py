@@ -366,7 +366,7 @@ def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Arra
     ``blocks`` hold the stored draws of d coordinates, in order of time; later blocks store fewer of
     their steps. The share ``discard`` of ``rule`` is discarded from the start of the run as
     burn-in. In the result, the draws of one walker follow each other. The number of steps from one
-    draw to the next is that of the last block, or larger if there are very many draws.
+    draw to the next is the same as in the last block, or larger if there are very many draws.
     """
     steps_between_draws = blocks[-1].thin
     evenly_spaced = []

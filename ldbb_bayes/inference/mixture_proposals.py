@@ -341,11 +341,10 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
 def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array) -> Array:
     """Return better scales of split Student-t distributions, shape (2, h), after a few steps.
 
-    The steps are those of expectation-maximisation. They start from ``scale``, shape (2, h). The
-    degrees of freedom stay at ``freedom``, shape (2, h). ``square``, shape (n, h), holds the
-    squared distances of n points from the coordinate at which the two sides meet. ``side_weights``,
-    shape (2, n, h), holds the weights of the points on the lower and on the upper side, zero for
-    points on the other side.
+    The expectation-maximisation steps start from ``scale``, shape (2, h). The degrees of freedom
+    stay at ``freedom``, shape (2, h). ``square``, shape (n, h), holds the squared distances of n
+    points from the coordinate at which the two sides meet. ``side_weights``, shape (2, n, h), holds
+    the weights of the points on the lower and on the upper side, zero for points on the other side.
     """
     for _ in range(_EM_STEPS):
         pull = (freedom[:, None] + 1.0) / (freedom[:, None] + square / scale[:, None] ** 2)

@@ -115,9 +115,9 @@ _SPARE = 1e-7
 # Quantiles of parameters are computed from a mixture of this number of Gaussians. Each Gaussian
 # belongs to one value of the hyper-parameters.
 _COMPONENTS = 8192
-# Quantiles of parameters are those of a mixture of Gaussians. ``_LEAST_SD_SHARE`` is the smallest
-# standard deviation of a Gaussian, as a share of the standard deviation of the means of all
-# Gaussians. Narrower Gaussians are widened to this limit.
+# Quantiles of parameters are computed from a mixture of Gaussians. ``_LEAST_SD_SHARE`` is the
+# smallest standard deviation of a Gaussian, as a share of the standard deviation of the means of
+# all Gaussians. Narrower Gaussians are widened to this limit.
 _LEAST_SD_SHARE = 1e-6
 
 
@@ -167,10 +167,10 @@ class HyperPosterior:
     def modes(self) -> list[tuple[Array, Array]]:
         """Modes (maxima) of the density, at most three, the highest first.
 
-        The density is that of the h hyper-parameters in normal scores, coordinates in which most of
-        the priors are standard normal (`normal_scores`). Negligible modes are left out. Each mode
-        is a pair: the scores, shape (h,), and a square root, shape (h, h), of the inverse of minus
-        the Hessian of the log density there.
+        The density is taken in normal scores of the h hyper-parameters, coordinates in which most
+        of the priors are standard normal (`normal_scores`). Negligible modes are left out. Each
+        mode is a pair: the scores, shape (h,), and a square root, shape (h, h), of the inverse of
+        minus the Hessian of the log density there.
         """
         summits: list[Array] = []
 
@@ -199,9 +199,9 @@ class HyperPosterior:
     def mode(self) -> Array:
         """The highest maximum of the density, in unbounded coordinates of φ, shape (h,).
 
-        φ are the h hyper-parameters (scales of the noise and of other effects). The maximum is that
-        of the density in normal scores, coordinates in which most of the priors are standard
-        normal.
+        φ are the h hyper-parameters (scales of the noise and of other effects). The maximum is
+        found in normal scores, coordinates in which most of the priors are standard normal; it is
+        then converted to unbounded coordinates.
         """
         return self._scores.free(self.modes[0][0])
 
@@ -269,8 +269,8 @@ class HyperPosterior:
         """Return the integral of the smooth posterior density, computed once for each tolerance.
 
         If the posterior density contains the probability that no compliance is negative, the smooth
-        density contains an upper bound of this probability instead. The tolerance is that of the
-        log integral [nat].
+        density contains an upper bound of this probability instead. ``tolerance`` is the error
+        allowed in the log integral [nat].
         """
         if tolerance not in self._integrals:
             self._integrals[tolerance] = self._integrate(tolerance)
@@ -444,9 +444,9 @@ class HyperPosterior:
     def coarse_truncated(self) -> Integral:
         """Coarse nodes of the posterior density: values of the hyper-parameters with exact weights.
 
-        The values are those of `coarse`. If the posterior density contains the probability that no
-        compliance is negative (``truncated``), the weights contain the probability itself, not its
-        upper bound.
+        The values are the same as in `coarse`. If the posterior density contains the probability
+        that no compliance is negative (``truncated``), the weights contain the probability itself,
+        not its upper bound.
         """
         return self._replace_bound(self.coarse)
 
@@ -456,7 +456,7 @@ class HyperPosterior:
 
         If the posterior density contains the probability that no compliance is negative
         (``truncated``), the weights contain the probability itself, not its upper bound. Otherwise
-        the weights are those of `proposal`.
+        the weights are the same as in `proposal`.
         """
         return self._replace_bound(self.proposal)
 
@@ -543,12 +543,12 @@ class HyperPosterior:
     def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
         """Return gradient, shape (h,), and Hessian, (h, h), of the smooth log density at a point.
 
-        The log density is that of the posterior of the hyper-parameters. If it contains the
-        probability that no compliance is negative, the smooth log density contains an upper bound
-        of this probability instead. The noise factors of two circles, which are hyper-parameters,
-        hardly depend on each other. Unless ``exact`` is True, mixed second derivatives with respect
-        to two noise factors are not computed, so that the work grows in proportion to the number of
-        circles.
+        The log density is the log posterior density of the hyper-parameters. If this density
+        contains the probability that no compliance is negative, the smooth log density contains an
+        upper bound of the probability instead. The noise factors of two circles, which are
+        hyper-parameters, hardly depend on each other. Unless ``exact`` is True, mixed second
+        derivatives with respect to two noise factors are not computed, so that the work grows in
+        proportion to the number of circles.
         """
         of_circle = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)
@@ -752,11 +752,11 @@ class Nodes:
     def quantiles(self, levels: Array, *, seed: int, components: int = _COMPONENTS) -> Array:
         """Return posterior quantiles of the p parameters at n probabilities, shape (n, p).
 
-        ``levels``, shape (n,), holds the probabilities. The quantiles are those of a mixture of
-        Gaussians: the densities of a parameter given each of ``components`` values of the
-        hyper-parameters, which are picked from the nodes in proportion to the weights. If
-        compliances must not be negative, this condition restricts the parameters along some
-        directions. The coordinates of the parameters along these directions are then drawn at
+        ``levels``, shape (n,), holds the probabilities. The quantiles are computed from a mixture
+        of Gaussians. Each Gaussian is the density of a parameter given one of ``components`` values
+        of the hyper-parameters; these values are picked from the nodes in proportion to the
+        weights. If compliances must not be negative, this condition restricts the parameters along
+        some directions. The coordinates of the parameters along these directions are then drawn at
         random with the given ``seed``, and each Gaussian is also conditional on the drawn
         coordinates.
         """

@@ -140,9 +140,9 @@ class NodesWithoutTest:
     def _with_prior_of_noise_factor(self, integral: Integral, factor: GaussianFactor) -> Integral:
         """Return the integral with a noise factor that is drawn from its prior at every node.
 
-        The nodes are values of the hyper-parameters. The noise factor is that of the test left out;
-        ``factor`` is the Gaussian density that replaced the prior of the noise factor. The weights
-        of the nodes and the integral do not change.
+        The nodes are values of the hyper-parameters. The noise factor belongs to the test that is
+        left out; ``factor`` is the Gaussian density that replaced the prior of the noise factor.
+        The weights of the nodes and the integral do not change.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))

@@ -43,11 +43,11 @@ class NormalScores:
     """Transformation between normal scores and unbounded coordinates of h hyper-parameters.
 
     The normal score of a hyper-parameter φ is a coordinate in which its prior is standard normal.
-    Unbounded coordinates, here called free, are those of `HyperPrior`, mostly ln(φ − lower bound).
-    Hyper-parameters that are lengths or decays (powers by which form error falls with its order)
-    have normal priors that are restricted to an interval from a to b; for lengths b is infinite.
-    These hyper-parameters are transformed to their normal scores. The logarithms of noise factors
-    of circles are used unchanged as scores. Arrays of points have the shape (..., h).
+    Unbounded coordinates, here called free, are defined by `HyperPrior`; most of them are ln(φ −
+    lower bound). Hyper-parameters that are lengths or decays (powers by which form error falls with
+    its order) have normal priors that are restricted to an interval from a to b; for lengths b is
+    infinite. These hyper-parameters are transformed to their normal scores. The logarithms of noise
+    factors of circles are used unchanged as scores. Arrays of points have the shape (..., h).
     """
 
     prior: HyperPrior

@@ -28,7 +28,7 @@ _FINEST_TOLERANCE = 1e-3
 
 
 class RelatedModels:
-    """Nodes of models whose hyper-parameters are those of a given model.
+    """Nodes of models that have the same hyper-parameters as a given model.
 
     Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other effects)
     that represent their posterior. All models use the same values of φ, but each model has its own

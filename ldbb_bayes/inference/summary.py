@@ -183,9 +183,10 @@ def _entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
     """Return prior standard deviations and prior means; the keys are the names of the parameters.
 
-    Standard deviations are those of parameters and hyper-parameters, before compliances are
-    restricted to values that are not negative; the standard deviation of a parameter with a flat
-    prior is None. Means are given only for parameters with a proper prior. Units are mm, N and rad.
+    There is a standard deviation for every parameter and hyper-parameter. For compliances, it is
+    the standard deviation before compliances are restricted to values that are not negative; for a
+    parameter with a flat prior, it is None. There is a mean only for parameters with a proper
+    prior. Units are mm, N and rad.
     """
     model = record_of(posterior)["model"]
     return model["prior_sd"], model["prior_mean"]
