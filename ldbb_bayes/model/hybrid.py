@@ -655,8 +655,11 @@ class BoundModel(Shown):
     the readings per unit of each parameter, and ε white noise. Nuisances are effects that are
     modelled but not of interest.
 
-    Parameters ---------- model : model for any campaign. campaign : campaign or plan. keep_tests :
-    names of the tests to use; by default all. The reference force F0, the range of forces,
+    Parameters
+    ----------
+    model : model for any campaign.
+    campaign : campaign or plan.
+    keep_tests : names of the tests to use; by default all. The reference force F0, the force range,
         the region of physical compliances and the estimate Ĉ of the compliances are always computed
         from the whole campaign. Whether the model has one form error for both balls or one for each
         ball also depends on the whole campaign.
