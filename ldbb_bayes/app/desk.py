@@ -59,7 +59,7 @@ class Desk:
             Result of the function, or ``{"refused": message}``.
         """
         if self._waiting >= MOST_WAITING:
-            return {"refused": session.word("busy")}
+            return session.refusal("busy")
         self._waiting += 1
         call = partial(worker.answer, work, str(session.folder), *arguments)
         try:
@@ -67,13 +67,13 @@ class Desk:
                 return await self._answer(call, session)
         except Exception as error:  # noqa: BLE001, the page shows any error
             message = f"{type(error).__name__}: {error}"
-            return {"refused": session.word("unexpected", error=message[:_LONGEST_MESSAGE])}
+            return session.refusal("unexpected", error=message[:_LONGEST_MESSAGE])
         finally:
             self._waiting -= 1
 
     async def _answer(self, call: Callable[[], dict[str, Any]], session: Session) -> dict[str, Any]:
         if not session.folder.exists():
-            return {"refused": session.word("died")}
+            return session.refusal("died")
         for _ in range(_ATTEMPTS):
             with suppress(WorkerDiedError):
                 await asyncio.wait([asyncio.wrap_future(self._ready)])
@@ -84,7 +84,7 @@ class Desk:
                     await asyncio.to_thread(self.stop)
                     self._begin()
                     break
-        return {"refused": session.word("died")}
+        return session.refusal("died")
 
     def stop(self) -> None:
         """End the process that answers requests, even while it computes an answer."""

@@ -96,7 +96,7 @@ class House:
             return
         for session in abandoned:
             session.stop()
-            session.outcome = {"refused": session.word("gave_way")}
+            session.outcome = session.refusal("gave_way")
 
     async def fit(self, session: Session) -> None:
         """Write the report of a session (one browser tab) in a separate process.
@@ -115,9 +115,12 @@ class House:
                 (job / CHOICES_NAME).write_text(choices, encoding="utf-8")
                 session.process = await _start_fit(job)
                 await session.process.wait()
-            session.outcome = {"refused": session.word("fit_died")}
+            session.outcome = session.refusal("fit_died")
             with suppress(OSError, ValueError):
                 session.outcome = json.loads((job / OUTCOME_NAME).read_text(encoding="utf-8"))
+            if "unexpected" in session.outcome:
+                error = session.outcome["unexpected"]
+                session.outcome = session.refusal("unexpected", error=error)
             if "refused" not in session.outcome:
                 shutil.rmtree(session.folder / RESULT, ignore_errors=True)
                 (job / RESULT).rename(session.folder / RESULT)
@@ -125,7 +128,7 @@ class House:
                 session.asked = {}
         except OSError as error:
             reason = error.strerror or "a file could not be copied"
-            session.outcome = {"refused": session.word("unexpected", error=reason)}
+            session.outcome = session.refusal("unexpected", error=reason)
         finally:
             kill_process(session.process)
             session.process = None

@@ -27,6 +27,7 @@ from ldbb_bayes.app.session import Session
 from ldbb_bayes.app.templates import LANGUAGES, LARGEST_FILE, MOST_FILES
 from ldbb_bayes.app.understanding import understand
 from ldbb_bayes.app.worth import effects_of_certificates
+from ldbb_bayes.report.message_translation import in_language
 
 __all__ = ["ROUTES", "Answer", "file_name", "refused"]
 
@@ -322,7 +323,8 @@ async def _send_result(house: House, session: Session, request: Request) -> Resp
 async def _send_plan(house: House, session: Session, name: str) -> Response:
     planned = await house.desk.ask(plan, session, session.asked)
     if "refused" in planned:
-        return refused(planned["refused"], 422)
+        message = str(planned["refused"])
+        return refused(in_language(message, session.language) or message, 422)
     if name == "plan.html":
         sheet = house.templates.show("operator.html.j2", session.language, found=planned)
         return HTMLResponse(sheet)

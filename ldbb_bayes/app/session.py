@@ -155,6 +155,13 @@ class Session:
         """
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
+    def refusal(self, key: str, **values: object) -> dict[str, Any]:
+        """Return a refusal in the language of the session, as the templates show it.
+
+        ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
+        """
+        return {"refused": self.word(key, **values), "is_in_words_of_page": True}
+
     def said(self) -> dict[str, str]:
         """Return the texts that the user typed, and the language of the report.
 

@@ -13,6 +13,7 @@ import jinja2
 
 from ldbb_bayes.app.fields import FIELDS
 from ldbb_bayes.files import LARGEST_TABLE_BYTES
+from ldbb_bayes.report.message_translation import in_language
 
 __all__ = ["LANGUAGES", "LARGEST_FILE", "MOST_FILES", "PAGES", "Templates", "words_of_page"]
 
@@ -50,15 +51,18 @@ def _with_decimal_mark(context: jinja2.runtime.Context, value: object) -> str:
 
 
 @jinja2.pass_context
-def _translate_phrases(context: jinja2.runtime.Context, text: str) -> str:
-    """Return a message about imported files, with known phrases translated.
+def _in_language_of_page(context: jinja2.runtime.Context, message: str) -> str | None:
+    """Return a message in the language of the page; None if it exists only in English.
 
-    The phrases are translated into the language of the page. ``context`` holds the values with
-    which the template is filled.
+    Names of the session's files, of its campaign and of its tests are not translated. ``context``
+    holds the values with which the template is filled.
     """
-    for pattern, translation in context["w"]["phrases"].items():
-        text = re.sub(pattern, translation, text)
-    return text
+    names: list[str] = []
+    if "session" in context:
+        names += context["session"].held
+    if "found" in context:
+        names += context["found"].get("names", ())
+    return in_language(message, context["language"], names)
 
 
 class Templates:
@@ -71,7 +75,7 @@ class Templates:
             undefined=jinja2.StrictUndefined,
         )
         self._environment.filters["number"] = _with_decimal_mark
-        self._environment.filters["phrase"] = _translate_phrases
+        self._environment.filters["in_language"] = _in_language_of_page
 
     def show(self, name: str, language: str, **values: Any) -> str:
         """Return the page, or a section of it, as HTML.

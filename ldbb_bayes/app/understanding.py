@@ -18,6 +18,7 @@ from ldbb_bayes.app.fields import FIELDS, FILES, read_files
 from ldbb_bayes.errors import InputError, plain_reason
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.report import wording
+from ldbb_bayes.report.message_translation import is_own_text
 from ldbb_bayes.units import two_digits
 
 __all__ = ["refusal", "understand"]
@@ -100,6 +101,7 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
         assumptions = imported.assumptions
     return {
         "name": campaign.name,
+        "names": [campaign.name, *(test.name for test in campaign.tests)],
         "topology": campaign.topology,
         "planes": campaign.machine().plane,
         "tests": _test_rows(preview, traces),
@@ -210,6 +212,7 @@ def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
         "because": _without_folder(str(assumption.because), folder),
         "fields": [field.name for field in FIELDS.values() if field.flag in flags],
         "option": assumption.option,
+        "is_own_text": is_own_text(assumption.what),
     }
 
 

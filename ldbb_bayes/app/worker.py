@@ -73,8 +73,8 @@ def main() -> None:
     try:
         outcome = answer(_report, str(job), choices)
     except Exception as error:  # noqa: BLE001, the page shows any error
-        message = f"unexpected {type(error).__name__}: {error}"
-        outcome = {"refused": message[:_LONGEST_MESSAGE]}
+        message = f"{type(error).__name__}: {error}"
+        outcome = {"unexpected": message[:_LONGEST_MESSAGE]}
     write_whole(job / OUTCOME_NAME, json.dumps(outcome).encode())
 
 

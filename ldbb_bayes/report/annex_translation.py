@@ -5,8 +5,9 @@ texts of the annex are first made in English, in the same words that the termina
 HTML page is made, each English text is looked up in the catalogue and replaced by its translation,
 as the program gettext does. A key of the catalogue may have placeholders in braces, such as
 ``{a}``. A placeholder stands for any text, and this text is also translated. A placeholder whose
-name begins with ``n`` stands only for numbers. The program never reads results from sentences, so a
-translation changes only the text that is shown.
+name begins with ``n`` stands only for numbers. A placeholder whose name begins with ``r`` stands
+for text that is kept as it is, such as the text of a file. The program never reads results from
+sentences, so a translation changes only the text that is shown.
 """
 
 from __future__ import annotations
@@ -27,14 +28,14 @@ from ldbb_bayes.report.sections import Details, Part, Section
 from ldbb_bayes.report.translation import Words
 from ldbb_bayes.results import Table
 
-__all__ = ["AnnexTranslation", "annex_translation", "has_english"]
+__all__ = ["AnnexTranslation", "Catalogue", "annex_translation", "catalogue_of", "has_english"]
 
 _TEMPLATES = files("ldbb_bayes.report") / "templates"
 _PLACE = re.compile(r"\\\{(\w+)\\\}")
 _NUMBER = r"[-+−±]?[\d.,eE−+<>≥≤ /\[\]…%°-]*\d[\d.,]*"
 # Regular expression for a number with decimals, such as 1.5. It does not match a part of a date or
 # of a version number, such as ``0.3`` in ``0.3.0``.
-_DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?![\d.])")
+_DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?!\d|\.\d)")
 _SENTENCE_ENDS = re.compile(r"(?<=[.?!]) (?=[A-Z('{]|u[: ]|ln |\d+ %)")
 # Separators of the items of a list, in the order in which they are tried. The longest items come
 # from the first separator.
@@ -90,6 +91,14 @@ class _Phrase(NamedTuple):
     size: int
 
 
+class Catalogue(NamedTuple):
+    """Translations of English texts into one language."""
+
+    entries: Mapping[str, str]  #: The translations; the keys are English texts.
+    #: Keys with placeholders; those with the most characters outside their placeholders come first.
+    phrases: tuple[_Phrase, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class AnnexTranslation:
     """Translation of the texts of a report's annex into one language.
@@ -99,7 +108,7 @@ class AnnexTranslation:
     words
         Texts of the certificate's sheets in the same language.
     catalogue
-        The translations; the keys are English texts.
+        The translations of English texts.
     kept
         Texts that are not translated: names of campaigns and tests.
     missing
@@ -108,7 +117,7 @@ class AnnexTranslation:
     """
 
     words: Words
-    catalogue: Mapping[str, str]
+    catalogue: Catalogue
     kept: frozenset[str] = frozenset()
     missing: set[str] = field(default_factory=set)
     _known: dict[str, str | None] = field(default_factory=dict)
@@ -178,35 +187,59 @@ class AnnexTranslation:
         return self._known[text]
 
     def _found(self, text: str) -> str | None:
-        if text in self.kept or not has_english(text):
+        if text in self.kept:
             return text
+        if not has_english(text):
+            pieces = [self.catalogue.entries.get(piece, piece) for piece in text.split(": ")]
+            return ": ".join(pieces)
         known = self._looked_up(text)
         if known is not None:
             return known
         for joint in self._joints(text):
-            pieces = [self._of(piece) for piece in joint.pieces]
-            if None not in pieces:
-                return joint.word.join(map(str, pieces))
-        return None
+            translations = [self._of(piece) for piece in joint.pieces]
+            if None not in translations:
+                return joint.word.join(map(str, translations))
+        return self._matched(text, of_sentences=True)
 
     def _looked_up(self, text: str) -> str | None:
         """Return the translation of a text if the whole text matches a key of the catalogue.
 
-        The key may have placeholders. Return None if no key matches.
+        The key may have placeholders, each for a part of a sentence. Return None if no key matches.
         """
-        if text in self.catalogue:
-            return self.catalogue[text]
-        lower = self.catalogue.get(text[:1].lower() + text[1:])
+        entries = self.catalogue.entries
+        if text in entries:
+            return entries[text]
+        lower = entries.get(text[:1].lower() + text[1:])
         if lower is not None:
             return lower[:1].upper() + lower[1:]
-        for phrase in _phrases(self.words.language):
+        return self._matched(text)
+
+    def _matched(self, text: str, *, of_sentences: bool = False) -> str | None:
+        """Return the translation of a text that matches a key with placeholders as a whole.
+
+        ``of_sentences`` is whether a placeholder may also stand for several sentences. Return None
+        if no key matches.
+        """
+        for phrase in self.catalogue.phrases:
             match = phrase.pattern.fullmatch(text)
             if match is None:
                 continue
-            places = {name: self._of(value) for name, value in match.groupdict().items()}
+            values = match.groupdict()
+            if not of_sentences and any(map(_SENTENCE_ENDS.search, values.values())):
+                continue
+            places = {name: self._of_place(name, value) for name, value in values.items()}
             if None not in places.values():
                 return phrase.translation.format(**places)
         return None
+
+    def _of_place(self, name: str, value: str) -> str | None:
+        """Return the translation of what a placeholder of a given name stands for.
+
+        Return None if the catalogue lacks a part of it.
+        """
+        if not name.startswith("r"):
+            return self._of(value)
+        return None if _SENTENCE_ENDS.search(value) else value
 
     def _joints(self, text: str) -> Iterator[_Joint]:
         """Yield every way to split a text into pieces that can be translated separately.
@@ -219,7 +252,7 @@ class AnnexTranslation:
             yield _Joint(sentences, " ")
         for joint in _JOINTS:
             if joint in text:
-                word = self.catalogue.get(joint.strip(), joint.strip())
+                word = self.catalogue.entries.get(joint.strip(), joint.strip())
                 yield _Joint(text.split(joint), joint.replace(joint.strip(), word))
 
     def _numbers(self, text: str) -> str:
@@ -229,31 +262,37 @@ class AnnexTranslation:
 
 
 @cache
-def _catalogue(language: str) -> Mapping[str, str]:
-    source = _TEMPLATES / f"annex_{language}.toml"
-    tables = tomllib.loads(source.read_text(encoding="utf-8"))
-    entries: dict[str, str] = {}
-    for table in tables.values():
-        entries |= table
-    return entries
+def catalogue_of(language: str, *names: str) -> Catalogue | None:
+    """Return the translations of English texts into a language.
 
+    Parameters
+    ----------
+    language
+        Code of the language, such as ``de``.
+    *names
+        Names of the catalogues, such as ``annex`` for the file templates/annex_de.toml. The
+        translations of later catalogues take precedence.
 
-@cache
-def _phrases(language: str) -> tuple[_Phrase, ...]:
-    """Return the keys of a catalogue that have placeholders, with their translations.
-
-    ``language`` is the code of the catalogue's language. The keys with the most characters outside
-    their placeholders come first.
+    Returns
+    -------
+    Catalogue or None
+        None if the language has no such catalogues.
     """
-    phrases = []
-    for key, translation in _catalogue(language).items():
-        if "{" not in key:
-            continue
-        fixed = re.escape(key)
-        pattern = _PLACE.sub(_group, fixed)
-        size = len(_PLACE.sub("", fixed))
-        phrases.append(_Phrase(re.compile(pattern, re.DOTALL), translation, size))
-    return tuple(sorted(phrases, key=lambda phrase: -phrase.size))
+    entries: dict[str, str] = {}
+    for name in names:
+        source = _TEMPLATES / f"{name}_{language}.toml"
+        if not source.is_file():
+            return None
+        for table in tomllib.loads(source.read_text(encoding="utf-8")).values():
+            entries |= table
+    phrases = [_phrase(key, entries[key]) for key in entries if "{" in key]
+    return Catalogue(entries, tuple(sorted(phrases, key=lambda phrase: -phrase.size)))
+
+
+def _phrase(key: str, translation: str) -> _Phrase:
+    fixed = re.escape(key)
+    pattern = re.compile(_PLACE.sub(_group, fixed), re.DOTALL)
+    return _Phrase(pattern, translation, len(_PLACE.sub("", fixed)))
 
 
 def _group(match: re.Match[str]) -> str:
@@ -289,6 +328,7 @@ def annex_translation(words: Words, kept: frozenset[str]) -> AnnexTranslation | 
         None if the language has no catalogue for the annex. English has no catalogue, because the
         texts of the annex are made in English.
     """
-    if not (_TEMPLATES / f"annex_{words.language}.toml").is_file():
+    catalogue = catalogue_of(words.language, "annex")
+    if catalogue is None:
         return None
-    return AnnexTranslation(words, _catalogue(words.language), kept)
+    return AnnexTranslation(words, catalogue, kept)

@@ -141,9 +141,54 @@ def test_order_and_drift_are_stated_on_the_page(tab: Tab) -> None:
     tab.ask("POST", "say", {"order": "", "no_drift": "yes"})
     tab.ask("POST", "say", {"language": "de"})
     page = tab.ask("GET", "part/understood")[1]
-    assert "Nothing drifts from test to test (stated)." in page
+    assert "Von Messung zu Messung driftet nichts (angegeben)." in page
     assert "Drift von Messung zu Messung" in page
     assert re.search('value="yes" selected>keine', page)
+
+
+# Entries that cannot be used, and words of the message that says so.
+UNUSABLE: list[tuple[dict[str, str], str]] = [
+    ({"radius_mm": "wide"}, "--radius-mm must be a number"),
+    ({"force_U_percent": "1000"}, "--force-U-percent must be at least 1e-06 and at most 100"),
+    (
+        {"mount_um_per_bar": "nan"},
+        "--mount-um-per-bar must be at least 0 and at most 1000, got nan",
+    ),
+    ({"force_N": "9999"}, "Choose one within what was tested"),
+    ({"balls": "G7"}, "must be one of G3, G5"),
+    ({"tolerance": "C_XXX"}, "--tolerance must be"),
+    ({"bar_U_um": "1e9", "forces_N": "36;364;742", "operator": "A"}, "bar_U_um"),
+    ({"unit": "furlong"}, "furlong"),
+    ({"angle_column": "Foo"}, "Foo"),
+    ({"bar_dcc": "../../job.json"}, "--bar-dcc must be a file that was added"),
+    ({"forces_N": "1,2"}, "must hold one number for each test"),
+    ({"bar_U_um": "1e9"}, "bar_U_um must be less than or equal to 1000, got 1000000000"),
+    ({"angle_U_deg": "400"}, "at most 10,"),
+    ({"radius_mm": "1,000"}, "without marks between thousands"),
+    ({"radius_mm": "1.000"}, "without marks between thousands"),
+]
+
+
+def test_a_german_page_shows_no_english_note(tab: Tab) -> None:
+    tab.holding(*sorted(RECOVERED.glob("f*.csv")))
+    tab.ask("POST", "say", {"language": "de"})
+    assert 'lang="en"' not in tab.ask("GET", "part/understood")[1]
+
+
+@pytest.mark.parametrize("statements", [statements for statements, _ in UNUSABLE])
+def test_a_german_page_shows_no_english_refusal(tab: Tab, statements: dict[str, str]) -> None:
+    tab.holding(RECOVERED / "f036.csv", RECOVERED / "f742.csv", RECOVERED / "f364.csv")
+    tab.ask("POST", "say", {"language": "de"})
+    tab.ask("POST", "say", statements)
+    page = tab.ask("GET", "part/understood")[1]
+    assert 'role="alert"' in page
+    assert 'lang="en"' not in page
+
+
+def test_a_message_without_german_words_is_announced_and_marked_as_english() -> None:
+    found = {"refused": "something quite new"}
+    shown = templates.Templates().show("forecast.html.j2", "de", found=found)
+    assert 'nur auf Englisch: <span lang="en">something quite new</span>' in shown
 
 
 @pytest.mark.slow
@@ -184,29 +229,7 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
         assert words in page
 
 
-@pytest.mark.parametrize(
-    ("statements", "message"),
-    [
-        ({"radius_mm": "wide"}, "--radius-mm must be a number"),
-        ({"force_U_percent": "1000"}, "--force-U-percent must be at least 1e-06 and at most 100"),
-        (
-            {"mount_um_per_bar": "nan"},
-            "--mount-um-per-bar must be at least 0 and at most 1000, got nan",
-        ),
-        ({"force_N": "9999"}, "Choose one within what was tested"),
-        ({"balls": "G7"}, "must be one of G3, G5"),
-        ({"tolerance": "C_XXX"}, "--tolerance must be"),
-        ({"bar_U_um": "1e9", "forces_N": "36;364;742", "operator": "A"}, "bar_U_um"),
-        ({"unit": "furlong"}, "furlong"),
-        ({"angle_column": "Foo"}, "Foo"),
-        ({"bar_dcc": "../../job.json"}, "--bar-dcc must be a file that was added"),
-        ({"forces_N": "1,2"}, "must hold one number for each test"),
-        ({"bar_U_um": "1e9"}, "bar_U_um must be less than or equal to 1000, got 1000000000"),
-        ({"angle_U_deg": "400"}, "at most 10,"),
-        ({"radius_mm": "1,000"}, "without marks between thousands"),
-        ({"radius_mm": "1.000"}, "without marks between thousands"),
-    ],
-)
+@pytest.mark.parametrize(("statements", "message"), UNUSABLE)
 def test_what_cannot_be_is_refused_with_the_cure(
     tab: Tab, statements: dict[str, str], message: str
 ) -> None:

@@ -1,0 +1,136 @@
+"""Translation of messages: notes on files that were read, remarks, and reasons for a refusal.
+
+The messages are made in English where files are read and checked. To show a message in another
+language, its text is looked up in the catalogues templates/messages_<language>.toml and
+templates/annex_<language>.toml. Texts in quotation marks come from files, and are not translated.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from ldbb_bayes.report.annex_translation import AnnexTranslation, catalogue_of
+from ldbb_bayes.report.translation import words_of
+
+__all__ = ["OwnWords", "in_language", "is_own_text"]
+
+# Parts of a message that are the same in every language: text in quotation marks as Python writes
+# it, and names of files such as campaign.toml.
+_QUOTED = r"'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\""
+_SAME = rf"{_QUOTED}|\b\w+\.toml\b"
+# First and last of the characters that stand for such a part while a message is translated. Unicode
+# assigns no meaning to these characters.
+_FIRST_MARK = 0xE000
+_LAST_MARK = 0xF8FF
+
+# Subjects of notes whose values are texts of files, such as the name of the operator.
+_OWN_TEXTS = frozenset(
+    (
+        "[[test]] not used",
+        "ball_bar",
+        "columns not used",
+        "encoding",
+        "force_device",
+        "machine_id",
+        "machine_type",
+        "name of the test",
+        "operator",
+        "place",
+        "serial_number",
+    )
+)
+
+
+def is_own_text(subject: str) -> bool:
+    """Return whether the value of a note on a subject is the text of a file.
+
+    ``subject`` is what the note is about, such as "operator". Such a value is not translated.
+    """
+    return subject in _OWN_TEXTS
+
+
+@dataclass
+class OwnWords:
+    """Parts of a message that are not translated, and the characters that stand for them.
+
+    Parameters
+    ----------
+    names
+        Names of files, which are not translated wherever they stand in the message.
+    """
+
+    names: Iterable[str] = ()
+    _parts: list[str] = field(default_factory=list)
+
+    def hide(self, message: str) -> str:
+        """Return the message with each of these parts replaced by a character that stands for it.
+
+        Parameters
+        ----------
+        message
+            The message.
+
+        Returns
+        -------
+        str
+        """
+        longest_first = sorted(self.names, key=len, reverse=True)
+        names = [rf"(?<!\w){re.escape(name)}(?!\w)" for name in longest_first if "." in name]
+        return re.sub("|".join([*names, _SAME]), self._mark, message)
+
+    def show(self, message: str) -> str:
+        """Return a message in which the parts stand again instead of the characters.
+
+        Parameters
+        ----------
+        message
+            The message that `hide` returned, or its translation.
+
+        Returns
+        -------
+        str
+        """
+        for k, text in enumerate(self._parts):
+            message = message.replace(chr(_FIRST_MARK + k), text)
+        return message
+
+    def _mark(self, match: re.Match[str]) -> str:
+        mark = _FIRST_MARK + len(self._parts)
+        if mark > _LAST_MARK:
+            return match[0]
+        self._parts.append(match[0])
+        return chr(mark)
+
+
+def in_language(message: str, language: str, names: Iterable[str] = ()) -> str | None:
+    """Return a message in another language.
+
+    Parameters
+    ----------
+    message
+        The message in English.
+    language
+        Code of the language, such as ``de``.
+    names
+        Names of files, tests and campaigns, which are not translated.
+
+    Returns
+    -------
+    str or None
+        None if the catalogues lack a part of the message. A message in a language without
+        catalogues, such as English, is returned as it is.
+    """
+    catalogue = catalogue_of(language, "annex", "messages")
+    if catalogue is None:
+        return message
+    kept = frozenset(names)
+    own_words = OwnWords(kept)
+    # Some texts of the annex have quotation marks of their own: try these as they are.
+    for text in (own_words.hide(message), message):
+        translation = AnnexTranslation(words_of(language), catalogue, kept)
+        translated = translation.text(text)
+        if not translation.missing:
+            return own_words.show(translated)
+    return None
