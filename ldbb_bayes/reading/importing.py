@@ -1,4 +1,6 @@
-"""Import of foreign files as a campaign; values that the files lack are assumed and noted.
+"""Import of foreign files as a campaign.
+
+Values that the files do not state are assumed, and each assumption is noted.
 
 Foreign files are tables in any format that this package did not write, such as spreadsheets and
 exports of instruments.
@@ -88,12 +90,12 @@ class Imported(Result):
     schema: int = field(default=1, init=False)  #: version of the JSON format
     #: imported campaign; in JSON only its name, number of tests and number of readings
     campaign: Annotated[Campaign, PlainSerializer(_campaign_in_json)]
-    #: layout of the files: with it they can be read again without assumptions about their format
+    #: layout with which the files can be read again without assumptions about their format
     layout: Annotated[Layout, PlainSerializer(_layout_in_json)]
     #: assumptions that were made, each with the command-line option that changes it
     assumptions: tuple[Assumption, ...]
-    #: names of the campaign's fields that neither the files nor the user state; they have their
-    #: usual values
+    #: names of the fields of the campaign that neither the files nor the user state; these fields
+    #: have their usual values
     unsaid: tuple[str, ...]
 
 
@@ -105,9 +107,9 @@ def import_campaign(
 ) -> Imported:
     """Return a campaign from tables in files of any kind.
 
-    A file, or a sheet of a workbook, holds one test or several. If there are several, a column
-    names the test of each row, or each test has its own column of readings. What the layout does
-    not state is determined from the files and noted.
+    A file, or a sheet of a workbook, holds one or several tests. If it holds several tests, either
+    a column names the test of each row, or there is one column of readings for each test. What the
+    layout does not state is determined from the files and noted.
 
     Parameters
     ----------
@@ -115,20 +117,21 @@ def import_campaign(
         CSV or other text files, and workbooks (XLSX, XLS, ODS); names may be patterns with ``*``
         and ``?``.
     layout : Layout, optional
-        How the tables are to be read; None to determine it from the files.
+        Layout with which the tables are to be read. If None, the layout is determined from the
+        files.
     **campaign : object
-        Fields of `Campaign`, which replace what the files state (``radius_mm=150``,
-        ``plane="XY"``, …).
+        Values for fields of `Campaign`, such as ``radius_mm=150`` or ``plane="XY"``. They replace
+        what the files state.
 
     Returns
     -------
     Imported
-        The campaign, the layout with which its files can be read again, and all assumptions.
+        The campaign, the layout with which the files can be read again, and all assumptions.
 
     Raises
     ------
     InputError
-        For files that cannot be read; the message names the file, the line and the remedy.
+        If a file cannot be read. The message names the file and the line, and says what to do.
 
     Examples
     --------
@@ -178,10 +181,10 @@ def import_campaign(
 
 
 def _not_understood_of(recording: Recording) -> dict[str, str]:
-    """Return a dict with notes on lines and names that may state what a test was measured with.
+    """Return a dict with notes on lines and names that are not understood.
 
-    They may concern the radius, the direction or the deflection of the mount. The keys are fields.
-    Only lines and names that are not understood are noted.
+    These lines and names may state the radius of the test, the direction, or whether the readings
+    are compensated for the deflection of the mount. The keys are the names of these fields.
     """
     lines_above = recording.heading.lines_above
     notes = {}
@@ -199,9 +202,9 @@ def _not_understood_of(recording: Recording) -> dict[str, str]:
 def _select_tables(
     paths: Iterable[Path], matched: set[Path], layout: Layout, log: AssumptionLog
 ) -> SheetSelection:
-    """Return the sheets of all files, divided into those with and without a table of readings.
+    """Return the sheets of all files: the sheets with a table of readings, and the other sheets.
 
-    ``matched`` are the files that were found by a pattern with ``*`` or ``?``; these files need not
+    ``matched`` are the files that were found by a pattern with ``*`` or ``?``. These files need not
     have a table.
     """
     sheets = []
@@ -232,10 +235,10 @@ def _split_into_tests(
 
 
 def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, list[float]]:
-    """Return the lists of forces and pressures in the layout, which hold one number for each test.
+    """Return the lists in the layout that state a force or a pressure for each test.
 
     The keys of the result are ``force_N`` and ``pressure_bar``. A key is left out if the layout has
-    no list for it. Raise an `InputError` for a list of another length.
+    no list for it. Raise an `InputError` if a list does not have one number for each test.
     """
     loads = {}
     for key, field_name in LOAD_LISTS.items():
@@ -256,9 +259,9 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
     """Set the fields of a test, such as force, radius and direction, from all sources.
 
-    ``loads`` holds the force or pressure of this test from the lists of forces and pressures in the
-    layout. If it is not empty, it replaces the force and pressure that an entry [[test]] of the
-    layout states for this test.
+    ``loads`` holds the force or pressure of this test, taken from the lists in the layout. If
+    ``loads`` is not empty, it replaces the force and pressure that an entry [[test]] of the layout
+    states for this test.
     """
     if loads:
         for key in LOAD_ROLES:
@@ -277,10 +280,10 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
 
 
 def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
-    """Raise an error for a line that states a force law, or about the mount, and is not read.
+    """Raise an error for a line that states a force law, and for an unclear line about the mount.
 
-    Nothing is raised about what an option states. ``campaign`` are the fields of the campaign that
-    options state.
+    No error is raised for a force law if an option states the force law, nor for the mount if an
+    option states the mount. ``campaign`` are the fields of the campaign that options state.
     """
     for recording in recordings:
         for lines in (recording.heading.lines_above, recording.lines_of_all_tests):
@@ -324,8 +327,8 @@ def _measured_arc(recording: Recording) -> MeasuredArc:
 def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
     """Return the circular tests of the arcs, in the order given.
 
-    If a test is one of several in its sheet and an earlier test has the same name, the name of the
-    sheet is put in front of the name of the test.
+    If a sheet holds several tests and an earlier test has the same name as one of them, the name of
+    the sheet is put in front of the name of this test.
     """
     tests: list[CircularTest] = []
     for arc in arcs:
@@ -356,7 +359,7 @@ def _check_names_differ(tests: Sequence[CircularTest], paths: Sequence[Path]) ->
 def _note_unused_entries(
     recordings: Iterable[Recording], layout: Layout, log: AssumptionLog
 ) -> None:
-    """Add to the log every entry [[test]] of the layout whose ``file`` names no test.
+    """Add a note to the log for every entry [[test]] of the layout whose ``file`` names no test.
 
     An entry [[test]] states fields of one test, such as its force.
     """
@@ -370,10 +373,10 @@ def _note_unused_entries(
 
 
 def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
-    """Add to the log that forces and pressures in sheets without a table are not used.
+    """Add a note to the log for each force or pressure in a sheet without a table; it is not used.
 
-    ``lines`` are the lines of these sheets outside lists of tests. Nothing says to which test the
-    forces and pressures in these lines belong.
+    ``lines`` are the lines of these sheets that are not part of a list of tests. Nothing shows to
+    which test a force or pressure in these lines belongs.
     """
     for key, statements in statements_in(lines).items():
         if key not in LOAD_ROLES:
@@ -387,7 +390,7 @@ def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
 
 
 def _campaign_name(paths: Sequence[Path]) -> str:
-    """Return a name for the campaign: the name of its only file, or of the folder of its files."""
+    """Return a name for the campaign: that of the only file, or of the folder with the files."""
     if len(paths) == 1:
         return paths[0].stem
     return paths[0].resolve().parent.name or "campaign"

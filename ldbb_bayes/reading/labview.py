@@ -10,23 +10,23 @@ __all__ = ["is_labview", "rows_of_labview"]
 
 _FIRST_WORDS = "LabVIEW Measurement"
 _END = "***End_of_Header***"
-# Labels of the header's lines that state something about the test. Only lines with one of these
-# labels are kept.
+# Labels of lines in the header that state something about the test. All other lines of the header
+# are left out.
 _KEPT_LABELS = ("Operator", "Date", "Time", "Description", "Project")
 
 
 def is_labview(text: str) -> bool:
-    """Return whether the text of a file is that of a LabVIEW file."""
+    """Return whether a text is the content of a text file of LabVIEW."""
     return text.startswith(_FIRST_WORDS)
 
 
 def rows_of_labview(rows: Sequence[Row]) -> list[Row]:
     """Return the rows of a LabVIEW file as a plain table with units in its header.
 
-    The first column has the unit s if ``X_Dimension`` of the file's header is ``Time``; the units
-    of the other columns are those of ``Y_Unit_Label``. If the file has no column of times
-    (``X_Columns`` is ``No``), the times are computed from ``X0`` and ``Delta_X``. Rows of a file
-    with another structure are returned unchanged.
+    The first column has the unit s if ``X_Dimension`` in the header of the file is ``Time``. The
+    units of the other columns are the units that ``Y_Unit_Label`` lists. If the file has no column
+    of times (``X_Columns`` is ``No``), the times are computed from ``X0`` and ``Delta_X``. Rows of
+    a file with another structure are returned unchanged.
 
     Parameters
     ----------
@@ -56,11 +56,13 @@ def _has_no_times(labels: dict[str, list[str]]) -> bool:
 
 
 def _time_of(number: int, labels: dict[str, list[str]]) -> str:
-    """Return the time of a row as text, from the first time and the step that the header states.
+    """Return the time of a row as text.
 
-    The text has the decimal mark of the step. The text is empty if the first time or the step is
-    not a number. ``number`` is the number of the row from 0, and ``labels`` holds the cells of the
-    header by their labels.
+    The time is computed from the first time and the time step that the header states.
+
+    The text has the same decimal mark as the step. The text is empty if the first time or the step
+    is not a number. ``number`` is the number of the row, counted from 0. ``labels`` holds the cells
+    of each line in the header; the keys are the labels of the lines.
     """
     start = labels.get("X0", ["0"])[0]
     step = labels.get("Delta_X", [""])[0]
@@ -73,7 +75,7 @@ def _time_of(number: int, labels: dict[str, list[str]]) -> str:
 
 
 def _names_with_units(names: Sequence[str], labels: dict[str, list[str]]) -> list[str]:
-    """Return the names of the columns, each with its unit from the file's header in brackets."""
+    """Return the names of the columns, each followed by the unit in brackets."""
     dimensions = labels.get("X_Dimension", [""])
     units = labels.get("Y_Unit_Label", [])
     named = []

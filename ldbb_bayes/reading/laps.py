@@ -15,8 +15,8 @@ __all__ = ["TURN_DEG", "angles_from_time", "average_laps", "direction_of_travel"
 
 TURN_DEG = 360.0
 # Largest angle by which a test may run against its direction of travel [deg]. Overshoot and scatter
-# of the angles are much smaller than this; a test that runs back over its circle exceeds this
-# angle.
+# of the angles are much smaller than this value. If the bar runs back over the circle, the angle is
+# larger.
 _LARGEST_RETREAT_DEG = 120.0
 
 
@@ -29,12 +29,13 @@ def angles_from_time(
     overshoot_deg: float,
     sense: int,
 ) -> Array:
-    """Return the angle of every reading of a test whose table has times instead of angles.
+    """Return the angle of every reading, computed from the times of the readings.
 
-    The machine is assumed to move along the circle of radius R at the constant feed F, and to
-    accelerate only in the run-in before the circle and the run-out after it. The angle at time t is
-    then θ(t) = start + sense · (F (t − t0) / R − overshoot), with t0 the time of the first reading.
-    The angles continue beyond 360°.
+    The function is used for a test whose table has times instead of angles. The machine is assumed
+    to move along the circle of radius R at the constant feed F, and to accelerate or decelerate
+    only in the run-in before the circle and in the run-out after the circle. The angle at time t is
+    then θ(t) = start + sense · (F (t − t0) / R − overshoot), where t0 is the time of the first
+    reading. The angles continue beyond 360°.
 
     Parameters
     ----------
@@ -72,12 +73,12 @@ def angles_from_time(
 
 
 def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[np.bool_]:
-    """Return whether each reading of a test is on the circle, not in the run-in or run-out.
+    """Return, for each reading of a test, whether it is on the circle.
 
-    The machine accelerates in the run-in before the circle, and decelerates in the run-out after
-    it. The circle begins at its start angle and covers whole turns; the last reading of a turn may
-    be missing. If the readings end before one turn is complete, all readings after the start are on
-    the circle.
+    All other readings are in the run-in before the circle, where the machine accelerates, or in the
+    run-out after the circle, where the machine decelerates. The circle begins at ``start_deg`` and
+    covers whole turns; the last reading of a turn may be missing. If the readings end before one
+    turn is complete, all readings after the start are on the circle.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 
 
 def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
-    """Return the readings of a test averaged over its whole laps, with the angles of the first lap.
+    """Return the readings of a test averaged over whole laps, and the angles of the first lap.
 
     A lap is one turn of the bar. Readings of later laps are interpolated at the angles of the first
     lap. Readings after the last whole lap are left out. Of successive readings at the same angle,
@@ -120,8 +121,8 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        If the angles change direction anywhere, even by a little, or cover fewer than two whole
-        laps. Successive equal angles are no change of direction.
+        If the angles change direction anywhere, even by a little, or if they cover fewer than two
+        whole laps. Equal successive angles do not count as a change of direction.
     """
     is_new_angle = np.concatenate([[True], np.diff(angle_deg) != 0.0])
     angle_deg = angle_deg[is_new_angle]
@@ -159,7 +160,8 @@ def direction_of_travel(angle_deg: Array) -> str | None:
     Raises
     ------
     InputError
-        For angles that run more than 120° in both directions; they belong to two tests.
+        If the angles run more than 120° clockwise and also more than 120° counter-clockwise. The
+        readings then belong to two tests.
     """
     largest_rise = float(np.max(angle_deg - np.minimum.accumulate(angle_deg)))
     largest_fall = float(np.max(np.maximum.accumulate(angle_deg) - angle_deg))

@@ -27,17 +27,18 @@ __all__ = ["Layout", "TestLayout", "layout_to_toml", "read_layout"]
 # Characters that separate cells; the keys are the names that options and layouts may use for these
 # characters.
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
-# Fields of the layout that list the forces or pressures of all tests, each with the corresponding
-# field of a single test.
+# Fields of the layout that list the forces or pressures of all tests. The value of each entry is
+# the corresponding field of a single test.
 _LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
 
 
 @validated_dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
 class TestLayout(TestFields):
-    """Fields of one test that the user states in the layout because the test's table does not.
+    """Fields of one test that the user states in the layout.
 
-    ``file`` identifies the test: it is the name of its file or sheet, or its label in the column
-    that names tests.
+    The user states fields here that the table of the test does not state. ``file`` identifies the
+    test by the name of its file, by the name of its sheet, or by its label in the column that names
+    tests.
     """
 
     file: str  #: name of the test's file or sheet, or its label in the column that names tests
@@ -91,16 +92,16 @@ def _separator_sign(separator: str) -> str:
     return _SEPARATORS[separator]
 
 
-# Type of a field that states a column, by the header of the column or by its number from 1. For
-# readings, the field may be a list of several columns.
+# Type of a field that states a column. The column is given by its header or by its number, counted
+# from 1. For readings, the field may be a list of several columns.
 _Column = str | int | list[str | int]
 
 
 class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     """Layout of tables that are to be imported as a campaign.
 
-    A field that is None or empty is determined from each file, and the result is noted. The roles
-    of columns are angle, reading, time, force, pressure, test (the name of the test) and direction.
+    The value of a field that is None or empty is determined from each file and noted. The roles of
+    columns are angle, reading, time, force, pressure, test (the name of the test) and direction.
 
     Raises
     ------
@@ -122,13 +123,13 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: separator of cells in text files: comma, semicolon, tab, bar, space, or the character itself
     separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
     decimal: Literal[".", ","] | None = None  #: decimal sign, point or comma
-    #: line number of the header in the file; 0 for tables without a header, whose columns are
-    #: stated by their numbers from 1
+    #: line number of the header in the file; 0 for a table without a header (its columns are then
+    #: stated by their numbers from 1)
     header_line: int | None = Field(default=None, ge=0)
     #: names of the sheets to read from workbooks; empty for all sheets with a table of readings
     sheets: list[str] = Field(default_factory=list)
-    #: header, or number from 1, of the column that has each role, such as angle; if several columns
-    #: of readings are listed, each is a separate test
+    #: the column that has each role, such as angle, given by its header or by its number from 1; if
+    #: several columns of readings are listed, each of them is a separate test
     columns: dict[str, _Column] = Field(default_factory=dict)
     #: forces of all tests, in the order of files, sheets and rows; they replace the forces that
     #: entries [[test]] of the layout state
@@ -136,8 +137,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: pressures of all tests, in the order of files, sheets and rows; they replace the pressures
     #: that entries [[test]] of the layout state
     pressures_bar: list[Number] = Field(default_factory=list)
-    #: unit of the readings, such as um or mm; for readings in counts, the size of one count, such
-    #: as 0.1 um
+    #: unit of the readings, such as um or mm; if the readings are counts of an instrument, the size
+    #: of one count, such as 0.1 um
     reading_unit: str | None = None
     angle_unit: str | None = None  #: unit of the angles, such as deg or rad
     time_unit: str | None = None  #: unit of times, such as s or ms
@@ -147,16 +148,16 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     zero: Literal["deviation", "distance"] | None = None
     #: whether readings measure the radius or the diameter; readings of the diameter are halved
     measured: Literal["radius", "diameter"] | None = None
-    #: sign of readings: −1 if a longer bar gives a smaller reading, else 1; None to use what the
-    #: file says in words
+    #: sign of readings: −1 if a longer bar gives a smaller reading, else 1; None to take the sign
+    #: from the words in the file
     sign: Literal[1, -1] | None = None
-    #: sign of angles: −1 if the file counts angles clockwise, else 1; None to use what the file
-    #: says in words
+    #: sign of angles: −1 if the file counts angles clockwise, else 1; None to take the sign from
+    #: the words in the file
     angle_sign: Literal[1, -1] | None = None
     #: angle in the file at which the bar is along the first axis of the plane [deg]; this angle is
     #: subtracted from all angles
     angle_offset_deg: float | None = None
-    #: axis at which the file's angles begin, such as +Y
+    #: axis at which the angles in the file begin, such as +Y
     angle_zero: Annotated[str, AfterValidator(_axis_with_sign)] | None = None
     #: sense in which the file counts angles, CW or CCW
     angle_sense: Annotated[str, AfterValidator(_sense_in_capitals)] | None = None
@@ -173,7 +174,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     direction: Annotated[str, AfterValidator(_sense_in_capitals)] | None = None
     #: whether the laps (turns) of a test with several laps are kept or averaged
     laps: Literal["keep", "average"] | None = None
-    #: fields of single tests that their tables do not state; each entry names its test by ``file``
+    #: fields of single tests that the tables do not state; ``file`` in each entry names the test
     test: list[TestLayout] = Field(default_factory=list)
 
     @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
@@ -211,10 +212,11 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     def with_given(self, options: dict[str, Any]) -> Layout:
         """Return the layout with its fields replaced by the given command-line options.
 
-        The keys of ``options`` are names of fields; a value of None changes nothing. Each entry
-        [[test]] of the layout states fields of one test. A field that an option states for all
-        tests, such as the direction, is removed from these entries. If an option lists forces or
-        pressures, it replaces all forces and pressures of the layout and of its entries.
+        The keys of ``options`` are names of fields; an option with the value None changes nothing.
+        Each entry [[test]] of the layout states fields of one test. A field that an option states
+        for all tests, such as the direction, is removed from these entries. An option that lists
+        forces or pressures replaces all forces and pressures that the layout and its entries
+        [[test]] state.
         """
         stated = {key: value for key, value in options.items() if value is not None}
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()
@@ -257,8 +259,8 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Raises
     ------
     InputError
-        For a file that is not TOML, and for an unknown field or impossible value; the message names
-        the place of the error.
+        If the file is not TOML, or if it has an unknown field or an impossible value. The message
+        names the place of the error.
 
     Examples
     --------

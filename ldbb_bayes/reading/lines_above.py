@@ -50,14 +50,14 @@ Lines = Sequence[tuple[int | str, str]]
 
 @dataclass(frozen=True)
 class LineStatement:
-    """Value of a field of a test or campaign, as one line above a table states it."""
+    """Statement of one line above a table: the value of a field of a test or campaign."""
 
     #: stated value, in the unit with which the name of the field ends; NaN for a number that can be
     #: read in two ways, such as 1,000
     value: Any
     unit: str  #: unit of the value as the line writes it; empty if the line states none
-    #: number of the line in its file; if the line is on another sheet than the test, a text with
-    #: the number and the sheet
+    #: number of the line in the file; if the line is in another sheet than the test, a text with
+    #: the number of the line and the name of the sheet
     line: int | str
     #: reason why the number is NaN; empty if the reason is only that a comma or point in the number
     #: may separate thousands
@@ -78,8 +78,8 @@ class _Quantity(NamedTuple):
 def _expand_parts() -> dict[str, str]:
     """Return a dict with the parts of regular expressions in ``words.toml``; its keys are names.
 
-    If a part contains the name of an earlier part, the name is replaced by that part's regular
-    expression.
+    If a part contains the name of an earlier part, this name is replaced by the regular expression
+    of the earlier part.
     """
     expanded: dict[str, str] = {}
     for name, pattern in WORDS["parts"].items():
@@ -122,9 +122,9 @@ _UNIT_BEFORE = (
 _TOLERANCE = rf"\.?(?:\s?(?:±|\+/?[-−])\s?{NUMBER_IN_TEXT})?"
 # Regular expression for the word that follows a number, in the same cell or in the next cell.
 _FOLLOWING = _TOLERANCE + r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
-# Regular expressions for the words that precede a name in a line above a table, such as "Operator";
-# the keys are the fields that the names state. ``_NAME_AFTER`` is the regular expression for such
-# words together with the name.
+# Regular expressions for the words that precede a name in a line above a table, such as "Operator".
+# The keys are the fields whose values are these names. ``_NAME_AFTER`` is the regular expression
+# for one of these words together with the name.
 _NAME_WORDS = {key: words % _PARTS for key, words in WORDS["names"].items()}
 _NAME_AFTER = rf"{_PARTS['cell']}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
 # Regular expressions for statements in words, such as "plane XY" or a date; the keys are the stated
@@ -138,8 +138,7 @@ _LABEL = re.compile(
 )
 # Fields of a campaign that are dates.
 _DATES = ("date", "ball_bar_calibrated")
-# Regular expression for the words "calibrated on" and the like, which may follow the name of a ball
-# bar.
+# Regular expression for words such as "calibrated on", which may follow the name of a ball bar.
 _CALIBRATED_BEHIND = re.compile(rf",\s*{_PARTS['calibrated']}", re.IGNORECASE)
 _PRODUCT = re.compile(_PARTS["product"], re.IGNORECASE)
 # Regular expression for words which show that a line is about the readings or about the ball's
@@ -170,20 +169,20 @@ _BAR_AND_NUMBER = re.compile(
     r"(?![\d.,]|-\d)(?!\s?\w{3})",
     re.IGNORECASE,
 )
-# Regular expression for words for the ball bar. In these words, "ball" does not name another
-# quantity.
+# Regular expression for words for the ball bar. The word "ball" in these words does not name
+# another quantity.
 _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
 # Fields of the loads of a test.
 _LOADS = ("force_N", "pressure_bar")
 # Fields of a test that a line states by one number, and never by a list of numbers.
 _FIELDS_OF_ONE_NUMBER = ("force_N", "pressure_bar", "radius_mm")
-# Regular expression for one more number behind a number, each with or without a unit.
+# Regular expression for a further number behind a number. The further number may have a unit.
 _FURTHER_NUMBER = rf"[\s;,|]+{NUMBER_IN_TEXT}(?:\s?[^\W\d_]+)?"
 # Regular expression for all further numbers behind a number, up to the end of the line.
 _FURTHER_NUMBERS = re.compile(rf"(?:\s?[^\W\d_]+)?(?:{_FURTHER_NUMBER})+[\s;,|]*")
-# Words with which a message explains why a list of numbers states no value.
+# Words for a message: why the value of a quantity is not known if a line has a list of numbers.
 _LIST_OF_NUMBERS = "several numbers"
-# Words with which a message explains why the total length of a bar is not known.
+# Words for a message: why the length of a bar is not known if the bar has an extension.
 _WITH_EXTENSION = "a bar and an extension"
 # Smallest and largest length that may be the radius or diameter of a circle [µm].
 _RADII_UM = (2e4, 2e6)
@@ -207,10 +206,10 @@ _SUBJECTS = {
 
 
 def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
-    """Return a dict with all statements in lines of text, as lists of statements on each field.
+    """Return a dict with all statements in lines of text: a list of statements for each field.
 
-    The keys are fields of a test or campaign. Numbers with an unknown unit, and quantities that are
-    not fields, such as a maximum or an ambient value, are ignored.
+    The keys are fields of a test or campaign. Numbers with an unknown unit are ignored. Quantities
+    that are not fields, such as a maximum or an ambient value, are ignored, too.
     """
     statements: dict[str, list[LineStatement]] = {}
     is_extended = any(names_extension(text[:LONGEST_TEXT]) for _, text in lines)
@@ -235,10 +234,11 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 def _numbers_stated(
     text: str, line: int | str, is_extended: bool
 ) -> Iterator[tuple[str, LineStatement]]:
-    """Yield each field that a line states by a number, with its statement.
+    """Yield each field whose value a line states by a number, and the statement of the line.
 
-    A law of force and pressure states neither a force nor a pressure. ``line`` is the number of the
-    line, and ``is_extended`` says whether a line names an extension of the bar.
+    A line that states a law of force and pressure states neither a force nor a pressure. ``line``
+    is the number of the line, and ``is_extended`` says whether a line names an extension of the
+    bar.
     """
     is_law = states_force_law(text)
     for quantity in _QUANTITIES.values():
@@ -255,7 +255,7 @@ def _numbers_stated(
 def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
     """Yield each radius that stands before its name, such as 100 mm in ``100 mm bar``.
 
-    Each item is a pair of the radius [mm] and its unit as the text writes it.
+    Each item is a pair: the radius [mm], and the unit as the text writes it.
     """
     for quantity in _QUANTITIES.values():
         if quantity.field != "radius_mm":
@@ -342,10 +342,11 @@ def _unit_beside(quantity: _Quantity, match: re.Match[str]) -> str:
 
 
 def _lists_numbers(match: re.Match[str], units: Mapping[str, float]) -> bool:
-    """Return whether a list of numbers follows its name, as in ``load [lbf]: 8 8 80 80``.
+    """Return whether several numbers follow the name of a quantity: ``load [lbf]: 8 8 80 80``.
 
-    The list must reach to the end of the line. A number that is merely repeated is no list, and
-    numbers with a unit of another quantity are none. ``units`` are the units of the quantity.
+    The list must reach to the end of the line. A single number that is merely repeated does not
+    count as a list, and neither do numbers with a unit of another quantity. ``units`` are the
+    permitted units of the quantity.
     """
     number = match["number"]
     behind = match.string[match.end("number") :]
@@ -362,8 +363,8 @@ def _length_with_extension(
 ) -> LineStatement | None:
     """Return the length of a bar together with its extension [mm].
 
-    The length is NaN if the lines do not show whether it includes the extension. Return None if the
-    quantity is not the radius, and for a bar without an extension.
+    The length is NaN if the lines do not show whether the stated length includes the extension.
+    Return None if the quantity is not the radius, or if the bar has no extension.
 
     Parameters
     ----------
@@ -389,10 +390,10 @@ def _length_with_extension(
 
 
 def _is_in_title(match: re.Match[str]) -> bool:
-    """Return whether a load without a unit is a title, as in ``Circular test under load 2``.
+    """Return whether a load without a unit is part of a title: ``Circular test under load 2``.
 
-    The load is a title if no separator, such as a colon, stands between its name and its number, or
-    if a word such as "under" stands before its name.
+    The load is part of a title if no separator, such as a colon, stands between the name of the
+    load and the number, or if a word such as "under" stands before the name.
     """
     if _UNDER.search(match.string[: match.start()]):
         return True
@@ -400,10 +401,10 @@ def _is_in_title(match: re.Match[str]) -> bool:
 
 
 def _words_before_number(match: re.Match[str]) -> str:
-    """Return the words that precede the number of a matched statement in the same cell.
+    """Return the words in the cell of a matched statement that precede the number.
 
-    The name of the quantity and a unit before the number are left out, because their words could be
-    mistaken for another quantity: "ball" in "ball bar", or "min" in ``Feed [mm/min]: 2000``.
+    The name of the quantity and a unit before the number are left out, because words in them could
+    be mistaken for another quantity: "ball" in "ball bar", or "min" in ``Feed [mm/min]: 2000``.
     """
     before_match = match.string[: match.start()]
     cell = re.split(r"[;,|\t]", before_match)[-1]
@@ -419,7 +420,7 @@ def _words_before_number(match: re.Match[str]) -> str:
 
 
 def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
-    """Return which of the permitted ``units`` a text names; None if it names none of them."""
+    """Return the name in ``units`` of the unit that a text names; None if it names no such unit."""
     wanted = {name.casefold(), unit_named(name).casefold()}
     for unit in units:
         if unit.casefold() in wanted:
@@ -428,7 +429,7 @@ def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
 
 
 def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
-    """Yield each field that a line above a table states in words, with its value.
+    """Yield each field that a line above a table states in words, and the value of the field.
 
     The fields are the plane, dates (in ISO 8601), names of people, places and instruments, and
     whether readings are raw or compensated for the deflection of the ball's mount.
@@ -468,8 +469,9 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
 def _is_header_beside(key: str, value: str, matched: str) -> bool:
     """Return whether the words after a label are another label or a header, and not a value.
 
-    In ``Operator;Date``, for example, both are labels. ``key`` is the field of the label, ``value``
-    the words after the label, and ``matched`` the label with these words.
+    In ``Operator;Date``, for example, both words are labels. ``key`` is the field that the first
+    label names, ``value`` is the text after this label, and ``matched`` is the label with this
+    text.
     """
     if key == "ball_bar" and _PRODUCT.fullmatch(value):
         return False
@@ -482,8 +484,8 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
     """Yield "raw" or "compensated" if a passage says that the readings are raw or compensated.
 
     Compensated readings are corrected for the deflection of the work ball's mount. A passage is a
-    whole line or a single cell of a line. A cell is considered only if it also names the readings.
-    A whole line need not name the readings if it has a word such as "compensated".
+    whole line or a single cell of a line. A single cell must also name the readings or the mount. A
+    whole line with a word such as "compensated" need not name them.
     """
     remaining = " ".join(_FILLING.sub(" ", passage.casefold()).split())
     if not (_READINGS.search(passage) or (is_whole_line and "ompens" in remaining)):
@@ -496,10 +498,10 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
 def unknown_length(lines: Lines) -> str:
     """Return a note on the first line with a length that may be the radius of the circle.
 
-    An example is ``Reach: 100 mm``. The line has one of the following: a length with its unit that
-    is as large as the radius of a circle; a number behind a letter for radius or diameter; a number
-    together with words for a circle or bar; G-code for an arc. The note is empty if there is no
-    such line, or if any line states the radius.
+    An example is ``Reach: 100 mm``. Such a line has one of the following: a length that is as large
+    as the radius of a circle, with its unit; a number behind a letter for radius or diameter; a
+    number and words for a circle or bar; G-code for an arc. The note is empty if there is no such
+    line, or if a line clearly states the radius.
     """
     statements = statements_in(lines)
     if "radius_mm" in statements or "programmed_radius_mm" in statements:
@@ -549,8 +551,9 @@ def is_label(text: str) -> bool:
 def not_understood(lines: Lines) -> dict[str, str]:
     """Return a dict with a note on each field that a line mentions but does not state clearly.
 
-    The keys are fields. Such a line contains a word for the field, such as "force", but no value
-    that can be read. The note on a field names the first such line.
+    The keys are fields. A line mentions a field without stating it if the line contains a word for
+    the field, such as "force", but no value that can be read. The note on a field names the first
+    of these lines.
     """
     unclear: dict[str, str] = {}
     for line, text in lines:

@@ -17,7 +17,7 @@ __all__ = ["with_loads_in_header"]
 
 
 def with_loads_in_header(sheet: Sheet) -> Sheet:
-    """Return a sheet whose header names the loads that the line above the header states.
+    """Return a sheet in which the loads from the line above the header are put into the header.
 
     Loads are forces and pressures. The line must state a load, such as ``100 N``, for each column
     except the first. If the first cell of the line names force or pressure with a unit, the other
@@ -39,7 +39,7 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
 
 
 def _loads_of(cells: Sequence[str]) -> list[str]:
-    """Return the loads in a line, such as "100 N", one for each cell but the first.
+    """Return the loads in a line, such as "100 N", one for each cell except the first.
 
     Return an empty list if one of these cells states no load.
     """
@@ -56,7 +56,7 @@ def _loads_of(cells: Sequence[str]) -> list[str]:
 
 
 def _unit_of_loads(cell: str) -> str:
-    """Return the unit of force or pressure in the first cell of a line; empty if it has none."""
+    """Return the unit of force or pressure that a cell states; empty if the cell states none."""
     header = unit_of(cell)
     for role in ("force", "pressure"):
         if has_role(header.name, role) and header.unit in UNITS[role]:

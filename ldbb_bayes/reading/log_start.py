@@ -1,4 +1,4 @@
-"""Start of the circle, and reduced feed, as lines above a log over time state them.
+"""Statements above a log over time: where the circle starts, and whether the feed is reduced.
 
 A log over time is a table that holds times instead of angles.
 """
@@ -53,7 +53,7 @@ def check_feed_is_whole(recording: Recording) -> None:
 
 
 def start_at_axis(recording: Recording, plane: str) -> float | None:
-    """Return the angle [deg] of the axis at which a circle starts; None if no line names the axis.
+    """Return the angle [deg] of the axis at which a circle starts; None if no line names an axis.
 
     Parameters
     ----------
@@ -65,9 +65,9 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
     Raises
     ------
     InputError
-        For lines that name different axes, for an axis outside the plane, and for lines that state
-        the coordinates of the start. Also for lines that say where angles begin, because a table
-        with times holds no angles.
+        If lines name different axes, if an axis lies outside the plane, or if a line states the
+        coordinates of the start. Also if a line says where angles begin, because a table with times
+        holds no angles.
     """
     axes: dict[str, str] = {}
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):

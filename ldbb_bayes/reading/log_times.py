@@ -16,9 +16,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["times_of_log"]
 
-# Earliest (``_FIRST_STAMP_S``) and latest time since 1970 [s] at which readings may have been
-# recorded: the years 2000 to 2100. Numbers that lie between these limits in one of ``_STAMP_UNITS``
-# are taken as times since 1970.
+# Earliest and latest time since 1970 [s] at which readings may have been recorded: the beginning of
+# the years 2000 and 2100. If a number, read in one of ``_STAMP_UNITS``, lies between these limits,
+# it is taken as a time since 1970 in this unit.
 _FIRST_STAMP_S = 946_684_800.0
 _LAST_STAMP_S = 4_102_444_800.0
 # Units in which programs count the time since 1970.
@@ -35,14 +35,14 @@ _ROWS_SHOWN = 5
 def times_of_log(recording: Recording) -> Array:
     """Return the increasing times of all readings of a table with times, shape (n,) [s].
 
-    If the clock was set back, the times are corrected, provided that all other readings are evenly
-    spaced in time; the correction is noted. For gaps, the user must state whether the machine stood
+    If the clock was set back and all other steps of time are nearly equal, the times are corrected
+    and the correction is noted. If there are gaps, the user must state whether the machine stood
     still or moved on.
 
     Raises
     ------
     InputError
-        For times that do not increase and cannot be corrected, and for gaps if the user does not
+        If times do not increase and cannot be corrected, or if there are gaps and the user does not
         state what the machine did.
     """
     raw = recording.numbers["time"]
@@ -64,10 +64,10 @@ def times_of_log(recording: Recording) -> Array:
 
 
 def _usual_unit(raw: Array) -> tuple[str, str]:
-    """Return the unit that is assumed for times of unknown unit, and the reason for it.
+    """Return the unit that is assumed for times, and the reason why this unit is assumed.
 
-    It is assumed if neither the user nor the file states a unit. ``raw`` are the numbers in the
-    column of times, shape (n,).
+    The unit is used only if neither the user nor the file states a unit. ``raw`` are the numbers in
+    the column of times, shape (n,).
     """
     for unit in _STAMP_UNITS:
         if _FIRST_STAMP_S <= raw[0] * UNITS["time"][unit] <= _LAST_STAMP_S:
@@ -79,8 +79,8 @@ def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Arr
     """Return the steps of time [s] with each step back replaced by the usual step.
 
     ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the median
-    step [s]. Raise an error for steps back if the other steps are not of about equal length, unless
-    the user states that the machine stood still in gaps.
+    step [s]. Raise an error if there are many steps back, or if the other steps are not nearly
+    equal. No error is raised if the user states that the machine stood still in gaps.
     """
     is_back = steps < 0.0
     if not is_back.any():
@@ -104,11 +104,12 @@ def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Arr
 
 
 def _without_gaps(recording: Recording, steps: Array, usual: float) -> Array:
-    """Return the steps of time [s] with gaps replaced by the usual step if the machine stood still.
+    """Return the steps of time [s] after replacing gaps in which the machine stood still.
 
-    If the user states that the machine moved on in gaps, the steps are not changed. Raise an error
-    for gaps if the user does not state what the machine did. ``steps`` are the differences of
-    successive times, shape (n − 1,), and ``usual`` is the median step [s].
+    If the user states that the machine stood still in gaps, each gap is replaced by the usual step.
+    If the user states that the machine moved on, the steps are not changed. Raise an error for gaps
+    if the user does not state what the machine did. ``steps`` are the differences of successive
+    times, shape (n − 1,), and ``usual`` is the median step [s].
     """
     is_gap = steps > _LARGEST_GAP_STEPS * usual
     if not is_gap.any():
