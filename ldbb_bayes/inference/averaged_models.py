@@ -1,8 +1,8 @@
-"""Separation of a posterior that is averaged over models into the draws of each single model.
+"""Draws of a posterior that is averaged over models, separated by model.
 
 Every draw of an averaged posterior comes from one of the models. The share of the draws that come
-from a model is its posterior probability. In the draws that come from a model, the parameters that
-this model lacks are zero; all other parameters differ from zero.
+from a model is the posterior probability of this model. In the draws that come from a model, the
+parameters that this model lacks are zero; all other parameters differ from zero.
 """
 
 from __future__ import annotations

@@ -436,8 +436,8 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
     white noise the autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. The
     matrix M, shape (n, n), removes the Fourier orders 0 to 12 from the readings; S, shape (n, n),
     shifts the readings by one reading. If a test has more than 100 000 readings, only the first 100
-    000 in order of angle are used. If the residuals are rounding errors only, the autocorrelation
-    is 0 and its p-value is 1.
+    000 readings in order of angle are used. If the residuals are rounding errors only, the
+    autocorrelation is 0 and its p-value is 1.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]

@@ -1,4 +1,4 @@
-"""Proposal for importance sampling in which means and widths depend on other coordinates.
+"""Proposal for importance sampling, with means and widths that depend on other coordinates.
 
 A proposal is the density from which points are drawn. The points are values of the
 hyper-parameters, the scales of the noise and of other effects. If a scale that is common to all
@@ -27,7 +27,8 @@ from ldbb_bayes.results import Array
 __all__ = ["Dependence", "fit_dependence"]
 
 # Largest number k of coordinates on which coordinates with a larger index may depend. Scales that
-# are common to all circles come first among the hyper-parameters; there are at most seven.
+# are common to all circles come first among the hyper-parameters; there are at most seven such
+# scales.
 _LEADING = 7
 # In the polynomials, values of coordinates are limited to this distance from zero, so that the
 # polynomials are not extrapolated. Coordinates have the standard deviation one.
@@ -122,8 +123,8 @@ class _Polynomials:
         ``of_linear`` and ``of_square``, shape (k, h), are the coefficients of the polynomials of
         degree one and of degree two. The rows of the result, shape (1 + 2 k, h), are the
         coefficients of 1, of the k coordinates u, and of their squares. The polynomial of degree
-        one is t = (u − mean) / sd; that of degree two is (t² − 1 − skewness t) / square_sd. The
-        numbers mean, sd, skewness and square_sd are attributes of this object.
+        one is t = (u − mean) / sd; the polynomial of degree two is (t² − 1 − skewness t) /
+        square_sd. The numbers mean, sd, skewness and square_sd are attributes of this object.
         """
         mean = self.mean[:, None]
         sd = self.sd[:, None]
@@ -138,7 +139,7 @@ class _Polynomials:
 def _polynomials(leading: Array, weight: Array) -> _Polynomials:
     """Return orthonormal polynomials of k coordinates of n weighted points.
 
-    ``leading``, shape (n, k), holds the coordinates, ``weight``, shape (n,), the weights.
+    ``leading``, shape (n, k), holds the coordinates; ``weight``, shape (n,), holds the weights.
     """
     near = np.clip(leading, -_FARTHEST, _FARTHEST)
     mean = weight @ near
@@ -189,10 +190,10 @@ def _fit_widths(
 
     The first k rows are the coefficients of the ``polynomials`` of degree one, the other k rows are
     the coefficients of the polynomials of degree two. ``deviation``, shape (n, h), holds the
-    deviations of h coordinates of n points from their means, ``weight``, shape (n,), the weights of
-    the points. ``is_before``, shape (k, h), is True where the coordinate of the row has a smaller
-    index than the coordinate of the column. The likelihood of normal deviations is maximised by
-    scoring steps (Harvey, Econometrica 44 (1976) 461).
+    deviations of h coordinates from their means at n points; ``weight``, shape (n,), holds the
+    weights of the points. ``is_before``, shape (k, h), is True where the coordinate of the row has
+    a smaller index than the coordinate of the column. The likelihood of normal deviations is
+    maximised by scoring steps (Harvey, Econometrica 44 (1976) 461).
     """
     values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
     counts = np.concatenate([is_before, is_before])

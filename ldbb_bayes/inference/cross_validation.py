@@ -78,7 +78,8 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     for every test. If the model has factors λ_r that multiply set-up shift and discrepancy of
     circle r, the new circle of test r has the factor of the measured circle r. The measured
     readings are ``observed_data.reading_mm``. ``per_test`` of ``posterior_predictive`` and of
-    ``observed_data`` is the range of the readings of each test [mm], for ``arviz_stats.loo_pit``.
+    ``observed_data`` is the range of the readings of each test [mm], which ``arviz_stats.loo_pit``
+    needs.
 
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
     readings of test r, given the readings of all other tests and the hyper-parameters φ (scales of
@@ -161,9 +162,9 @@ def _draw_readings(
     """Return one array for every test: random readings of new circles, shape (draws, n) [mm].
 
     A test has n readings; each posterior draw gives one circle. ``phi``, shape (draws, h), holds
-    the hyper-parameters (scales of the noise and of other effects), ``beta``, shape (draws, p), the
-    parameters (compliances, their changes with force, geometric errors). ``bound`` is the model,
-    applied to its campaign.
+    draws of the hyper-parameters (scales of the noise and of other effects); ``beta``, shape
+    (draws, p), holds draws of the parameters (compliances, their changes with force, geometric
+    errors). ``bound`` is the model, applied to its campaign.
     """
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
@@ -248,7 +249,7 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
 
 
 def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
-    """Return the log densities of the tests' readings, tempered where importance weights need it.
+    """Return the log densities of the tests' readings, tempered if weights have a heavy tail.
 
     ``log_density``, shape (w, tests), is the log density of the readings of each test given all
     other tests. The log density is given at w draws of the hyper-parameters (scales of the noise

@@ -227,7 +227,7 @@ class LogDensity(Shown):
     def initial(self, n: int, seed: int = 1) -> Array:
         """Return n starting points for a sampler, shape (n, d).
 
-        A point holds the d coordinates: the parameters, then the hyper-parameters. The points
+        A point holds the d coordinates: the parameters, then the hyper-parameters. The points are
         spread a little wider than the posterior. If the model does not allow negative compliances,
         no compliance is negative at any point.
         """
@@ -264,8 +264,8 @@ class LogDensity(Shown):
     def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Array:
         """Return a log density at points x, or −inf where x is not finite or not within the bounds.
 
-        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). The bounds are
-        those of the hyper-parameters only. ``density`` is a function that takes the parameters and
+        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). Only the bounds of
+        the hyper-parameters are considered. ``density`` is a function that takes the parameters and
         the hyper-parameters of m points, shapes (m, p) and (m, h), and returns their log densities,
         shape (m,).
         """
@@ -287,9 +287,9 @@ class LogDensity(Shown):
 def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Array) -> Array:
     """Return ln p(y | β, φ) + ln p(β) + ``log_hyper_prior`` at n points, shape (n,).
 
-    y are the readings. ``beta``, shape (n, p), holds the parameters β, ``phi``, shape (n, h), the
-    hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ. ``bound`` is
-    the model, applied to its campaign.
+    y are the readings. ``beta``, shape (n, p), holds the parameters β; ``phi``, shape (n, h), holds
+    the hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ.
+    ``bound`` is the model, applied to its campaign.
     """
     total = bound.log_prior(beta) + log_hyper_prior
     inside = np.isfinite(total)

@@ -1,4 +1,4 @@
-"""Integral of a density g, computed from the ratio g / f to a similar density f at a few nodes.
+"""Integral of a density g, computed from ratios g / f at a few nodes; f is a similar density.
 
 The integral ∫ f was computed before, as a sum over n weighted nodes φ_i (points) in h dimensions.
 If E_f is the mean under the density f, then
@@ -78,7 +78,7 @@ class LogValues(NamedTuple):
     """
 
     log_density: Array
-    #: part of the error of ``log_density`` that need not cancel in a mean over nodes [nat]
+    #: numerical error of ``log_density``, which need not cancel in a mean over nodes [nat]
     error: Array
 
 
@@ -306,7 +306,7 @@ def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
 
 
 def _largest_degree(dimensions: int, size: int) -> int:
-    """Return the largest degree of a polynomial that can be fitted to ``size`` values: 0, 1 or 2.
+    """Return the largest degree (0, 1 or 2) of a polynomial that can be fitted to ``size`` values.
 
     ``dimensions`` is the number of coordinates of the polynomial.
     """
@@ -319,9 +319,10 @@ def _largest_degree(dimensions: int, size: int) -> int:
 
 
 def _polynomials(integral: Integral, degree: int) -> Array:
-    """Return polynomials of degree 1 or 2 of the n nodes' coordinates, shape (n, coefficients).
+    """Return polynomials of the coordinates, evaluated at the n nodes, shape (n, coefficients).
 
-    Coordinates are first scaled to the mean zero and the standard deviation one.
+    The polynomials have at most the degree ``degree``, 1 or 2. Coordinates are first scaled to the
+    mean zero and the standard deviation one.
     """
     deviation = integral.free - integral.weight @ integral.free
     scale = np.sqrt(integral.weight @ deviation**2)

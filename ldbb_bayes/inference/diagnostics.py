@@ -30,8 +30,8 @@ __all__ = [
 # (Kallioinen et al. 2023). The powers are ArviZ's defaults.
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
-# The effective sample size for the tails of a parameter is the smaller of two effective sample
-# sizes: those for its quantiles at these probabilities (Vehtari et al. 2021).
+# The effective sample size for the tails of a parameter is the smaller of the effective sample
+# sizes for the two quantiles at these probabilities (Vehtari et al. 2021).
 _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
 # to the largest fifth of the weights, and this fifth must consist of at least five weights.
@@ -113,7 +113,7 @@ def power_sensitivity(
 
 
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
-    """Return weights of posterior draws for a factor of the density raised to a power.
+    """Return weights with which draws represent a posterior with one factor raised to a power.
 
     Draws with these weights represent the posterior density in which a factor, such as the prior,
     is raised to the power. ``log_density`` is the logarithm of the factor at the draws, shape

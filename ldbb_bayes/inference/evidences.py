@@ -299,9 +299,9 @@ def left_out_log_densities(
     ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence for the readings of all
     tests, and Z(y_−r) the evidence for the readings of all tests except r. Nodes are weighted
     values of the hyper-parameters, from which an evidence follows. ``nodes_by_model`` gives Z(y);
-    its keys are the names of the models. ``left_out_nodes`` gives Z(y_−r); its keys are the name of
-    the model, then the name of test r. The result holds an array of shape (tests,) for each model.
-    If no test was left out for a model, its array is empty.
+    its keys are the names of the models. ``left_out_nodes`` gives Z(y_−r); the first key is the
+    name of the model, the second key the name of test r. The result holds an array of shape
+    (tests,) for each model. If no test was left out for a model, its array is empty.
     """
     log_densities = {}
     for name, nodes in nodes_by_model.items():

@@ -137,8 +137,9 @@ class Fit(Result):
     #: posterior predictive checks of each test; the keys are the names of the tests
     predictive_checks: dict[str, TestChecks]
     #: sensitivity of the posterior of each parameter and hyper-parameter: how much this posterior
-    #: moves if a prior density or the likelihood is raised to a power near one (power-scaling).
-    #: Keys are the name of the parameter, then ``prior``, ``hyper_prior`` or ``likelihood``.
+    #: moves if a prior density or the likelihood is raised to a power near one (power-scaling). The
+    #: first key is the name of the parameter or hyper-parameter; the second key is ``prior``,
+    #: ``hyper_prior`` or ``likelihood``.
     sensitivity: dict[str, dict[str, float]]
     #: largest change of any parameter when a test is left out, in units of the parameter's standard
     #: uncertainty. Keys are the names of the tests whose readings fail the posterior predictive
@@ -182,7 +183,7 @@ class Fit(Result):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of all warnings (concerns) and of the checks in `misfits`, each once.
+        """Return the kinds of all warnings (concerns) and checks in `misfits`, each kind once.
 
         A kind is the text of a ``ConcernKind`` or ``CheckKind``, such as "truncation" or "noise".
         """
@@ -224,8 +225,8 @@ class Fit(Result):
     def parameters(self) -> tuple[str, ...]:
         """Return the names of compliances, their changes with force, and geometric errors.
 
-        The names are the keys of ``sensitivity`` except those of the hyper-parameters (scales of
-        the noise and of other effects).
+        The names are the keys of ``sensitivity`` without the names of the hyper-parameters (scales
+        of the noise and of other effects).
         """
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 

@@ -27,7 +27,7 @@ _JOINT_LOAD = "joint load"
 
 
 class CurveDraws(NamedTuple):
-    """Posterior draws of one compliance C(F) at three forces, in its internal unit."""
+    """Posterior draws of one compliance C(F) at three forces, in the compliance's internal unit."""
 
     unit: str  #: internal unit of the compliance, such as mm/N
     at_smallest: Array  #: draws of the compliance at the smallest force tested, shape (draws,)
@@ -121,7 +121,7 @@ def _share_with_joint_load(posterior: xr.DataTree) -> float:
 
 
 def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, float]:
-    """Return the prior standard deviation of the change of compliances that `JointLoad` adds.
+    """Return the prior standard deviation of `JointLoad`'s part in the change of compliances.
 
     `JointLoad` is the term of a model for joints that yield to their own load. There is one
     standard deviation for the direct compliance along each machine axis; the keys of the result are

@@ -66,17 +66,17 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     """Return ``size`` independent random draws of hyper-parameters φ and parameters β.
 
     The draws are made by rejection sampling. φ are the scales of the noise and of other effects; β
-    are compliances, their changes with force, and geometric errors. φ is drawn from a proposal, a
-    density fitted to the posterior of φ, and β from its Gaussian density given φ and the readings.
-    φ is then accepted in proportion to its weight, the posterior density divided by the proposal.
-    If compliances must not be negative, several β are drawn for each φ, and the weight is
-    multiplied by the share of these β without negative compliances. On average the share is the
-    probability, given φ and the readings, that no compliance is negative, so that the draws are
-    those of the posterior. If the share is too small, the weight is multiplied by this probability
-    itself, and β is drawn from a density shifted towards compliances that are not negative. The
-    probability of acceptance is the weight divided by twice an estimate of the mean weight. If this
-    ratio exceeds one, φ may be used several times, with different β if enough β were drawn.
-    ``posterior`` is the posterior density of φ.
+    are compliances, their changes with force, and geometric errors. φ is drawn from a proposal,
+    which is a density fitted to the posterior of φ. β is drawn from its Gaussian density given φ
+    and the readings. φ is then accepted in proportion to its weight, the posterior density divided
+    by the proposal. If compliances must not be negative, several β are drawn for each φ, and the
+    weight is multiplied by the share of these β without negative compliances. On average the share
+    is the probability, given φ and the readings, that no compliance is negative, so that the
+    accepted draws follow the posterior. If the share is too small, the weight is multiplied by this
+    probability itself, and β is drawn from a density shifted towards compliances that are not
+    negative. The probability of acceptance is the weight divided by twice an estimate of the mean
+    weight. If this ratio exceeds one, φ may be used several times, with different β if enough β
+    were drawn. ``posterior`` is the posterior density of φ.
 
     Raises
     ------
@@ -140,8 +140,8 @@ def _propose_untruncated(
     negative. φ is accepted with a probability proportional to its weight, the posterior density
     divided by the proposal. If compliances must not be negative, the weight is multiplied by the
     share of these draws of β that have no negative compliance; ``share_inside`` is an estimate of
-    this share. Return the accepted φ in unbounded coordinates, shape (accepted, h), and one β
-    without negative compliances for each of them, shape (accepted, p).
+    this share. Return the accepted φ in unbounded coordinates, shape (accepted, h), and for each
+    accepted φ one β without negative compliances, shape (accepted, p).
     """
     tries = 1
     if posterior.truncated:

@@ -76,8 +76,8 @@ def grow_lattice(
     tolerance : float
         Error allowed in ln ∫ f [nat].
     step : float, optional
-        Step of both grids to start with, in units of the standard deviation of the Gaussian fitted
-        to f at the highest mode. Default: computed from the tolerance.
+        First step of both grids, in units of the standard deviation of the Gaussian fitted to f at
+        the highest mode. Default: computed from the tolerance.
     max_nodes : int
         No points are added to a grid that has more nodes than this number. The step is not
         shortened if the lattice would then have more nodes than this number.

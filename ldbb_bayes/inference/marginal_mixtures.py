@@ -7,11 +7,11 @@ mixture of Gaussians, one for every draw of φ. From seed to seed, the quantiles
 scatter less than the quantiles of the draws of β (Rao-Blackwell theorem).
 
 If truncation is active, β is restricted to A β ≥ 0, where the elements of A β are the compliances
-that must not be negative. Parameter j is then no longer Gaussian. But each draw of β can be moved
-along the column V_j of V. Such a move changes β_j, but not the combinations of parameters that are
-independent of β_j. Given these combinations, β_j has the density N(m_j, V_jj) between the two
-values beyond which an element of A β is negative. These truncated Gaussians are the components of
-the mixture.
+that must not be negative. The density of a parameter β_j is then no longer Gaussian. But each draw
+of β can be moved along the column V_j of V. Such a move changes β_j, but not the combinations of
+parameters that are independent of β_j. Given these combinations, β_j has the density N(m_j, V_jj)
+between the two values beyond which an element of A β is negative. These truncated Gaussians are the
+components of the mixture.
 """
 
 from __future__ import annotations

@@ -239,7 +239,7 @@ def run_ensembles(
     seed : SeedSequence
         Seed of the random numbers.
     progress : callable, optional
-        Called with a `Progress` at every assessment.
+        Function called with a `Progress` at every assessment.
     redraw : Redraw, optional
         Source of independent points. Default: walkers move by differential evolution alone.
 
@@ -363,10 +363,11 @@ class _StoredBlock(NamedTuple):
 def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
     """Return the draws of a run after burn-in, evenly thinned, shape (ensembles, draws, d).
 
-    ``blocks`` hold the stored draws of d coordinates, in order of time; later blocks store fewer of
-    their steps. The share ``discard`` of ``rule`` is discarded from the start of the run as
-    burn-in. In the result, the draws of one walker follow each other. The number of steps from one
-    draw to the next is the same as in the last block, or larger if there are very many draws.
+    ``blocks`` hold the stored draws of d coordinates, in order of time. Later blocks store a
+    smaller share of the steps. The share ``discard`` of ``rule`` is discarded from the start of the
+    run as burn-in. In the result, the draws of one walker follow each other. The number of steps
+    from one draw to the next is the same as in the last block, or larger if there are very many
+    draws.
     """
     steps_between_draws = blocks[-1].thin
     evenly_spaced = []
@@ -378,7 +379,7 @@ def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Arra
     ensembles, steps, walkers, dimensions = after_burn_in.shape
     most_draws = max(_MOST_DRAWS, int(2.0 * rule.ess / ensembles))
     stride = -(-steps * walkers // most_draws)
-    # Thin the draws so that those of the walkers' last step are always kept.
+    # Thin the draws so that the draws of the walkers' last step are always kept.
     thinned = after_burn_in[:, (steps - 1) % stride :: stride]
     return np.swapaxes(thinned, 1, 2).reshape(ensembles, -1, dimensions)
 
@@ -400,7 +401,7 @@ class RedrawMove:
         self._last_log_weight = np.zeros(0)
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Return the walkers after this move, and which of the walkers accepted their proposals.
+        """Return the walkers after this move, and whether each walker accepted its proposal.
 
         ``model`` and ``state`` are the objects that emcee passes to a move: ``model`` holds the
         random numbers, ``state`` the coordinates and log densities of all walkers. The first result

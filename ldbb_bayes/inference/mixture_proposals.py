@@ -136,8 +136,9 @@ def _side_masses(scale: Array, freedom: Array) -> Array:
 def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
     """Return minus the logarithm of a Student-t density of z that is scaled to be 1 at z = 0.
 
-    ``square``, shape (n, h), holds z² for n points along h directions, ``scale``, shape (h,), the
-    scales of the density. ``freedom`` are its degrees of freedom, shape (h,), or one number.
+    ``square``, shape (n, h), holds z² for n points along h directions; ``scale``, shape (h,), holds
+    the scales of the density. ``freedom`` holds its degrees of freedom, shape (h,), or is one
+    number.
     """
     return np.asarray(0.5 * (freedom + 1.0) * np.log1p(square / (freedom * scale**2)))
 
@@ -317,8 +318,8 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
     """Return split Student-t distributions along h directions, whose two sides meet at ``offset``.
 
     The distributions are fitted to n points: ``z``, shape (n, h), holds the coordinates along each
-    direction, ``weight``, shape (n, h), the weights. ``freedoms`` are the degrees of freedom to
-    try.
+    direction; ``weight``, shape (n, h), holds the weights. ``freedoms`` are the degrees of freedom
+    to try.
     """
     h = z.shape[1]
     square = (z - offset) ** 2
@@ -363,7 +364,7 @@ def _best_freedom(
     ``side`` is 0 for the lower and 1 for the upper side of split Student-t distributions.
     ``freedoms`` holds the degrees of freedom that are tried. ``scale`` and ``freedom`` are the
     present scales and degrees of freedom, each of shape (2, h). ``square`` and ``side_weights`` are
-    those of `_fit_scale`.
+    the same as in `_fit_scale`.
     """
     other_mass = _side_masses(scale, freedom)[1 - side]
     costs = []

@@ -35,8 +35,8 @@ from ldbb_bayes.units import value_and_uncertainty
 
 __all__ = ["Evidence", "HyperPosterior", "Nodes", "ProbabilityInside"]
 
-# Step of the central differences by which the log density of the hyper-parameters is
-# differentiated. The step is in normal scores, coordinates in which most of the priors are standard
+# Step of the central differences from which derivatives of the log density of the hyper-parameters
+# are computed. The step is in normal scores, coordinates in which most of the priors are standard
 # normal.
 _DIFFERENCE_STEP = 0.05
 # Smallest curvature (negative second derivative) of the log density that is assumed in any
@@ -102,10 +102,11 @@ _PICKED_GROWTH = 4
 # Error allowed in the logarithm of the posterior probability that no compliance is negative [nat],
 # where a rough value suffices.
 _PROBABILITY_TOLERANCE = 0.02
-# A mean of probabilities that no compliance is negative, each given one value of the
-# hyper-parameters, is computed relative to the largest probability. If the logarithm of the largest
-# probability is below ``_LEAST_LOG_PROBABILITY``, or the relative mean is below
-# ``_LEAST_SHARE_INSIDE``, the limit is used instead, so that the logarithm of the mean is finite.
+# The probability that no compliance is negative is computed for many values of the
+# hyper-parameters. These probabilities are divided by the largest of them before their mean is
+# computed. If the logarithm of the largest probability is below ``_LEAST_LOG_PROBABILITY``, or the
+# mean is below ``_LEAST_SHARE_INSIDE``, the limit is used instead, so that the logarithm of the
+# mean is finite.
 _LEAST_LOG_PROBABILITY = -700.0
 _LEAST_SHARE_INSIDE = 1e-300
 # Means and variances of parameters are averages over nodes, that is, weighted values of the
@@ -248,10 +249,10 @@ class HyperPosterior:
         do not reach this tolerance, their ``error`` is larger.
 
         If the posterior density contains the probability that no compliance is negative
-        (``truncated``), the nodes are first those of the density that allows negative compliances,
-        with weights multiplied by the probability, given φ, that no compliance is negative. If
-        these nodes miss the tolerance, further nodes are computed where the truncated density is
-        large. The nodes with the smaller error are returned.
+        (``truncated``), the first nodes come from the density that allows negative compliances;
+        their weights are multiplied by the probability, given φ, that no compliance is negative. If
+        these nodes miss the tolerance, other nodes are computed where the truncated density is
+        large, and the nodes with the smaller error are returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))

@@ -87,7 +87,7 @@ class NormalScores:
     def _log_probability_above(self, values: Array) -> Array:
         """Return the log probabilities of the intervals between ``values`` and the upper bounds.
 
-        The probabilities are those under the k normal priors before these are restricted.
+        The probabilities are computed under the k normal priors before these are restricted.
         ``values`` and the result have the shape (..., k).
         """
         log_tail = log_ndtr(-(values - self._mean) / self._sd)

@@ -56,7 +56,8 @@ __all__ = [
 # Groups of arrays that a posterior must have, as a DataTree of xarray and as a file.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 # Dimensions of the arrays in the tree of a posterior that are not random draws. The keys are the
-# names of the arrays. ``test`` counts the tests, ``reading`` the readings of all tests.
+# names of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one entry
+# for each reading of all tests.
 _DIMENSIONS = {
     "force_N": ["test"],
     "pressure_bar": ["test"],

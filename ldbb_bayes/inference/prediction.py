@@ -157,7 +157,7 @@ def new_circles(
 
 
 def _noise_factors(draws: ModelDraws) -> Array:
-    """Return the drawn noise factors λ of the R measured circles, shape (draws, R).
+    """Return the noise factors λ of the R measured circles in each draw, shape (draws, R).
 
     R is zero if the model has no noise factors of single circles.
     """
@@ -180,7 +180,7 @@ def _draw_shared_of_plan(
     (draws, tests, 25). Nuisances that the measured tests also have are drawn from their posterior,
     all other nuisances from their prior. ``measured`` and ``planned`` are the model applied to the
     measured and to the planned tests. ``phi``, shape (draws, h), holds draws of the
-    hyper-parameters, ``beta``, shape (draws, p), posterior draws of the parameters.
+    hyper-parameters; ``beta``, shape (draws, p), holds posterior draws of the parameters.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
     learnt: list[str] = []
@@ -205,9 +205,9 @@ def readings_drawn(
 ) -> Array:
     """Return readings of circles with random white noise [mm], shape (draws, n).
 
-    Each draw is one circle: ``coefficients``, shape (draws, 25), holds its Fourier coefficients of
-    the orders 0 to 12 [mm], ``sigma_mm``, shape (draws,), the standard deviation of its white
-    noise. ``angle_rad``, shape (n,), holds the angles of the readings.
+    Each draw is one circle. ``coefficients``, shape (draws, 25), holds the Fourier coefficients of
+    the circles (orders 0 to 12) [mm]; ``sigma_mm``, shape (draws,), holds the standard deviations
+    of the white noise [mm]. ``angle_rad``, shape (n,), holds the angles of the readings.
     """
     smooth = coefficients @ basis(angle_rad).T
     return np.asarray(smooth + sigma_mm[:, None] * rng.standard_normal(smooth.shape))

@@ -47,8 +47,8 @@ def integrate(
     log_density : callable
         Function that returns ln f, shape (n,), at n points in h dimensions, shape (n, h).
     modes : sequence of pairs
-        Modes (maxima) of f, shape (h,), the highest first, each with a square root, shape (h, h),
-        of the inverse of minus the Hessian of ln f there.
+        One pair for each mode (maximum) of f, the highest mode first: the mode, shape (h,), and a
+        square root, shape (h, h), of the inverse of minus the Hessian of ln f at the mode.
     tolerance : float
         Error allowed in ln ∫ f [nat].
     step : float, optional

@@ -52,8 +52,8 @@ class RelatedModels:
     def nodes(self, posterior: HyperPosterior) -> Nodes:
         """Return the nodes of another model, which are weighted values of its hyper-parameters.
 
-        ``posterior`` is the posterior of the hyper-parameters under that model. The nodes are those
-        of the given model with other weights. If possible, the density of the other model is
+        ``posterior`` is the posterior of the hyper-parameters under that model. The nodes are the
+        nodes of the given model with other weights. If possible, the density of the other model is
         evaluated at some of the nodes only (`density_ratio`). The nodes are computed anew if the
         other model has other hyper-parameters, or if the error of its log evidence would exceed the
         tolerance.
