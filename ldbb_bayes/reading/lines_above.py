@@ -16,8 +16,9 @@ from ldbb_bayes.reading.bar_extensions import length_of_sum, names_extension
 from ldbb_bayes.reading.column_roles import names_any_role
 from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.force_laws import states_force_law
+from ldbb_bayes.reading.line_parts import divide_line
 from ldbb_bayes.reading.measured_length import measured_length_stated
-from ldbb_bayes.reading.mount_statement import mount_state, statements_of_line
+from ldbb_bayes.reading.mount_statement import mount_state
 from ldbb_bayes.reading.numerals import (
     NUMBER_IN_TEXT,
     is_missing,
@@ -440,7 +441,7 @@ def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
             value = _value_in_words(key, groups[0].strip(), match[0])
             if value.isprintable() and not is_missing(value or "-"):
                 yield key, value
-    states = {mount_state(statement): True for statement in statements_of_line(text)}
+    states = {mount_state(statement): True for statement in divide_line(text)}
     for passage in dict.fromkeys((text, *re.split(r"[;|\t]|,(?!\s)", text))):
         for state in _mount_states(passage, is_whole_line=passage == text):
             states[state] = True

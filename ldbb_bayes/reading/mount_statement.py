@@ -9,9 +9,10 @@ import re
 from collections.abc import Iterable
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.line_parts import divide_line
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
-__all__ = ["check_mount_is_clear", "mount_state", "statements_of_line", "unread_mount"]
+__all__ = ["check_mount_is_clear", "mount_state", "unread_mount"]
 
 _WORDS = WORDS["mount_statement"]
 # Regular expression for a word for the mount of the work ball.
@@ -33,8 +34,6 @@ _IN_READINGS = re.compile(_WORDS["in_readings"], re.IGNORECASE)
 _RAW = re.compile(_WORDS["raw"], re.IGNORECASE)
 # Regular expression for the words that may stand beside the others.
 _BESIDE = re.compile(_WORDS["beside"], re.IGNORECASE)
-# Regular expression for the marks between the statements of a line.
-_BETWEEN_STATEMENTS = re.compile(r"[;|\t]|\.(?=\s|$)|,(?!\d)")
 # An error message shows at most this number of characters of a line.
 _LINE_SHOWN = 80
 
@@ -72,7 +71,7 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
         Number (or place) and text of each line.
     """
     for line, text in lines:
-        for statement in statements_of_line(text):
+        for statement in divide_line(text[:LONGEST_TEXT]):
             if _is_open(statement):
                 raise InputError(
                     f"{place}: whether the readings contain the deflection of the ball's mount"
@@ -88,18 +87,13 @@ def unread_mount(lines: Iterable[tuple[int | str, str]]) -> str:
     An example is ``Mount deflection 2.33 µm/bar``. The note is empty without such a line.
     """
     for line, text in lines:
-        for statement in statements_of_line(text):
+        for statement in divide_line(text[:LONGEST_TEXT]):
             if mount_state(statement):
                 return ""
             is_of_mount = _MOUNT.search(statement) and _DEFLECTION.search(statement)
             if is_of_mount or _RAW.search(statement):
                 return f"line {line} says {statement.strip()[:_LINE_SHOWN]!r}, not understood"
     return ""
-
-
-def statements_of_line(text: str) -> list[str]:
-    """Return the statements of a line, which marks such as a semicolon separate."""
-    return _BETWEEN_STATEMENTS.split(text[:LONGEST_TEXT])
 
 
 def _is_open(statement: str) -> bool:

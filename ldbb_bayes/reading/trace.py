@@ -24,8 +24,8 @@ from ldbb_bayes.reading.laps import (
 )
 from ldbb_bayes.reading.log_start import start_at_axis
 from ldbb_bayes.reading.log_times import times_of_log
-from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.programmed_circles import programmed_arcs
+from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.reading_sign import sign_of_readings
 from ldbb_bayes.reading.recording import AssumedUnit, Recording, option_for
 from ldbb_bayes.reading.stated_values import quantity_of
@@ -53,6 +53,8 @@ _FEWEST_READINGS_OF_TURN = 9
 # A test whose angles cover more than this number of turns holds several laps, or a run-in and
 # run-out in addition to its circle.
 _MORE_THAN_A_TURN = 1.02
+# Words for the directions of travel and the senses of angles.
+_IN_WORDS = {"CW": "clockwise", "CCW": "counter-clockwise"}
 # An error message shows at most this number of characters of a list of columns.
 _LIST_SHOWN = 200
 
@@ -319,25 +321,17 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     """Return angles and readings of a test, with several laps averaged if the layout states so.
 
     If the layout does not state so, all laps (turns) are kept. This is noted, unless the layout
-    states that laps are kept. If the stated direction of travel contradicts the order of the
-    angles, this is noted too. ``recording`` is the test as its file holds it; ``trace`` holds its
+    states that laps are kept. ``recording`` is the test as its file holds it; ``trace`` holds its
     angles and readings.
     """
     angle = trace.angle_deg
     if len(angle) < 2:
         return trace
-    run = direction_of_travel(angle)
-    if trace.direction and run not in (None, trace.direction):
-        recording.note(
-            "direction",
-            f"{trace.direction}, as stated",
-            f"the angles run {run}: taken as sorted",
-            "--direction",
-        )
     # Add one step of the angles: the last reading of a full circle is usually one step before the
     # first.
     step = np.median(np.abs(np.diff(angle)))
     n_laps = float(abs(angle[-1] - angle[0]) + step) / TURN_DEG
+    _check_direction(recording, trace, n_laps)
     if n_laps < _MORE_THAN_A_TURN or recording.layout.laps == "keep":
         return trace
     if recording.layout.laps == "average":
@@ -346,3 +340,34 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     recording.note("laps", f"all {n_laps:.2f} kept in one test", "longer than a turn", "--laps")
     recording.log.keep(laps="keep")
     return trace
+
+
+def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
+    """Note that the stated direction of travel contradicts the order of the angles.
+
+    The angles of one lap may have been sorted. Angles that go on over several laps have not, so
+    that an `InputError` is raised, unless the layout states in which sense angles are counted.
+    ``n_laps`` is the number of laps.
+    """
+    run = direction_of_travel(trace.angle_deg)
+    if trace.direction is None or run in (None, trace.direction):
+        return
+    layout = recording.layout
+    is_sense_stated = layout.angle_sense is not None or layout.angle_sign is not None
+    if n_laps >= _MORE_THAN_A_TURN and not is_sense_stated:
+        rises = float(np.median(np.diff(recording.numbers["angle"]))) > 0.0
+        other_sense = "CCW"
+        if rises == (run == "CCW"):  # angles are now counted counter-clockwise
+            other_sense = "CW"
+        raise InputError(
+            f"direction must agree with the angles, got {trace.direction} and angles that run {run}"
+            f" over {n_laps:.2f} laps. If the angles are counted {_IN_WORDS[other_sense]}, give"
+            f" --angle-sense {other_sense}; if the machine ran {_IN_WORDS[run]}, give --direction"
+            f" {run}."
+        )
+    recording.note(
+        "direction",
+        f"{trace.direction}, as stated",
+        f"the angles run {run}: taken as sorted",
+        "--direction",
+    )

@@ -1,0 +1,64 @@
+"""A stated direction of travel that contradicts angles over several laps is asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ldbb_bayes as lb
+
+CCW_OF_TWO_LAPS = np.arange(0.0, 720.0, 5.0)
+
+
+def written(folder: Path, direction: str, angles_deg: np.ndarray, above: str = "") -> Path:
+    lines = [f"Direction: {direction}", above, "angle_deg,reading_um"]
+    lines += [f"{angle:g},{k % 7}.25" for k, angle in enumerate(angles_deg)]
+    path = folder / "300N.csv"
+    path.write_text("\n".join([*filter(None, lines), ""]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("direction", "angles_deg", "above", "sense"),
+    [
+        ("CW", CCW_OF_TWO_LAPS, "", "CW"),
+        ("CW", CCW_OF_TWO_LAPS % 360.0, "", "CW"),
+        ("CCW", -CCW_OF_TWO_LAPS, "", "CW"),
+        ("CCW", CCW_OF_TWO_LAPS, "Angles clockwise from +X", "CCW"),
+    ],
+)
+def test_the_question_names_both_answers(
+    tmp_path: Path, direction: str, angles_deg: np.ndarray, above: str, sense: str
+) -> None:
+    path = written(tmp_path, direction, angles_deg, above)
+    run = {"CW": "CCW", "CCW": "CW"}[direction]
+    with pytest.raises(
+        lb.InputError,
+        match=f"{direction} and angles that run {run} over 2.00 laps.*"
+        f"--angle-sense {sense};.*--direction {run}",
+    ):
+        lb.import_campaign(path)
+
+
+def test_angles_are_counted_the_other_way_once_their_sense_is_given(tmp_path: Path) -> None:
+    path = written(tmp_path, "CW", CCW_OF_TWO_LAPS)
+    layout = lb.reading.Layout(angle_sense="CW")
+    (test,) = lb.import_campaign(path, layout=layout).campaign.tests
+    np.testing.assert_allclose(test.angle_deg, -CCW_OF_TWO_LAPS)
+    assert test.direction == "CW"
+
+
+def test_angles_are_kept_once_the_direction_is_given(tmp_path: Path) -> None:
+    path = written(tmp_path, "CW", CCW_OF_TWO_LAPS)
+    layout = lb.reading.Layout(direction="CCW")
+    (test,) = lb.import_campaign(path, layout=layout).campaign.tests
+    np.testing.assert_allclose(test.angle_deg, CCW_OF_TWO_LAPS)
+    assert test.direction == "CCW"
+
+
+def test_the_angles_of_one_lap_may_have_been_sorted(tmp_path: Path) -> None:
+    imported = lb.import_campaign(written(tmp_path, "CW", CCW_OF_TWO_LAPS[:72]))
+    notes = [note.because for note in imported.assumptions if note.what == "direction"]
+    assert "the angles run CCW: taken as sorted" in notes
