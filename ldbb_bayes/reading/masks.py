@@ -35,8 +35,8 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[Sequence[float]]) -> Circ
     Raises
     ------
     InputError
-        For an angle that is not finite, and if the remaining readings are fewer than nine or cover
-        less than 180°.
+        If an angle is not finite, if fewer than nine readings remain, or if the remaining readings
+        cover less than 180°.
 
     Examples
     --------
@@ -65,17 +65,18 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[Sequence[float]]) -> Circ
 
 
 def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularTest:
-    """Return a test without the readings near the reversal points 0°, 90°, 180° and 270°.
+    """Return a test without the readings near 0°, 90°, 180° and 270°.
 
-    There the machine's axes reverse, so that backlash and reversal spikes are largest.
+    At these angles the axes of the machine reverse, so that backlash and reversal spikes are
+    largest.
 
     Parameters
     ----------
     test : CircularTest
         The circular test; it is not changed.
     half_width_deg : float, default 5.0
-        Largest distance from a reversal point at which readings are removed, above 0 and below
-        45 [deg].
+        Readings are removed if they are at most this angle away from a reversal point [deg]. The
+        value must be above 0 and below 45.
 
     Returns
     -------
@@ -85,7 +86,7 @@ def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularT
     Raises
     ------
     InputError
-        For a half-width out of range, and if fewer than nine readings are left.
+        If the half-width is out of range, or if fewer than nine readings are left.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Length that readings measure (radius or diameter), as headers and lines above tables name it."""
+"""Words of headers and lines which say whether readings measure the radius or the diameter."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _LETTER = re.compile(_WORDS["letter"])
 _RADIAL = re.compile(_WORDS["radial"])
 # Regular expression for a line that is about the readings.
 _READINGS = re.compile(_WORDS["line"])
-# Regular expression for words which show that a diameter in a text is not the length that readings
-# measure.
+# Regular expression for words which show that a diameter named in a text is not the length that the
+# readings measure.
 _OTHER = re.compile(_WORDS["other"])
-# Regular expression for words for readings that are doubled.
+# Regular expression for words which say that readings are doubled.
 _DOUBLED = re.compile(_WORDS["doubled"])
 # Regular expression for the number of a column, as in "Column 2: diameter deviation".
 _NUMBER_OF_COLUMN = re.compile(r"\b(?:col(?:umn)?|spalte|channel|kanal|ch)\.? ?\d+")
 
 
 def measured_length(text: str) -> str:
-    """Return which length a text names, "radius" or "diameter".
+    """Return "radius" or "diameter", depending on which of the two lengths a text names.
 
     The result is an empty string if the text names neither or both.
     """
@@ -48,10 +48,11 @@ def measured_length(text: str) -> str:
 
 
 def measured_length_stated(text: str) -> dict[str, str]:
-    """Return which length all readings measure, from a line such as ``Values: diameter deviation``.
+    """Return the length that all readings measure according to a line above the table.
 
-    The result is a dict with the key ``measured``, whose value is radius or diameter. The dict is
-    empty for a line that is not about readings, or that contains a number.
+    An example is the line ``Values: diameter deviation``. The result is a dict with the key
+    ``measured``, whose value is "radius" or "diameter". The dict is empty if the line is not about
+    readings or contains a number.
     """
     text = _NUMBER_OF_COLUMN.sub("", comparable(text))
     if _READINGS.search(text) is None or re.search(r"\d", text):
@@ -79,7 +80,7 @@ def may_be_diameter(header: str) -> bool:
 
 
 def leaves_length_open(text: str) -> bool:
-    """Return whether a line names a diameter and may be about readings, but does not name readings.
+    """Return whether a line names a diameter and may, but need not, be about the readings.
 
     An example is ``Mode: diameter``.
     """

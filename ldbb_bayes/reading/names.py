@@ -31,8 +31,8 @@ LOAD_IN_NAME = re.compile(
     re.IGNORECASE,
 )
 # Regular expression for a load (force or pressure) that can be read in two ways. An underscore, a
-# hyphen or a p may replace a decimal point (3_5bar), and a blank may separate thousands (1 238 N).
-# Forces above 5999 N are not expected.
+# hyphen or a p may stand for a decimal point (3_5bar), and a blank may separate thousands (1 238
+# N). Forces above 5999 N are not expected.
 _AMBIGUOUS_LOAD = re.compile(
     r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)"
     r"|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])"
@@ -62,7 +62,7 @@ _LENGTH_IN_NAME = re.compile(
 # "anglesCW".
 _CAPITAL_WITHIN = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ)(?![a-zA-Z])")
-# Usual name of each plane whose letters are written in the other order.
+# Usual name of each plane, by the name with the two letters in the other order.
 _PLANE_NAMES = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
 
 
@@ -75,7 +75,7 @@ class NamedLoad(NamedTuple):
 
 
 class _WrittenLoad(NamedTuple):
-    """Load as it is written in a name: a number with its unit."""
+    """Load that is written in a name: a number with its unit."""
 
     key: str  # kind of load: force_N or pressure_bar
     text: str  # number of the load as written
@@ -83,7 +83,7 @@ class _WrittenLoad(NamedTuple):
 
 
 def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
-    """Return the force or pressure that names state, such as ``238N``, ``2.5 bar`` or ``f238``.
+    """Return the force or pressure that a name states, as in ``238N``, ``2.5 bar`` or ``f238``.
 
     The first name that contains exactly one load is used. Return None if there is no such name.
 
@@ -136,7 +136,7 @@ def load_is_ambiguous(names: Sequence[str]) -> bool:
 
 
 def radius_in_name(names: Sequence[str]) -> float | None:
-    """Return the radius [mm] that names of test, column, sheet or file state, such as ``R100``.
+    """Return the radius [mm] that the name of a test, column, sheet or file states: ``R100``.
 
     The first name that contains exactly one radius is used. Return None if there is no such name.
     """
@@ -165,10 +165,10 @@ def name_as_words(name: str) -> str:
 
 
 def plane_in_name(names: Sequence[str]) -> str | None:
-    """Return the plane (XY, YZ or ZX) that names of test, column, sheet or file state.
+    """Return the plane (XY, YZ or ZX) that the name of a test, column, sheet or file states.
 
-    The first name that contains exactly one plane is used. A plane with its letters in the other
-    order, such as XZ, is returned under its usual name, ZX. Return None if there is no such name.
+    The first name that contains exactly one plane is used. A plane that is written in the other
+    order, such as XZ, is returned with its usual name, ZX. Return None if there is no such name.
     """
     for name in names:
         planes = set()

@@ -39,9 +39,9 @@ _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
 _NUMBER_CELL = re.compile(
     rf"[+\-−–]?(?:\d{{1,3}}(?:{_GAP}\d{{3}})+(?:[.,]\d+)?|\d[\d.,]*{_EXPONENT}|[.,]\d+{_EXPONENT})"
 )
-# Regular expression for a number inside a text, to be used in larger expressions.
+# Regular expression for a number inside a text. Larger regular expressions contain this one.
 NUMBER_IN_TEXT = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
-# Translation of minus signs and dashes to the hyphen, which Python reads as minus.
+# Table that replaces minus signs and dashes by the hyphen, which Python reads as a minus sign.
 _MINUS_SIGNS = str.maketrans("−–", "--")
 # Regular expression for a date in front of a time of day, such as "2026-03-04T" in
 # 2026-03-04T12:00:01.
@@ -73,8 +73,8 @@ _MISSING = (
 )
 # Mark that may separate thousands in a number; the key is the decimal mark of the number.
 OTHER_MARK = {".": ",", ",": "."}
-# Largest value of each quantity in which a mark before three digits may separate thousands: 1,000 N
-# may be 1000 N, but 150.000 mm cannot be 150 000 mm.
+# For each quantity, the largest value that is possible if a mark before three digits separates
+# thousands: 1,000 N may be 1000 N, but 150.000 mm cannot be 150 000 mm.
 _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
 
 
@@ -104,7 +104,7 @@ def is_clock(cell: str) -> bool:
 def could_be_thousands(cell: str) -> bool:
     """Return whether the comma or point in a number may separate thousands.
 
-    This is so in ``12,310``, but not in ``0,310`` or ``12,31``.
+    The comma may separate thousands in ``12,310``, but not in ``0,310`` or ``12,31``.
     """
     return re.fullmatch(r"[+\-−–]?[1-9]\d{0,2}[.,]\d{3}", cell) is not None
 
@@ -125,7 +125,7 @@ def may_be_thousands(key: str, text: str) -> bool:
 def _is_grouped(text: str, mark: str) -> bool:
     """Return whether a whole number has a mark before each group of three digits: 1,000,000.
 
-    ``mark`` is the regular expression for this mark. The number must not begin with a zero, so that
+    ``mark`` is the regular expression for this mark. The number must not begin with a zero, because
     0.310 is not a whole number with a mark between thousands.
     """
     return re.fullmatch(rf"[+\-]?[1-9]\d{{0,2}}(?:{mark}\d{{3}})+", text) is not None
@@ -140,8 +140,8 @@ def number(cell: str, decimal: str = ".") -> float:
     Raises
     ------
     ValueError
-        For a text that is no number, such as nan; for a number that is too large for the computer,
-        such as 1e999; for a number with a misplaced mark, such as 1,23.4.
+        If the text is no number, such as nan, if the number is too large for the computer, such as
+        1e999, or if the number has a misplaced mark, such as 1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
     if not has_digit:  # Python would read nan as a number
@@ -222,9 +222,10 @@ def numbers_in(
 def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
     """Return the decimal mark of a table; None if no cell has a comma or a point.
 
-    If a cell has both comma and point, its last mark is the decimal mark, and the other mark
-    separates thousands. Raise an `InputError` if cells show different decimal marks. Also raise it
-    if no cell has both marks, but some cells have a comma and others a point.
+    If a cell has both a comma and a point, the last mark in the cell is the decimal mark, and the
+    other mark separates thousands. Raise an `InputError` if cells show different decimal marks.
+    Also raise the error if no cell has both marks, but some cells have a comma and other cells have
+    a point.
 
     Parameters
     ----------
@@ -268,7 +269,7 @@ def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
 
 
 class _ClockTime(NamedTuple):
-    """Time of day in a cell, with its date and time zone if the cell states them."""
+    """Time of day in a cell, with date and time zone if the cell states them."""
 
     seconds: float  # seconds since midnight, or since the full hour if the cell states no hours
     has_hours: bool
@@ -280,9 +281,10 @@ def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
     """Return the times of day in n cells as seconds, shape (n,) [s].
 
     If the cells state time zones, all times are converted to the zone of the first cell, so that a
-    change of the clocks leaves no jump. If all cells state a date such as 2026-10-25, the days are
-    included. Without dates, the seconds continue to increase after midnight. If the cells state
-    only minutes and seconds, the seconds continue to increase after each full hour.
+    change of the clocks causes no jump of the times. If all cells state a date such as 2026-10-25,
+    whole days are added to the times. Without dates, the seconds continue to increase after
+    midnight. If the cells state only minutes and seconds, the seconds continue to increase after
+    each full hour.
 
     Parameters
     ----------
@@ -296,7 +298,7 @@ def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
     Raises
     ------
     InputError
-        For a cell that is no time of day, and if some cells state a time zone and others none.
+        If a cell is no time of day, or if some cells state a time zone and others do not.
     """
     clock_times = []
     for line, cell in zip(lines, cells, strict=True):
@@ -349,7 +351,7 @@ def _clock_time(place: str, line: int, cell: str) -> _ClockTime:
 
 
 def _zone_seconds(zone: str | None) -> float | None:
-    """Return the difference of a time zone such as +02:00 from UTC [s]; None without a zone."""
+    """Return local time minus UTC [s] for a time zone such as +02:00; None without a zone."""
     if not zone:
         return None
     if zone == "Z":
@@ -366,7 +368,7 @@ def constant_value(
     cells: Sequence[str],
     decimal: str | None,
 ) -> str | float | None:
-    """Return the value that a column has in all rows of a test; None if the cells are empty.
+    """Return the single value that a column has in all rows of a test; None if it is empty.
 
     Planes and directions are returned as texts, all other values as numbers.
 

@@ -1,4 +1,4 @@
-"""Error for files that leave a question open, which the user can answer in one of a few ways."""
+"""Error for files that leave a question open. The user can answer it in one of a few ways."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class OpenQuestionError(InputError):
     """
 
     def __init__(self, message: str, field: str, answers: Sequence[str]) -> None:
-        """Store the message, the field of the layout and its possible values."""
+        """Store the message, the field of the layout, and the possible values of this field."""
         super().__init__(message)
         self.field = field
         self.answers = tuple(answers)

@@ -1,6 +1,7 @@
 """Statements about tests in sheets that have no table of readings.
 
-Such a sheet states values for all tests, or holds a list with one row for each test.
+A sheet without a table of readings may state values for all tests, or hold a list of tests, with
+one row for each test.
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ LONGEST_OVERVIEW = 1000
 
 @dataclass
 class OverviewLines:
-    """Lines of sheets without a table of readings, divided by the tests that they concern."""
+    """Lines of sheets without a table of readings: lines on all tests, and cells on one test."""
 
     #: place (line number and sheet) and text of each line that concerns all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
-    #: place (line number and sheet) and text of each cell in those rows of a list of tests that
-    #: concern one test; the text is "header: cell"
+    #: place (line number and sheet) and text of each cell in the rows, in lists of tests, that
+    #: concern the one test; the text is "header: cell"
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
 
 
@@ -39,7 +40,7 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
     """Return the lines of sheets that concern all tests, and the cells that concern one test.
 
     Lines outside lists of tests concern all tests. In a list of tests, a row concerns the one test
-    if one of its cells is among ``names``, the ways in which the test's name may be written. Each
+    if a cell of the row is among ``names``, the possible spellings of the name of this test. Each
     cell of such a row is returned as ``header: cell``.
     """
     lines = OverviewLines()
@@ -64,10 +65,10 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
     """Return whether a row in a list of tests describes the wanted test.
 
-    The row does so if one of its cells is among ``wanted``, the ways in which the name of the test
-    may be written. But if the row starts with a label such as ``Operator:``, a name after the label
-    is the value of the label, and not the name of the test. ``filled`` are the cells of the row
-    that are not empty.
+    The row describes the test if a cell of the row is among ``wanted``, the possible spellings of
+    the name of the test. But if the row starts with a label such as ``Operator:``, a name after the
+    label is the value of the label, and not the name of the test. ``filled`` are the cells of the
+    row that are not empty.
     """
     named = wanted & {comparable(cell) for cell in filled}
     if not named:
@@ -81,7 +82,8 @@ def _labelled_cells(
     """Return place and text of the filled cells of a row in a list of tests.
 
     ``place`` states the line number and the sheet. Each text is ``header: cell``, with the header
-    of the cell's column; a word such as CW has the header "direction" instead.
+    of the cell's column. If the cell is a word such as CW, "direction" takes the place of the
+    header.
     """
     labelled = []
     for name, cell in zip(header, cells, strict=False):
@@ -102,9 +104,9 @@ def _has_label(cell: str) -> bool:
 def _heads_a_list(filled: Sequence[str]) -> bool:
     """Return whether a row is the header of a list of tests.
 
-    A row with a label and its value, such as ``Radius | 100 mm``, is no header, nor is a row of two
-    cells whose second is a statement, such as ``positive reading: bar shorter``. ``filled`` are the
-    cells of the row that are not empty.
+    A row with a label and a value, such as ``Radius | 100 mm``, is no header. A row of two cells is
+    no header either if the second cell is a statement, such as ``positive reading: bar shorter``.
+    ``filled`` are the cells of the row that are not empty.
     """
     if _is_statement(filled) or not names_columns(filled):
         return False
@@ -120,7 +122,9 @@ def _heads_a_list(filled: Sequence[str]) -> bool:
 
 
 def _is_statement(filled: Sequence[str]) -> bool:
-    """Return whether a row is a label and a statement, such as ``positive reading: bar shorter``.
+    """Return whether a row consists of two cells, a label and a statement.
+
+    An example of a statement is ``positive reading: bar shorter``.
 
     ``filled`` are the cells of the row that are not empty.
     """

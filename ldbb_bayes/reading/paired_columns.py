@@ -1,4 +1,4 @@
-"""Several tables beside each other in one sheet: a pair of columns for each test."""
+"""Several tables beside each other in one sheet, such as a pair of columns for each test."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ from ldbb_bayes.reading.words import comparable
 
 __all__ = ["split_pairs"]
 
-# Fewest columns of one of several tables beside each other: an angle and a reading.
+# Smallest number of columns that each of several tables beside each other has: one column of angles
+# and one column of readings.
 _FEWEST_COLUMNS = 2
 
 
 def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     """Return the tables that stand beside each other in a sheet, each as a separate sheet.
 
-    A table begins at each column of angles. The first column must hold angles, and all tables must
-    have equally many columns. If ``layout`` states columns, every table must have columns of these
-    names. A sheet that does not meet these conditions is returned unchanged. A table is named after
-    the header of its second column without the unit, such as "100 N". Tables may differ in length:
-    rows in which all cells of a table are empty are left out of this table.
+    A new table begins at each column of angles. The first column of the sheet must hold angles, and
+    all tables must have equally many columns. If ``layout`` states columns by their names, every
+    table must have columns with these names. A sheet that does not meet these conditions is
+    returned unchanged. A table is named after the header of its second column without the unit,
+    such as "100 N". Tables may differ in length: if all cells of a table are empty in a row, the
+    row is left out of this table.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -46,7 +48,7 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
 
 
 def _width_of_tables(names: Sequence[str]) -> int:
-    """Return the number of columns of each table beside each other.
+    """Return the number of columns that each of several tables beside each other has.
 
     The result is 0 if there are not several tables with equally many columns. ``names`` are the
     headers of all columns.
@@ -64,7 +66,7 @@ def _width_of_tables(names: Sequence[str]) -> int:
 def _columns_of(sheet: Sheet, header: int, columns: range, title: str) -> Sheet:
     """Return the table in the given columns of a sheet as a separate sheet with a title.
 
-    ``header`` is the index of the row of names; the rows above it are kept in every table.
+    ``header`` is the index of the row of names. The rows above this row are kept in every table.
     """
     rows = list(sheet.rows[:header])
     for row in sheet.rows[header:]:
@@ -99,8 +101,9 @@ def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
 def _of_columns(units: Mapping[tuple[int, int], str], columns: range) -> dict[tuple[int, int], str]:
     """Return the units of the cells in the given columns, which form one table.
 
-    Each key is a pair of line number and index of the column. The indices of ``units`` are counted
-    in the sheet, and those of the result in the table.
+    Each key is a pair of line number and index of the column. In ``units``, columns are counted
+    from the first column of the sheet; in the result, they are counted from the first column of the
+    table.
     """
     in_table = {}
     for (line, column), unit in units.items():
@@ -112,7 +115,8 @@ def _of_columns(units: Mapping[tuple[int, int], str], columns: range) -> dict[tu
 def _titles(headers: Sequence[str]) -> list[str]:
     """Return a name for each table: the header of its readings without the unit, or a number.
 
-    Numbers are used for all tables if these headers are not all different.
+    If two tables have the same header of readings, or if one such header is empty, all tables are
+    numbered.
     """
     titles = [BRACKET.split(header)[0].strip() for header in headers]
     if len(set(titles)) < len(titles) or not all(titles):

@@ -15,8 +15,8 @@ from ldbb_bayes.reading.words import LONGEST_TEXT
 __all__ = ["ProgrammedArc", "programmed_arcs", "programs_arc"]
 
 _NUMBER = r"[+\-]?(?:\d+\.?\d*|\.\d+)"
-# Regular expression for the word that begins an arc, G2 or G3, if a word for an axis, the centre or
-# the radius follows in the line.
+# Regular expression for the word that begins an arc, G2 or G3. It matches only if a word for an
+# axis, the centre or the radius follows in the line.
 _ARC = re.compile(
     r"(?<![A-Za-z\d])G0?(?P<sense>[23])(?![\d.])"
     rf"(?=.*?[^A-Za-z]?(?:[XYZIJK]\s?{_NUMBER}|C?R\s?=?\s?{_NUMBER}))",
@@ -24,7 +24,7 @@ _ARC = re.compile(
 )
 # Regular expression for a line that is nothing but the word G2 or G3.
 _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
-# Regular expression for the coordinates of the centre, counted from the start of the arc.
+# Regular expression for a coordinate of the centre of an arc, counted from the start of the arc.
 _CENTRE = re.compile(rf"(?<![A-Za-z])[IJK]\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
 # Regular expression for the radius of an arc.
 _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
@@ -82,7 +82,10 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
 
 
 def _radius_in(block: str, is_absolute: bool) -> float | None:
-    """Return the radius in a block of G-code, in the unit of the block; None if it states none."""
+    """Return the radius that a block of G-code states; None if the block states no radius.
+
+    The radius is in the unit of the block.
+    """
     stated = _RADIUS.search(block)
     if stated is not None:
         return abs(float(stated["number"])) or None

@@ -1,4 +1,4 @@
-"""Sign of readings, as a header or a line above the table states it in words.
+"""Sign of readings that a header or a line above the table states in words.
 
 An example is the line ``Positive readings: bar shorter``.
 """
@@ -18,7 +18,7 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
 __all__ = ["sign_of_readings"]
 
 _WORDS = WORDS["reading_sign"]
-# Regular expression for a word for the sign of a reading, or for a shorter or longer bar.
+# Regular expression for a word for the sign of a reading, or a word for a shorter or longer bar.
 _WORD = re.compile(
     rf"(?P<shorter>{_WORDS['shorter']})|(?P<longer>{_WORDS['longer']})"
     rf"|(?P<positive>{_WORDS['positive']})|(?P<negative>{_WORDS['negative']})",
@@ -43,7 +43,7 @@ _TURNED_HEADER = re.compile(_WORDS["header"])
 _TURNED_NAME = re.compile(r"(?<![^\W\d_])(?:invert\w*|negated?|reversed|flipped)", re.IGNORECASE)
 # Regular expression for a line that says what a sign of readings means.
 _MEANING = re.compile(_WORDS["meaning"], re.IGNORECASE)
-# Regular expression for the label of a sign with a text behind it, such as "Sign: as drawn".
+# Regular expression for the label "Sign" with a text behind it, such as "Sign: as drawn".
 _LABEL = re.compile(_WORDS["label"], re.IGNORECASE)
 # Regular expression for readings that a text calls positive or negative.
 _NAMED = re.compile(_WORDS["named"], re.IGNORECASE)
@@ -56,9 +56,8 @@ _IN_OR_OUT_FIRST = re.compile(_WORDS["in_or_out_first"], re.IGNORECASE)
 _NOMINAL_LESS_ACTUAL = re.compile(_WORDS["nominal_less_actual"])
 # Regular expression for a header with a minus sign before the name of the reading.
 _MINUS = re.compile(_WORDS["minus"])
-# Sign of the readings that a statement such as "positive means longer" defines. Each key is a pair
-# of words, such as positive and longer: the sign of a reading, and whether the bar is then longer
-# or shorter.
+# Sign of the readings for each pair of words in a statement such as "positive means longer". One
+# word is the sign of a reading; the other says whether the bar is then longer or shorter.
 _SIGNS = {
     frozenset({"positive", "longer"}): 1,
     frozenset({"negative", "shorter"}): 1,
@@ -72,7 +71,8 @@ _TEXT_SHOWN = 60
 def sign_of_readings(recording: Recording) -> int:
     """Return the factor for the readings: −1 if a longer bar gives a smaller reading, else 1.
 
-    The sign that the user states takes precedence over the words of the file, which are noted.
+    The sign that the user states takes precedence over the words of the file. Words that decide the
+    sign, or that contradict the user, are noted.
 
     Parameters
     ----------
@@ -82,8 +82,7 @@ def sign_of_readings(recording: Recording) -> int:
     Raises
     ------
     InputError
-        For words that contradict each other, or whose meaning is not clear, if the user states no
-        sign.
+        If the user states no sign, and words in the file contradict each other or are not clear.
     """
     stated = recording.layout.sign
     sources = _stated_signs(recording)
@@ -106,11 +105,12 @@ def sign_of_readings(recording: Recording) -> int:
 
 
 def _stated_signs(recording: Recording) -> dict[int, str]:
-    """Return the signs of readings that header and lines state, each with the places that state it.
+    """Return the signs of readings that header and lines state, and the place of each statement.
 
-    The signs are the keys of the returned dict. The header is that of the readings; the lines are
-    those above the table and those that concern all tests. Raise an `OpenQuestionError` for words
-    whose meaning is not clear, if the user states no sign.
+    The signs are the keys of the returned dict; each value is the first place that states the sign.
+    The header is the header of the readings. The lines are the lines above the table and the lines
+    that concern all tests. Raise an `OpenQuestionError` if the user states no sign and a text
+    states the sign in words that are not clear.
     """
     header = recording.heading.headers[recording.heading.roles["reading"]]
     sources: dict[int, str] = {}
@@ -142,7 +142,7 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
 
 
 def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:
-    """Return the texts that may state the sign of readings, each after its source in words.
+    """Return pairs of a source, in words, and a text that may state the sign of readings.
 
     ``header`` is the header of the readings.
     """
@@ -153,7 +153,7 @@ def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:
 
 
 def _is_open(source: str, text: str) -> bool:
-    """Return whether a text concerns the sign of readings, but does not say what it means."""
+    """Return whether a text is about the sign of readings, but leaves its meaning open."""
     return _turns_sign(text) or _is_turned_header(source, text) or _asks(source, text)
 
 
@@ -161,8 +161,8 @@ def _statements(text: str) -> list[str]:
     """Return the statements of a line that also states something about angles, loads or the like.
 
     In ``Angles from Y, clockwise; positive: bar shorter``, the last statement is about the sign of
-    readings. A line that means one sign as a whole is not divided, nor is a line in which no
-    statement alone is about the sign of readings.
+    readings. A line is not divided if the whole line states one sign, or if none of its statements
+    is about the sign of readings.
     """
     text = text[:LONGEST_TEXT]
     is_about_signs_alone = _OTHER_SUBJECT.search(text) is None
@@ -175,7 +175,7 @@ def _statements(text: str) -> list[str]:
 
 
 def _asks(source: str, text: str) -> bool:
-    """Return whether a line states what the sign of readings means, in words not understood.
+    """Return whether a line states the meaning of the sign of readings in unknown words.
 
     Examples are ``Sign: as on the drawing`` and a line that states the sign of readings and the
     sense of angles in one sentence. ``source`` is the place of the text in words, such as "line 3".
@@ -192,7 +192,7 @@ def _asks(source: str, text: str) -> bool:
 
 
 def _words_of_header(header: str) -> str:
-    """Return a header in a form for comparison.
+    """Return a header in a form in which headers can be compared.
 
     The form has no capitals, blanks in place of underscores, and no unit in front of the name.
     """
@@ -246,7 +246,7 @@ def _turns_sign(text: str) -> bool:
 
 
 def _words_in(text: str) -> list[str]:
-    """Return the kinds of the words for signs and bar lengths in a text, in their order.
+    """Return the kinds of the words for signs and bar lengths in a text, in the order of the text.
 
     The kinds are positive, negative, shorter and longer. The list is empty unless the text has a
     word for a sign and a word for a longer or shorter bar.
@@ -261,24 +261,25 @@ def _words_in(text: str) -> list[str]:
 
 
 def _kinds_of_words(text: str) -> list[str]:
-    """Return the kinds of all words for signs and bar lengths in a text, in their order."""
+    """Return the kinds of all words for signs and bar lengths in a text, in the text's order."""
     text = _IN_OR_OUT_FIRST.sub(r"\g<sign> \g<way>ward", text)
     text = _IN_OR_OUT.sub(r"\g<sign> = \g<way>ward", text)
     return [str(match.lastgroup) for match in _WORD.finditer(text)]
 
 
 def _has_sign_and_length(words: list[str]) -> bool:
-    """Return whether the kinds of words include a sign and a longer or shorter bar."""
+    """Return whether ``words`` include both a kind of sign and a kind of bar length."""
     has_sign = "positive" in words or "negative" in words
     has_length = "shorter" in words or "longer" in words
     return has_sign and has_length
 
 
 def _sign_of(words: list[str]) -> int | None:
-    """Return the sign of readings that the words of a text mean; None if it is not clear.
+    """Return the sign of readings that the words of a text mean; None if the sign is not clear.
 
-    ``words`` are the kinds of the words. Each pair of successive words, such as positive and
-    longer, means a sign, and all pairs must mean the same sign.
+    ``words`` are the kinds of the words. The first and the second word form a pair, such as
+    positive and longer, and so do the third and the fourth word. Each pair means a sign, and all
+    pairs must mean the same sign.
     """
     signs = set()
     for first, second in zip(words[::2], words[1::2], strict=False):

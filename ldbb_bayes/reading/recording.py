@@ -24,11 +24,11 @@ __all__ = [
     "option_for",
 ]
 
-# Roles of the columns that may hold the force or pressure of a test; the keys are the fields of a
-# test that state the force or pressure.
+# Roles of the columns that may hold the force or the pressure of a test. The keys are the fields of
+# a test for force and pressure.
 LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
-# Fields of the layout that list the forces or pressures of all tests; the keys are the fields of a
-# test that state its force or pressure.
+# Fields of the layout that list the forces or the pressures of all tests. The keys are the fields
+# of a test for force and pressure.
 LOAD_LISTS = {"force_N": "forces_N", "pressure_bar": "pressures_bar"}
 # Units in which messages state the values of fields; the keys are the fields.
 UNITS_SHOWN = {
@@ -77,15 +77,16 @@ class Recording:
     #: empty if the whole sheet is one test
     label: str
     lines: list[int]  #: line numbers of the test's rows in the file
-    #: numbers of the test's n rows in the columns that have a role, in the units of the file, shape
-    #: (n,) each; the keys are the roles (angle, reading, …)
+    #: numbers in each column with a role (angle, reading, …), for the n rows of the test, in the
+    #: unit of the file, shape (n,); the keys are the roles
     numbers: dict[str, Array]
     #: units that sources such as a column of units state row by row; the keys are the roles (angle,
     #: reading, …) of the columns to which the units belong
     row_units: Mapping[str, Sequence[RowUnits]]
     #: text of every cell in the first row of the test; the keys are the headers of the columns
     first_cells: Mapping[str, str]
-    #: different words in the column of directions, each with the number of its first line
+    #: the different words in the column of directions; the values are the line numbers at which the
+    #: words first appear
     direction_words: Mapping[str, int]
     #: values that lines above the table state; the keys are fields of the test or campaign
     statements: Mapping[str, Sequence[LineStatement]]
@@ -95,12 +96,11 @@ class Recording:
     log: AssumptionLog  #: log to which assumptions about the test are added
     #: fields of the test from columns, such as setup, that have one value in all rows of the test
     fields: dict[str, Any]
-    #: place (line number and sheet) and text of each line that concerns all tests, from sheets
-    #: without a table
+    #: place (line number and sheet) and text of each line, in sheets without a table, that concerns
+    #: all tests
     lines_of_all_tests: Sequence[tuple[str, str]]
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
-    #: each column is given as a place and a line of text with its header and cell, such as "R [mm]:
-    #: 100"
+    #: each item is the place of a column and a text with its header and cell, such as "R [mm]: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
     #: units that are assumed for columns without a unit; the keys are the roles (angle, reading, …)
     #: of the columns
@@ -122,13 +122,13 @@ class Recording:
     def radius_mm(self) -> float:
         """Radius of the test's circle [mm].
 
-        The radius is that of the test's fields, or else the radius of the campaign, or else 150 mm.
+        The radius is the field ``radius_mm`` of the test, or else of the campaign, or else 150 mm.
         """
         radius = self.fields.get("radius_mm") or self.campaign.get("radius_mm")
         return float(radius or _USUAL_RADIUS_MM)
 
     def names(self) -> list[str]:
-        """Return the names of test, reading column, sheet and file that may describe the test.
+        """Return the names of the test, its column of readings, its sheet and its file.
 
         Empty names are left out.
         """
@@ -139,7 +139,7 @@ class Recording:
         return [name for name in names if name]
 
     def names_of_files(self) -> list[str]:
-        """Return the names of test, sheet and file, which may describe the test.
+        """Return the names of the test, its sheet and its file.
 
         Empty names are left out.
         """
@@ -159,7 +159,7 @@ class Recording:
         """Return the user's value for the field ``key`` of the test; None if the user states none.
 
         The entry [[test]] of the layout for this test takes precedence over the other fields of the
-        layout, and these over options for the campaign.
+        layout. The other fields of the layout take precedence over the options for the campaign.
         """
         value = self.stated.get(key)
         if value is None:

@@ -16,7 +16,8 @@ class Sheet:
     """Cells of one text file, or of one sheet of a workbook, as texts."""
 
     path: Path  #: path of the file
-    #: name of the sheet; for a text file empty, or the name of one of several tables in it
+    #: name of the sheet; for a text file, this is empty or the name of one of several tables in the
+    #: file
     name: str
     rows: list[Row]  #: rows of cells with their line numbers; empty lines are left out
     encoding: str = ""  #: encoding of a text file; empty for a workbook
@@ -39,14 +40,14 @@ class Sheet:
 
     @property
     def name_in_file(self) -> str:
-        """Name of the sheet if its file holds several tables; empty for a file's only table."""
+        """Name of the sheet if the file holds several tables; empty if the file holds only one."""
         if self.is_only_table:
             return ""
         return self.name
 
     @property
     def title(self) -> str:
-        """Name of the sheet if its file holds several tables, else name of the file."""
+        """Name of the sheet if the file holds several tables, or else the name of the file."""
         return self.name_in_file or self.path.stem
 
     @property
@@ -58,7 +59,7 @@ class Sheet:
         return str(self.path)
 
     def texts(self, rows: Iterable[Row]) -> Iterator[tuple[int, str]]:
-        """Yield the line number of each row, and its cells as one line of text."""
+        """Yield the line number and the cells of each row, with the cells as one line of text."""
         for row in rows:
             yield row.line, self.text_of(row.cells)
 

@@ -30,7 +30,7 @@ class HeadedSheet(NamedTuple):
 
 @dataclass
 class SheetSelection:
-    """Sheets of foreign files, divided into those with a table of readings and those without."""
+    """Sheets of foreign files, divided into sheets with and sheets without a table of readings."""
 
     tables: list[HeadedSheet] = field(default_factory=list)  #: sheets with a table of readings
     left_out: list[Sheet] = field(default_factory=list)  #: sheets without a table of readings
@@ -44,20 +44,21 @@ def select_sheets(
 ) -> SheetSelection:
     """Return the sheets with a table of angles and readings, and the sheets that are left out.
 
-    A sheet without such a table is left out in two cases: if its workbook has several sheets, or if
-    its file was found by a pattern with ``*`` or ``?``. Each sheet that is left out is noted. An
-    `InputError` is raised for any other sheet without a table, and if no file has a table.
+    A sheet without such a table is left out in two cases: if it is one of several sheets in a
+    workbook, or if the file was found by a pattern with ``*`` or ``?``. Each sheet that is left out
+    is noted. An `InputError` is raised for any other sheet without a table. It is also raised if no
+    file has a table.
 
     Parameters
     ----------
     sheets
         All sheets, in the order of files.
     layout
-        Layout that the user states. If it names sheets, all of these must have a table.
+        Layout that the user states. If the layout names sheets, each named sheet must have a table.
     log
         Log to which the sheets that are left out are added.
     matched
-        Files that were found by a pattern; the user did not name these files.
+        Files that were found by a pattern, and were not named by the user.
     """
     _note_hidden(sheets, log)
     selection = SheetSelection()
@@ -97,9 +98,9 @@ def select_sheets(
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add hidden sheets, hidden rows and repeated headers to the log; all of them are left out.
+    """Add hidden sheets, hidden rows and repeated headers to the log, because they are left out.
 
-    In workbooks of other formats than XLSX, hidden rows and number formats cannot be examined; this
+    If a workbook is not in the format XLSX, hidden rows and number formats cannot be examined. This
     is noted too.
     """
     paths = set()
@@ -133,10 +134,10 @@ def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
 
 
 def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
-    """Return whether a sheet holds no readings, given the error that its header caused.
+    """Return whether a sheet whose header caused an error holds no readings.
 
-    A sheet holds no readings if it has no table of numbers, or if none of its rows names both a
-    column of readings and a column of angles or times.
+    ``error`` is the error that the header caused. A sheet holds no readings if it has no table of
+    numbers, or if no row names both a column of readings and a column of angles or times.
     """
     if isinstance(error, NoTableError):
         return True
@@ -157,10 +158,10 @@ def _is_complete(heading: Heading) -> bool:
 
 
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
-    """Return the selection of sheets with ``is_only_table`` set for the only table of a file.
+    """Return a selection in which each table that is the only table of a file is marked as such.
 
-    ``tables`` are the sheets with a table. They become the tables of the returned selection; the
-    sheets without a table are taken from ``selection``.
+    The mark is ``is_only_table``. ``tables`` are the sheets with a table. They become the tables of
+    the returned selection; the sheets without a table are taken from ``selection``.
     """
     paths = [table.sheet.path for table in tables]
     marked = []

@@ -1,4 +1,4 @@
-"""Functions that split foreign tables into recordings of single tests, with cells as numbers."""
+"""Functions that split foreign tables into recordings of single tests, and convert the cells."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 
-# Roles of the columns whose numbers are not shared by the tests of a sheet: the columns that name
-# tests and directions hold words, and each column of readings may be a separate test.
+# Roles of columns that do not hold numbers for all tests of a sheet. The columns that name tests
+# and directions hold words. A column of readings may hold the readings of one test only.
 _NOT_SHARED = ("test", "direction", "reading")
-# Regular expression for the beginning of a cell that begins with a number, as in "0.9 x 10 um".
+# Regular expression for a number at the beginning of a cell, as in "0.9 x 10 um".
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
-# A column is checked for a decimal mark that may separate thousands only if at least this many of
-# its numbers have the mark.
+# A column is checked only if at least this many of its numbers have a decimal mark. The check is
+# whether the mark may separate thousands.
 _FEWEST_MARKED = 5
 # Fields of a test or campaign that a column may state if it has no role (angle, reading, …).
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
@@ -78,12 +78,12 @@ class _SheetColumns:
     cells: list[list[str]]  # cells of each column
     clock_column: int | None  # index of the column with times of day; None if there is none
     decimal: str | None  # decimal mark of the table; None if no number has one
-    # indices of the columns of units; the keys are the indices of the columns of numbers to which
-    # the units belong
+    # index of the column of units for each column of numbers that has one; the keys are the indices
+    # of the columns of numbers
     unit_columns: Mapping[int, int]
 
     def row_units(self, roles: Mapping[str, int], rows: Sequence[int]) -> dict[str, list[RowUnits]]:
-        """Return a dict with the units that sources state row by row; its keys are the roles.
+        """Return a dict with the units that sources state for single rows; the keys are the roles.
 
         ``roles`` holds the index of the column for each role, such as reading, and ``rows`` the
         indices of the rows of a test.
@@ -107,7 +107,9 @@ class _SheetColumns:
         yield RowUnits([format_units.get(place, "") for place in places], source)
 
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
-        """Return cells of a column for given rows, each with the unit that stood behind its number.
+        """Return the cells of a column in some rows.
+
+        Each cell has the unit that stood behind its number in the file.
 
         If the column holds units, a number with a unit, such as 0.1 µm, is a unit with a factor.
         ``column`` and ``rows`` are the indices of the column and of the rows.
@@ -129,7 +131,7 @@ class _SheetColumns:
         return numbers_in(place, title, self.lines, self.cells[column], self.decimal)
 
     def constant(self, test: str, key: str, column: int, rows: Sequence[int]) -> str | float | None:
-        """Return the value of a column in all rows of one test; None if its cells there are empty.
+        """Return the value of a column in all rows of one test; None if these cells are empty.
 
         Planes and directions are returned as texts, all other values as numbers. Raise an
         `InputError` if these rows have different values.
@@ -152,7 +154,7 @@ class _SheetColumns:
         return constant_value(self.sheet.place, test, key, lines, cells, self.decimal)
 
     def cells_by_header(self, row: int) -> dict[str, str]:
-        """Return a dict with the texts of the cells in a row; its keys are the columns' headers.
+        """Return a dict with the texts of the cells in a row; the keys are the headers.
 
         ``row`` is the index of the row. Cells of columns without a header are left out.
         """
@@ -163,11 +165,12 @@ class _SheetColumns:
         return texts
 
     def constant_lines(self, rows: Sequence[int]) -> list[tuple[int | str, str]]:
-        """Return as lines the columns without a role whose cells are equal in all rows of a test.
+        """Return a line of text for each column without a role whose cells are equal in a test.
 
-        Columns without a role hold no angle, reading or other quantity that the package reads. Each
-        line is a pair of its place and its text. For a column ``R [mm]`` or ``R_mm`` whose cells
-        are all 100, the text is ``R [mm]: 100``. ``rows`` are the indices of the rows of the test.
+        Columns without a role hold no angle, reading or other quantity that the package reads. The
+        cells must be equal in all rows of the test. Each line is a pair of place and text. For a
+        column ``R [mm]`` or ``R_mm`` whose cells are all 100, the text is ``R [mm]: 100``. ``rows``
+        are the indices of the rows of the test.
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
@@ -187,12 +190,12 @@ class _SheetColumns:
         return f"{self.heading.line}, column {self.heading.headers[column]!r}"
 
     def constant_statements(self, rows: Sequence[int]) -> dict[str, list[LineStatement]]:
-        """Return a dict with what columns without a role state about a test; its keys are fields.
+        """Return a dict with the fields of a test that columns without a role state.
 
-        Columns without a role hold no angle, reading or other quantity that the package reads. Such
-        a column states a field only if its cells are equal in all rows of the test. For example, a
-        column ``R [mm]`` whose cells are all 100 states the radius. ``rows`` are the indices of the
-        rows of the test.
+        The keys are the names of the fields. Columns without a role hold no angle, reading or other
+        quantity that the package reads. Such a column states a field only if the cells are equal in
+        all rows of the test. For example, a column ``R [mm]`` whose cells are all 100 states the
+        radius. ``rows`` are the indices of the rows of the test.
         """
         statements = {}
         for key, statements_of_field in statements_in(self.constant_lines(rows)).items():
@@ -201,10 +204,10 @@ class _SheetColumns:
         return statements
 
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
-        """Return a dict whose keys are the different words in the column of directions.
+        """Return a dict with the different words in the column of directions as keys.
 
-        Its values are the line numbers at which the words first appear. ``rows`` are the indices of
-        the rows (from 0) that are considered.
+        The values are the line numbers at which the words first appear. ``rows`` are the indices
+        (from 0) of the rows that are considered.
         """
         words: dict[str, int] = {}
         if "direction" in self.heading.roles:
@@ -233,12 +236,13 @@ def split_sheet(
     log: AssumptionLog,
     left_out: Sequence[Sheet],
 ) -> Iterator[Recording]:
-    """Split the table of one sheet into tests, and yield the recording of each.
+    """Split the table of one sheet into tests, and yield a recording for each test.
 
     A table holds one test for every column of readings. If a column names the tests, the table
-    holds one test for every name in that column. Tests are in the order of the columns of readings,
-    and then of their first rows. Each recording has the numbers of the test, and everything that
-    the file, its name and the user state about the test.
+    holds one test for every name in that column. The tests are yielded in the order of the columns
+    of readings; tests that a column names are yielded in the order of their first rows. Each
+    recording has the numbers of the test, and everything that the file, the name of the file and
+    the user state about the test.
 
     Parameters
     ----------
@@ -256,7 +260,7 @@ def split_sheet(
     Raises
     ------
     InputError
-        For cells that are no numbers, and for statements that do not fit the tests.
+        If a cell is no number, or if a statement does not fit the tests.
     """
     columns = _read_columns(sheet, heading, layout, campaign.get("plane"), log)
     shared_numbers = _shared_numbers(columns, layout)
@@ -372,7 +376,7 @@ def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
 def _cells_with_units(
     sheet: Sheet, lines: Sequence[int], cells: Sequence[Sequence[str]]
 ) -> list[list[str]]:
-    """Return the cells of each column with the units that stood behind their numbers."""
+    """Return the cells of each column; each cell has the unit that stood behind its number."""
     columns = []
     for column, texts in enumerate(cells):
         with_units = []
@@ -387,8 +391,8 @@ def _read_columns(
 ) -> _SheetColumns:
     """Return the table of a sheet as columns of cells.
 
-    Assumptions about its header and its decimal mark are added to the log. ``stated_plane`` is the
-    plane that the user states for all tests, or None.
+    Assumptions about the header and the decimal mark of the table are added to the log.
+    ``stated_plane`` is the plane that the user states for all tests, or None.
     """
     lines, cells = columns_of(sheet.place, _table_rows(sheet, heading), len(heading.headers))
     cells_with_units = _cells_with_units(sheet, lines, cells)
@@ -446,7 +450,10 @@ def _numeric_columns(heading: Heading) -> list[int]:
 
 
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
-    """Return the rows of a table up to its last row with numbers, even with unknown units."""
+    """Return the rows of a table up to the last row with numbers.
+
+    The numbers in the last row may have unknown units.
+    """
     rows = sheet.rows[heading.first_row :]
     while rows and not (_has_number(rows[-1]) or _holds_quantities(rows[-1], heading)):
         rows.pop()
@@ -454,9 +461,10 @@ def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
 
 
 def _holds_quantities(row: Row, heading: Heading) -> bool:
-    """Return whether every cell of a row of the table begins with a number, as ``0.9 x 10 um``.
+    """Return whether every cell of a row begins with a number, as in ``0.9 x 10 um``.
 
-    Such a row is no remark below the table. Later code raises an error for its units.
+    Such a row belongs to the table and is no remark below it. Later code raises an error for the
+    units in this row.
     """
     if len(row.cells) != len(heading.headers):
         return False
@@ -470,11 +478,11 @@ def _has_number(row: Row) -> bool:
 def _decimal_mark_of(
     sheet: Sheet, cells: Sequence[tuple[int, str]], layout: Layout, log: AssumptionLog
 ) -> str | None:
-    """Return the decimal mark of a table, as the layout states it or as found in its cells.
+    """Return the decimal mark that the layout states, or else the mark found in the cells.
 
-    Return None if the layout states no mark and no cell has one. A mark that is found is added to
-    the log as an assumption if it is a comma, or if it might as well separate thousands. ``cells``
-    are the line number and the text of every cell with a number.
+    Return None if the layout states no mark and no cell has one. A mark found in the cells is noted
+    as an assumption if it is a comma, or if it may just as well separate thousands. ``cells`` holds
+    the line number and the text of every cell with a number.
     """
     if layout.decimal is not None:
         _note_stated_mark(sheet, cells, layout.decimal, log)
@@ -526,8 +534,8 @@ def _check_thousands(
 def _common_mark(sheet: Sheet, cells: Sequence[tuple[int, str]]) -> str | None:
     """Return the decimal mark of all cells; raise an `InputError` if cells have different marks.
 
-    For a workbook, the message adds that texts among the numbers may be the cause: numbers have a
-    point, and texts may have a comma.
+    For a workbook, the message adds that the cause may be texts among the numbers. In a workbook,
+    numbers have a decimal point, but texts may have a comma.
     """
     try:
         return decimal_mark(sheet.place, cells)
@@ -543,7 +551,7 @@ def _common_mark(sheet: Sheet, cells: Sequence[tuple[int, str]]) -> str | None:
 def _note_stated_mark(
     sheet: Sheet, cells: Sequence[tuple[int, str]], decimal: str, log: AssumptionLog
 ) -> None:
-    """Add a note to the log if no cell has the stated decimal mark, but some have the other mark.
+    """Add a note if cells have a comma or a point, but none has the stated decimal mark.
 
     The other mark, comma or point, then separates thousands.
     """
@@ -585,7 +593,7 @@ def _labels_of(columns: _SheetColumns) -> list[str]:
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     rows = range(len(columns.lines))
-    # If tests have names such as 100 N, the unit was split from the number before; it is added
+    # If a test has a name such as 100 N, the unit was earlier split from the number. Add the unit
     # again.
     labels = columns.cells_with_units(columns.heading.roles["test"], rows)
     if "" in labels:
@@ -622,8 +630,8 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
     layout
         Layout with the entries.
     holds_several
-        Whether the file holds several tests; an entry for the file must then state no force or
-        pressure.
+        Whether the file holds several tests. If it does, an entry that names the file must not
+        state a force or pressure.
     """
     entries = {entry.file: entry for entry in layout.test}
     fields: dict[str, Any] = {}
@@ -645,10 +653,10 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
 def _note_unused_columns(
     columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int]], log: AssumptionLog
 ) -> None:
-    """Add to the log the columns of a table that state nothing that is used.
+    """Add a note to the log on the columns of a table that are not used.
 
-    A column without a role (angle, reading, …) is used if it states a field such as the radius, in
-    all tests. ``rows_of_tests`` holds the indices of the rows of each test.
+    A column without a role (angle, reading, …) is used only if it states a field, such as the
+    radius, for every test. ``rows_of_tests`` holds the indices of the rows of each test.
     """
     used = set()
     for column in range(len(columns.heading.headers)):
@@ -677,8 +685,8 @@ def _field_columns(
 ) -> dict[str, int]:
     """Return a dict with the indices of the columns that state a field of each test, such as setup.
 
-    The keys are the fields. ``labels`` holds the name of the test for each row. Columns of times
-    and temperatures that change within a test are left out, and this is added to the log.
+    The keys are the fields. ``labels`` holds the name of the test for each row. A column of times
+    or temperatures is left out if its values change within a test; this is noted in the log.
     """
     heading = columns.heading
     field_columns = {
