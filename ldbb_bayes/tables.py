@@ -104,8 +104,8 @@ _NO_BREAK = "\xa0"
 class Table:
     """Table for display and for files.
 
-    Floating-point numbers are displayed with four significant digits and None as a dash. All other
-    cells are displayed unchanged.
+    Floating-point numbers are displayed with four significant digits, and None is displayed as a
+    dash. All other cells are displayed unchanged.
     """
 
     caption: str

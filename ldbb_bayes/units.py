@@ -297,7 +297,7 @@ def is_slope(name: str) -> bool:
 
 
 def without_slopes(names: Iterable[str]) -> list[str]:
-    """Return the names that are not names of slopes (`is_slope`); if all are, return all names."""
+    """Return all names except those of slopes (`is_slope`), or all names if all are of slopes."""
     listed = list(names)
     return [name for name in listed if not is_slope(name)] or listed
 

@@ -140,14 +140,14 @@ class CampaignFields(Shown):
     place: Label | None = None  #: place of the measurement
     ball_bar: Label | None = None  #: type and number of the ball bar
     ball_bar_calibrated: Date | None = None  #: date of the ball bar's calibration, ISO 8601
-    #: name of the device that makes or measures the force, and of its certificate
+    #: name of the device that makes or measures the force, and name of the device's certificate
     force_device: Label | None = None
     #: tolerances as texts with units, such as {"C_XXX": "60 nm/N"}; the keys are the names of the
     #: quantities. Tolerances do not influence a fit; `assess_conformity` uses them.
     tolerances: Mapping[str, str] = field(default_factory=dict)
     feed_mm_per_min: Number | None = None  #: feed of the tool along the circle [mm/min]
-    #: resolution of the ball bar's readout [µm]; the standard deviation of the readings' noise is
-    #: at least resolution/√12
+    #: resolution of the ball bar's readout [µm]; the model assumes that the standard deviation of
+    #: the readings' noise is at least ``resolution_um`` / √12
     resolution_um: Positive = 0.24
     #: order in which the tests were run: None for the order in which they are listed, "random" for
     #: an order that was drawn at random. If all tests state ``time_s``, these times are used
@@ -201,7 +201,7 @@ class Campaign(CampaignFields):
     centre_mm: Annotated[Sequence[Coordinate], AfterValidator(tuple)] = field(
         default=(0.0, 0.0, 0.0), kw_only=True
     )
-    #: certified properties of the instrument: balls, bar, mount, force and angle
+    #: certified properties of the instrument: balls, bar, mount, force device and angles
     instrument: Instrument = field(default_factory=Instrument, kw_only=True)
     #: planned tests, without readings, that may be run later. The model of the campaign already
     #: includes the effects that only these tests can show.
@@ -362,9 +362,9 @@ class Campaign(CampaignFields):
 
         The conditions are the fields of each test, and the fields topology, frames_mm, mount,
         resolution_um, order and drift of the campaign. The digest also depends on the names and the
-        sequence of the tests, and on the foreseen tests. It does not depend on the format of the
-        files, nor on prior knowledge, that is, on certificates and on the pilot (the campaign from
-        which a plan was designed).
+        sequence of the tests, and on the foreseen tests. The digest does not depend on the format
+        of the files, on certificates, or on the pilot (the campaign from which a plan was
+        designed).
         """
         digest = hashlib.sha256()
         head: list[Any] = [

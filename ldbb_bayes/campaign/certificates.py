@@ -54,9 +54,10 @@ class CertifiedQuantity:
     #: expanded uncertainty of the value, in the same unit, as the certificate states it; None if
     #: missing
     U: float | None
-    #: coverage factor of the expanded uncertainty that the certificate states; None if missing
+    #: coverage factor of the expanded uncertainty, as the certificate states it; None if missing
     k: float | None
-    #: coverage probability of the expanded uncertainty that the certificate states; None if missing
+    #: coverage probability of the expanded uncertainty, as the certificate states it; None if
+    #: missing
     coverage: float | None
 
     @property
@@ -95,7 +96,7 @@ class CertifiedQuantity:
         return None if size is None else size.dimension
 
     def numbers(self, factor: float = 1.0) -> tuple[float, float]:
-        """Return the value of the quantity and its expanded uncertainty U for k = 2.
+        """Return the value of the quantity, and the expanded uncertainty U of the value for k = 2.
 
         U is zero if the certificate states no uncertainty.
 
@@ -161,8 +162,8 @@ class CalibrationCertificate(Shown):
         kind
             Kind of object: ``bar``, ``force`` (force device) or ``ball``.
         bar_length_mm
-            Nominal length of the bar [mm]. It is used to choose a bar if the certificate states
-            several bars.
+            Nominal length of the bar [mm]. This length is used to choose a bar if the certificate
+            states several bars.
 
         Returns
         -------
@@ -355,7 +356,7 @@ class CalibrationCertificate(Shown):
 def _error_of_length(
     quantity: CertifiedQuantity, lengths: Mapping[str, list[CertifiedQuantity]]
 ) -> tuple[float, float]:
-    """Return the amount by which a bar's readings are too large, and its U (k = 2), both in µm.
+    """Return the amount by which a bar's readings are too large, and U (k = 2) of it, both in µm.
 
     U is the expanded uncertainty of this amount. ``quantity`` is the certified quantity that states
     the error of the bar's length. ``lengths`` holds lists of all quantities in units of length; the
@@ -409,8 +410,8 @@ def _several_errors(
     """Return the `InputError` for a certificate that states several errors of a bar's length.
 
     For each of these errors of the length, the message states a name that distinguishes it from the
-    other errors of the length. It also states the two numbers that the user may give instead of the
-    certificate.
+    other errors of the length. The message also states the two numbers that the user may give
+    instead of the certificate.
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:

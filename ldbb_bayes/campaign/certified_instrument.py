@@ -70,7 +70,7 @@ class Ball(Shown):
     harmonics_um: Annotated[Sequence[Harmonic], AfterValidator(tuple)] = ()
     #: expanded uncertainty (k = 2) of each cosine and sine coefficient of ``harmonics_um`` [µm]
     U_um: Certified | None = None
-    #: name of the ball's calibration certificate; no number depends on it
+    #: name of the ball's calibration certificate; no computed number depends on this name
     certificate: Label | None = None
 
     def __post_init__(self) -> None:
@@ -143,9 +143,9 @@ class Instrument(Shown):
     #: expanded uncertainty (k = 2) [deg] of two errors of the angle: the error of the zero from
     #: which angles are measured, and the lag of the recorded readings behind the angle of the bar
     angle_U_deg: CertifiedAngle | None = None
-    #: name of the bar's calibration certificate; no number depends on it
+    #: name of the bar's calibration certificate; no computed number depends on this name
     bar_certificate: Label | None = None
-    #: name of the force device's calibration certificate; no number depends on it
+    #: name of the force device's calibration certificate; no computed number depends on this name
     force_certificate: Label | None = None
 
     def __post_init__(self) -> None:

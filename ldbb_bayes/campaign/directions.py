@@ -1,4 +1,4 @@
-"""Check that all tests in a plane state their direction of travel, or that none does."""
+"""Check that either all tests in a plane state their direction of travel, or no test does."""
 
 from __future__ import annotations
 

@@ -36,10 +36,10 @@ __all__ = [
     "write_campaign_into",
 ]
 
-# Name of the file in the folder of a simulated campaign that holds the true parameters.
+# Name of the file with the true parameters, in the folder of a simulated campaign.
 TRUTH_NAME = "truth.json"
-# Name of the file in the folder of an imported campaign that states how the imported files were
-# read.
+# Name of the file that states how the imported files were read, in the folder of an imported
+# campaign.
 IMPORT_NAME = "import.toml"
 # Longest name, machine_id or date of a campaign that `labels_of` returns [characters]; longer texts
 # are left out.

@@ -38,8 +38,8 @@ _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this many times the
 # usual step from one angle to the next.
 _GAP_STEPS = 10.0
-# A test is reported if its stated force differs from the force that the campaign's force law gives
-# for its pressure by more than this share of the campaign's largest force.
+# A test is reported if its stated force differs from the force that follows from its pressure and
+# the campaign's force law. The difference must exceed this share of the campaign's largest force.
 _FORCE_LAW_SHARE = 0.02
 # Usual range of a campaign's largest force [N]. If the force is outside this range, the unit of the
 # forces is probably wrong.
@@ -63,11 +63,11 @@ _SPIKE_SCATTERS = 8.0
 # standard deviation of the noise or the resolution of the readout, whichever is larger.
 _OPEN_SCATTERS = 10.0
 # Number of fits in the first step of the search for spikes, in which each fit gives new weights to
-# the readings. It is also the largest number of fits in the second step, in which each fit leaves
-# out the spikes found so far.
+# the readings. This number is also the largest number of fits in the second step, in which each fit
+# leaves out the spikes found so far.
 _MAX_ROUNDS = 20
-# Standard deviation of a normal distribution divided by its median absolute deviation (MAD). A MAD
-# times this factor estimates the standard deviation.
+# Ratio of the standard deviation of a normal distribution to its median absolute deviation (MAD).
+# The MAD of readings times this factor is an estimate of their standard deviation.
 _SD_PER_MAD = 1.4826
 # Smallest step between readings [µm] that counts as their resolution if more than nine tenths of
 # the readings are distinct. A smaller step then only shows how many digits were written.

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = ["compare", "design", "identify", "validate"]
 
-# Columns of the file parameters.csv that the command identify writes, besides the parameter's name.
+# Columns, in addition to the parameter's name, of the file parameters.csv that the command identify
+# writes.
 _PARAMETER_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
 # Names of the figures that the command compare writes.
 _COMPARISON_FIGURES = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
@@ -281,7 +282,7 @@ def _design_for_goals(
     output: arguments.OutputOptions,
     settings: dict[str, Any],
 ) -> None:
-    """Find the cheapest campaign that reaches the goals for uncertainties; print and write it.
+    """Find, print and write the cheapest campaign that reaches the goals for uncertainties.
 
     ``settings`` are the options of the command ``design``, which include the goals; the keys are
     the names of the options. The campaign is written as a plan. Exit with code 1 if a goal is not

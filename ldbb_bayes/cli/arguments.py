@@ -136,8 +136,8 @@ def instrument_fields(
     balls
         Properties that the option ``--balls`` states for both the work ball and the tool ball.
     bar_length_mm
-        Nominal length of the bar [mm]. It is used to choose a bar if a certificate states several
-        bars.
+        Nominal length of the bar [mm]. This length is used to choose a bar if a certificate states
+        several bars.
     **options
         Fields of `Instrument`, and paths of digital calibration certificates (DCC): ``bar_dcc``,
         ``force_dcc``, ``work_dcc``, ``tool_dcc``.
