@@ -2,7 +2,7 @@
 
 Coefficients are the parameters of interest (compliances, their slopes and geometric errors) and the
 nuisance coefficients (effects that are modelled but not of interest). In a degeneracy, the effects
-of the coefficients on the readings cancel. For example, a change of the parameters cancels the
+of the coefficients on the readings cancel. For example, a change of some parameters may cancel the
 effect of a nuisance coefficient. The degeneracies span the null space of the design matrix. A
 sparse basis of this space is computed, so that each degeneracy involves few coefficients. No
 readings are needed. A plan (a campaign without readings) can therefore be examined too.
@@ -30,11 +30,11 @@ __all__ = ["Degeneracy", "degeneracies"]
 _MOST_ANGLES = 240
 # Angles of readings [rad] that agree to this number of decimals count as one angle.
 _ANGLE_DECIMALS = 9
-# A degeneracy names only parameters whose effect on the readings is more than this share of the
-# largest effect of any of its coefficients.
+# A parameter is named in the description of a degeneracy only if its effect on the readings is more
+# than this share of the largest effect of any coefficient in the degeneracy.
 _NAMED_SHARE = 0.02
-# The effect of a coefficient on the readings is a rounding error if it is below this share of the
-# largest effect of any coefficient in the same combination.
+# The effect of a coefficient on the readings counts as a rounding error if it is below this share
+# of the largest effect of any coefficient in the same combination.
 _ROUNDING = 1e-9
 # A change of a reading counts as invisible if it is below this share of the resolution of the
 # readings.
@@ -47,8 +47,8 @@ _MICROMETRE = 1e-3
 class Degeneracy:
     """A combination of parameters and nuisance coefficients that no reading resolves.
 
-    Nuisance coefficients are effects that are not of interest. Nuisance coefficients that the model
-    leaves out are considered too.
+    Nuisance coefficients are effects that are not of interest. Effects that the preset of the model
+    includes, but the model leaves out, are considered too.
     """
 
     #: class name of the model term that the pivot belongs to; empty if the pivot is a parameter.
@@ -60,18 +60,19 @@ class Degeneracy:
     #: parameters of interest whose effect on the readings is more than 2 % of the largest effect of
     #: any coefficient in ``combination``
     parameters: tuple[str, ...]
-    units: Mapping[str, str]  #: internal units of all parameters in ``combination``, by name
-    #: whether the model has a term for every nuisance coefficient in ``combination``; if not, the
-    #: intervals of the parameters ignore the effect that is left out
+    #: internal units of all parameters in ``combination``; the keys are the names of the parameters
+    units: Mapping[str, str]
+    #: whether the model has a term for every nuisance coefficient in ``combination``. If not, the
+    #: intervals of the parameters ignore the effect of a missing term.
     modelled: bool
     #: whether the size of every nuisance coefficient in ``combination`` is given by a certificate,
     #: or by a model term whose values the user has changed
     stated: bool
-    #: root sum of squares of the changes in ``combination``, each divided by its prior standard
-    #: deviation
+    #: root sum of squares of the changes in ``combination``, where each change is divided by the
+    #: prior standard deviation of its coefficient
     prior_sds: float
-    #: largest change of a reading that ``combination`` causes [µm]; 0 where it is a rounding error
-    #: (below 1e-9 of the largest change that one of its coefficients causes alone)
+    #: largest change of a reading that ``combination`` causes [µm]; 0 if this change is a rounding
+    #: error (below 1e-9 of the largest change that one of the coefficients alone causes)
     change_um: float
 
     @property
@@ -84,11 +85,11 @@ class Degeneracy:
 class _Coefficients:
     """The m coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients (effects that are not of interest) that the model leaves out are included.
-    ``owners`` are the class names of the model terms that the coefficients belong to; for a
-    parameter, the name is empty. ``columns``, shape (tests, 25, m), are the changes of the 25
-    Fourier coefficients of each test's radial deviation per unit of each coefficient. ``prior_sd``,
-    shape (m,), are the prior standard deviations.
+    Nuisance coefficients are effects that are not of interest. Those that the preset of the model
+    includes, but the model leaves out, are listed too. ``owners`` are the class names of the model
+    terms that the coefficients belong to; for a parameter, the name is empty. ``columns``, shape
+    (tests, 25, m), are the changes of the 25 Fourier coefficients of each test's radial deviation
+    per unit of each coefficient. ``prior_sd``, shape (m,), are the prior standard deviations.
     """
 
     names: tuple[str, ...]
@@ -129,13 +130,13 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
-    """Return the parameters of a combination without its nuisance coefficients, where possible.
+    """Return a combination of coefficients without nuisance coefficients, where possible.
 
-    The nuisance coefficients are set to zero if no reading resolves the resulting combination of
-    parameters alone. If a reading resolves the combination of parameters alone, the given
-    combination is returned unchanged. ``vector``, shape (m,), is the given combination: the values
-    of m coefficients in units of their prior standard deviations. ``space`` is the null space of
-    the campaign's design matrix.
+    The nuisance coefficients of the combination are set to zero if no reading resolves the
+    remaining combination of parameters. If a reading resolves it, the given combination is returned
+    unchanged. ``vector``, shape (m,), is the given combination: the values of m coefficients in
+    units of their prior standard deviations. ``space`` is the null space of the campaign's design
+    matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)
@@ -152,9 +153,10 @@ def _describe_degeneracy(
     """Return the `Degeneracy` that describes an unresolved combination of coefficients.
 
     The combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
-    deviations. ``pivot`` is the index of the coefficient that has the value one. ``space`` is the
-    null space that the combination belongs to. Return None if the effect of every parameter on the
-    readings is at most 2 % of the largest effect of any coefficient in the combination.
+    deviations. ``pivot`` is the index of the coefficient whose effect on the readings the other
+    coefficients cancel; its value is one. ``space`` is the null space that the combination belongs
+    to. Return None if the effect of every parameter on the readings is at most 2 % of the largest
+    effect of any coefficient in the combination.
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
@@ -233,9 +235,9 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients are effects that are not of interest. Those of the model's own terms are
-    included, and also those of terms that the model's preset (the ready-made model from which the
-    model was made) has but the model leaves out.
+    Nuisance coefficients are effects that are not of interest. The result has the nuisance
+    coefficients of the model's terms. It also has those of terms that the model leaves out although
+    its preset has them; a preset is the ready-made model from which a model is made.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**edition_terms(bound), **modelled}

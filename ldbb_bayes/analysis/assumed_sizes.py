@@ -1,4 +1,4 @@
-"""Effects whose sizes are assumed: the sizes are neither measured nor stated by anybody."""
+"""Effects whose sizes are assumed, which means that the sizes are neither measured nor stated."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["AssumedSize", "DecidingAssumption", "deciding_assumptions"]
 
-# A parameter counts as dependent on an assumed effect if the effect has at least this share of the
-# parameter's variance.
+# A parameter counts as dependent on an assumed effect if the effect causes at least this share of
+# the parameter's variance.
 _DECIDING_SHARE = 0.05
 # Two sizes count as equal if the larger divided by the smaller is below this number.
 _SAME_SIZE = 1.0 + 1e-9
@@ -37,9 +37,9 @@ class DecidingAssumption(Result):
     """An effect whose size is assumed, and the parameter that depends on it most."""
 
     term: str  #: class name of the model term that describes the effect
-    parameter: str  #: parameter of whose variance the effect causes the largest share
+    parameter: str  #: parameter in whose variance the effect has its largest share
     share: float  #: share of the effect in the variance of ``parameter``
-    #: sizes of the effect, one for each unit that its coefficients have
+    #: sizes of the effect, one for each unit in which the coefficients of the effect are stated
     sizes: tuple[AssumedSize, ...]
 
 
@@ -81,7 +81,7 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
 def _sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
     """Return the largest size of an effect for each unit, from the effect's lines in the budgets.
 
-    Lines that stand for several coefficients state no size, and are left out.
+    Lines that stand for several coefficients are left out, because they state no size.
     """
     by_unit: dict[str, dict[str, float]] = {}
     for line in lines:

@@ -4,11 +4,12 @@ The averaged posterior is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the po
 M, weighted by the posterior probability of the model given the readings y. β are the parameters
 (compliances, their slopes and geometric errors), φ the hyper-parameters (the scales of the noise
 and of other effects). The models differ in whether compliance changes with force (slopes), and in
-what else may explain such a change (rival explanations).
+the rival explanations that they include: other effects that change the readings like slopes.
 
 Every model with every subset of rival explanations has the same prior probability. A parameter that
-a model lacks is zero in the draws of that model. The share of zeros among all draws is therefore
-the probability that the parameter is zero (Hoeting, Madigan, Raftery and Volinsky 1999).
+a model lacks is zero in the draws of that model. The share of zeros among all draws of a parameter
+is therefore the probability that the parameter is zero (Hoeting, Madigan, Raftery and Volinsky
+1999).
 """
 
 from __future__ import annotations
@@ -47,8 +48,7 @@ __all__ = ["average"]
 _CHAINS = 4
 # Least number of draws from the averaged posterior that a caller may ask for.
 _FEWEST_DRAWS = 400
-# A model with a posterior probability below this number is negligible in the average: the error of
-# its evidence is ignored.
+# The error of the evidence is ignored for a model whose posterior probability is below this number.
 _NEGLIGIBLE_PROBABILITY = 1e-3
 # Largest error of a log evidence [nat] at which the posterior probabilities of models can be
 # trusted.
@@ -70,10 +70,10 @@ class _Combination(NamedTuple):
 class _WeightedModels:
     """The models of an average with their posterior probabilities.
 
-    ``combinations`` are the names and rival explanations of the models. ``nodes`` are, for each
-    model, the weighted points in the space of the hyper-parameters at which its posterior is
-    computed. ``probability``, shape (models,), sums to one. ``bound`` is the model with the most
-    parameters, bound to the campaign.
+    ``combinations`` are the names and rival explanations of the models. ``nodes`` has an entry for
+    each model: weighted values of the hyper-parameters that represent the posterior under the
+    model. ``probability``, shape (models,), sums to one. ``bound`` is the largest model, the one
+    with the most parameters, bound to the campaign.
     """
 
     combinations: tuple[_Combination, ...]
@@ -116,8 +116,8 @@ def average(
     Parameters
     ----------
     models : mapping of str to HybridModel
-        Models by name, for example constant and linear compliance. Each model must be equal to the
-        largest model with some parameters fixed at zero.
+        Models by name, for example constant and linear compliance. Each model must equal the
+        largest model, except that some parameters may be fixed at zero.
     campaign : Campaign
         Campaign with readings.
     seed : int
@@ -132,17 +132,18 @@ def average(
     Returns
     -------
     DataTree
-        Posterior as returned by `sample`, with the parameters of the largest model; a parameter
-        that a model lacks is zero in its draws. The posterior also stores a record (a dictionary).
-        Its entry ``averaged`` lists the models with rival explanations, log evidence and
-        probability. ``sample_stats.model`` is the index in this list, from 0, of the model that
-        each draw comes from. The prior draws come from all models in equal numbers.
+        Posterior as returned by `sample`, with the parameters of the largest model. A parameter
+        that a model lacks is zero in the draws of this model. The posterior also stores a record (a
+        dictionary). Its entry ``averaged`` lists the models with rival explanations, log evidence
+        and probability. ``sample_stats.model`` states which model each draw comes from, as an index
+        in this list that counts from 0. The prior draws come from all models in equal numbers.
 
     Raises
     ------
     InputError
-        If no models are given, or the models are not nested. Also for a plan (a campaign without
-        readings), a flat prior, too few draws, or evidences of another campaign.
+        If no models are given, or if a model is not the largest model with some parameters fixed at
+        zero. Also for a plan (a campaign without readings), a flat prior, too few draws, or
+        evidences of another campaign.
 
     Examples
     --------
@@ -268,9 +269,9 @@ def _draw_posteriors(
 ) -> tuple[Array, list[ModelDraws]]:
     """Return ``size`` draws from the averaged posterior.
 
-    The first result, shape (size,), is the index of the model of each draw. The second result
-    holds, for each model that has draws, these draws. The number of draws of a model differs from
-    its probability times ``size`` by less than one.
+    The first result, shape (size,), is the index of the model of each draw. The second result holds
+    the draws of each model that has any. The number of draws of a model differs by less than one
+    from ``size`` times the probability of the model.
     """
     cumulative = np.append(0.0, np.cumsum(weighted.probability) / weighted.probability.sum())
     ends = np.floor(cumulative * size + rng.random()).astype(int)
@@ -304,7 +305,7 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
     The n draws of the p parameters have the shape (n, p), those of the h hyper-parameters the shape
     (n, h). The draws of the first model come first, then those of the next model, and so on. The
     parameters are those of ``bound``, the largest model; a parameter that a model lacks is zero in
-    its draws.
+    the draws of this model.
     """
     pooled_beta = []
     for draws_of_model in draws_of_models:
@@ -321,9 +322,10 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
 def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
     """Return the log densities of the draws of all models, by name of the density.
 
-    For example, ``lp`` is the log density of the posterior. Each result has the shape of ``order``,
-    (chains, draws). ``order`` holds the indices of the draws in the order of the result. The
-    indices count the draws of the first model first, then those of the next model, and so on.
+    For example, the key ``lp`` stands for the log density of the posterior. Each result has the
+    shape of ``order``, (chains, draws). ``order`` holds the indices of the draws in the order of
+    the result. The indices count the draws of the first model first, then those of the next model,
+    and so on.
     """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}
@@ -359,8 +361,8 @@ def _averaged_prior(
     """Return prior mean and standard deviation of every parameter, averaged over the models.
 
     The models have equal prior probabilities; a parameter that a model lacks is zero in this model.
-    ``prior_sd`` holds the prior standard deviations of the largest model, by name of parameter and
-    hyper-parameter; those of the hyper-parameters are returned unchanged.
+    ``prior_sd`` holds the prior standard deviations of the largest model, by name of parameter or
+    hyper-parameter. The values of the hyper-parameters are returned unchanged.
     """
     names = weighted.bound.names
     moments = np.zeros((2, len(names)))
@@ -380,8 +382,8 @@ def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
     """Return the models with their probabilities, for the record of the averaged posterior.
 
     Each model is described by name, rival explanations, log evidence and posterior probability. The
-    result also has the probability of each model name, summed over the subsets of rival
-    explanations, and the probability of each rival explanation, summed over the models that include
+    result also has two kinds of sums of these probabilities: one for each model name, over all
+    subsets of rival explanations, and one for each rival explanation, over all models that include
     it.
     """
     models = []

@@ -7,20 +7,20 @@ other effects; truncation means that compliances must not be negative.
 
 Given φ, the estimation error of the parameters is a sum of independent parts, one for every source.
 A source is the deviation of a nuisance coefficient from its prior mean, a noise of the readings, or
-the deviation of the parameters from their own prior means. As in the GUM, the share of source s in
-the variance of a parameter y is u_s²(y) / u²(y), where u_s(y) is the standard uncertainty of y due
-to s alone; the shares sum to one (`Information.shares`). Unlike in the GUM, u²(y) is the variance
-of the posterior draws, which includes the truncation and the uncertainty of φ. The shares are
-averages over values of φ from the posterior.
+the deviation of the parameters from the parameters' prior means. As in the GUM, the share of source
+s in the variance of a parameter y is u_s²(y) / u²(y), where u_s(y) is the standard uncertainty of y
+due to s alone; the shares sum to one (`Information.shares`). Unlike in the GUM, u²(y) is the
+variance of the posterior draws, which includes the truncation and the uncertainty of φ. The shares
+are averages over values of φ from the posterior.
 
-In an average over models, the shares are those under every model, weighted with the probability of
-the model times the variance under it; the spread of the models' means is a separate source, which
-is called the choice between the models.
+In an average over models, the share of a source is a weighted mean of its shares under the models.
+The weight of a model is its probability times the parameter's variance under this model. The spread
+of the parameter's means under the models is a separate source, the choice between the models.
 
 The size of every source is measured here (determined by the readings of this campaign), stated (by
-a certificate or by the user) or assumed; see `origins`. If stated and assumed sources together have
-most of the variance, the budget names the largest of these sources, because further circles would
-not reduce the uncertainty that they cause.
+a certificate or by the user) or assumed; see `origins`. If stated and assumed sources together
+cause more than half of the variance, the budget names the largest of these sources, because further
+circles would not reduce the uncertainty from these sources.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ __all__ = ["Budget", "Contribution", "budget_uncertainty"]
 
 Kind = Literal["A", "B"]
 
-# A nuisance coefficient whose share of a parameter's variance is below this number has no line of
-# its own in the uncertainty budget of the parameter.
+# A nuisance coefficient whose share of a parameter's variance is below this number has no separate
+# line in the uncertainty budget of the parameter.
 _LISTED_SHARE = 1e-3
 # Largest number of posterior draws of the hyper-parameters over which shares are averaged. The
 # draws used are evenly spaced among all draws.
@@ -64,18 +64,19 @@ class Contribution:
     """One line of an uncertainty budget: the contribution of one source to one parameter."""
 
     #: name of the source: a nuisance coefficient, the small coefficients of one term together
-    #: ("other …"), a noise of the readings, or ``Parameters`` for the parameters' own priors
+    #: ("other …"), a noise of the readings, or ``Parameters`` for the priors of the parameters
     source: str
     term: str  #: model term that the source belongs to, such as ``Mount``
-    #: type of evaluation (GUM 2.3.2, 2.3.3): "A" from scatter of the readings, "B" by other means
+    #: type of evaluation (GUM 2.3.2, 2.3.3): "A" from the scatter of the readings, "B" by other
+    #: means
     kind: Kind
     origin: Origin  #: where the size of the source comes from: measured here, stated or assumed
     #: standard uncertainty of the source, in the unit ``unit``; None if the source has no single
     #: standard uncertainty, for example if it consists of several coefficients
     u: float | None
-    unit: str  #: unit of the source's standard uncertainty ``u``
-    #: change of the parameter's estimate per unit of the source; for noise, the ratio of
-    #: ``contribution`` to ``u``, always positive; None where ``u`` is None
+    unit: str  #: unit of ``u``
+    #: change of the parameter's estimate per unit of the source. For noise, it is the ratio of
+    #: ``contribution`` to ``u``, which is always positive. None if ``u`` is None.
     sensitivity: float | None
     #: standard uncertainty of the parameter due to this source alone, in the parameter's unit
     contribution: float
@@ -93,20 +94,20 @@ class Budget(Result):
     unit: str
     u: float  #: standard uncertainty of the parameter: its posterior standard deviation
     contributions: tuple[Contribution, ...]
-    #: model term with the largest share of the parameter's variance. If sources that are not
-    #: measured here (stated or assumed) have more than half of the variance, only the shares of
-    #: these sources are compared.
+    #: model term with the largest share of the parameter's variance. If stated and assumed sources
+    #: together have more than half of the variance, only the shares of these sources are compared.
     heaviest: str
-    #: standard uncertainty of the parameter if the term ``heaviest`` were known exactly; None if
-    #: the term cannot be known (noise of the readings, or the parameters' own priors)
+    #: standard uncertainty that the parameter would have if the term ``heaviest`` were known
+    #: exactly; None if the term cannot be known (noise of the readings, or the priors of the
+    #: parameters)
     u_if_known: float | None
 
     def share(self, term: str) -> float:
-        """Return the share of one model term, with all its sources, in the parameter's variance."""
+        """Return the share of all sources of one model term in the parameter's variance."""
         return sum(line.share for line in self.contributions if line.term == term)
 
     def origin_of(self, term: str) -> Origin:
-        """Return the origin with most of a model term's share: measured here, stated or assumed."""
+        """Return the origin of most of a model term's share: measured here, stated or assumed."""
         shares = dict.fromkeys(Origin, 0.0)
         for line in self.contributions:
             if line.term == term:
@@ -116,7 +117,7 @@ class Budget(Result):
 
 @dataclass(frozen=True, eq=False)
 class _ModelBudget:
-    """The posterior variance of the parameters under one model, and the sources that it comes from.
+    """The posterior variance of the parameters under one model, and the sources of this variance.
 
     ``model`` is the model with its draws. ``variance``, shape (p,), is the variance of the model's
     p parameters, in internal units. ``phi`` are the mean hyper-parameters, by name. ``covariance``,
@@ -151,8 +152,8 @@ class _ParameterVariance:
 
     ``budgets``, ``rows`` and ``weights`` have one entry for each model that has the parameter: the
     budget of the model, the index of the parameter in the model, and the probability of the model
-    times the variance of the parameter under it. ``spread`` is the variance of the parameter's mean
-    over the models; None if there is only one model.
+    times the variance of the parameter under this model. ``spread`` is the variance of the
+    parameter's mean over the models; None if there is only one model.
     """
 
     budgets: Sequence[_ModelBudget]
@@ -162,7 +163,7 @@ class _ParameterVariance:
 
     @property
     def total(self) -> float:
-        """The averaged variance, the divisor of all shares. A variance of zero counts as one."""
+        """The averaged variance, by which shares are divided. A variance of zero counts as one."""
         return (sum(self.weights) + (self.spread or 0.0)) or 1.0
 
 
@@ -178,8 +179,9 @@ class _SourceKey(NamedTuple):
 class _Portion:
     """Share of a source in the variance of one parameter, summed over the models of an average.
 
-    One of the models adds the largest part to the share. ``largest`` is this part, ``budget`` is
-    the budget under this model, and ``row`` is the index of the parameter in this model.
+    One of the models adds the largest part to this share. ``largest`` is this part, ``budget`` is
+    the budget under the model that adds it, and ``row`` is the index of the parameter in this
+    model.
     """
 
     share: float
@@ -205,11 +207,11 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
 
     The share of a source s in the variance of a parameter y is u_s²(y) / u²(y) as in the GUM, where
     u_s(y) is the standard uncertainty of y due to s alone. The variance u²(y) is that of the
-    posterior draws. Unlike the GUM, it includes the truncation (compliances are not negative) and
-    the uncertainty of the hyper-parameters (the scales of the noise and of other effects). The
-    shares are averages over 16 draws of the hyper-parameters. Every source is measured here (by the
-    readings of this campaign), stated (by a certificate or the user) or assumed; which of the three
-    holds is decided at the mean of the hyper-parameters.
+    posterior draws. Unlike the variance of the GUM, it includes the truncation (compliances are not
+    negative) and the uncertainty of the hyper-parameters (the scales of the noise and of other
+    effects). The shares are averages over 16 draws of the hyper-parameters. The size of every
+    source is measured here (by the readings of this campaign), stated (by a certificate or the
+    user) or assumed. Which of the three is true is decided at the mean of the hyper-parameters.
 
     In an average over models m with probabilities p_m, u² is Σ p_m (var_m + (mean_m − mean)²). The
     shares under each model are weighted with p_m var_m, and the spread of the means is a separate
@@ -223,10 +225,10 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     Returns
     -------
     dict of str to Budget
-        Budget of each parameter by name, in internal units (mm, N, rad). Its ``contributions`` are
-        the lines, the largest share first. Its ``heaviest`` is the term with the largest share. If
-        stated and assumed sources together have more than half of the variance, only the shares of
-        these sources are compared.
+        Budget of each parameter by name, in internal units (mm, N, rad). ``contributions`` of a
+        budget are its lines, the largest share first. ``heaviest`` is the term with the largest
+        share. If stated and assumed sources together have more than half of the variance, only the
+        shares of these sources are compared.
 
     Raises
     ------
@@ -320,8 +322,8 @@ def _average_shares(
 
     ``phi``, shape (draws, h), are posterior draws of φ; ``covariance``, shape (p, p), is the
     covariance of the p parameters in units of their prior standard deviations. `Information.shares`
-    divides this covariance among the sources. Each key consists of the names of a source and of its
-    model term.
+    divides this covariance among the sources. Each key is a pair: the name of a source, and the
+    name of the model term of this source.
     """
     count = min(count, len(phi))
     chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]
@@ -412,7 +414,7 @@ def _contribution(
     unit: str = "",
     sign: float = 1.0,
 ) -> Contribution:
-    """Return the line of a source in a budget, from its share of the parameter's variance.
+    """Return the line of a source in a budget, from the source's share of the variance.
 
     ``u`` is the standard uncertainty of the parameter. ``source_u`` is the standard uncertainty of
     the source in the unit ``unit``, or None if the source has no single standard uncertainty.
@@ -438,8 +440,8 @@ def _contribution(
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
     """Return type (A or B), standard uncertainty and unit of a noise or of the parameters' priors.
 
-    ``term`` is the name of the source in the budget; ``phi`` are the hyper-parameters by name, with
-    lengths in mm.
+    ``term`` is the name of this source in the budget. ``phi`` are the hyper-parameters by name,
+    with lengths in mm.
     """
     if term == NOISE:
         return _NoiseSource("A", phi["sigma"], "mm")
@@ -465,7 +467,7 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
 
     If sources that are not measured here (stated or assumed) have more than half of the variance,
     only the shares of these sources are compared, because more circles would not reduce the
-    uncertainty that they cause. ``contributions`` are the lines of the parameter's budget.
+    uncertainty from these sources. ``contributions`` are the lines of the parameter's budget.
     """
     shares: dict[str, float] = {}
     not_measured: dict[str, float] = {}

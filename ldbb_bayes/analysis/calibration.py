@@ -1,10 +1,10 @@
-"""Simulation-based calibration: ranks of true values among their posterior draws.
+"""Simulation-based calibration: ranks of true values among posterior draws.
 
 In every replicate, true values of the parameters and hyper-parameters (the scales of the noise and
-of other effects) are drawn at random from their priors. Readings are simulated from them, and
-posterior draws are computed. The rank of a true value is the number of these draws that are below
-the true value. If the posterior is computed correctly, the ranks of many replicates are uniformly
-distributed (Talts et al. 2018).
+of other effects) are drawn at random from their priors. Readings are simulated from these true
+values, and posterior draws are computed from the readings. The rank of a true value is the number
+of posterior draws of the same quantity that are below the true value. If the posterior is computed
+correctly, the ranks of many replicates are uniformly distributed (Talts et al. 2018).
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ __all__ = [
     "rank_replicates",
 ]
 
-# Name of the log likelihood in `Validation.names`. The true value of the log likelihood is ranked
-# too, like those of the parameters and hyper-parameters.
+# Name of the log likelihood in `Validation.names`. The log likelihood is ranked too, like the
+# parameters and hyper-parameters. Its true value is the log likelihood at the true parameters and
+# hyper-parameters.
 LOG_LIKELIHOOD = "log_likelihood"
 # Probabilities of the credible intervals whose coverage (share of true values inside) is reported.
 _INTERVALS = (0.5, 0.8, 0.95)
@@ -49,7 +50,7 @@ _MIN_DRAWS = 9
 
 @dataclass(frozen=True, eq=False)
 class Validation(Result):
-    """Ranks of true values among their posterior draws, from simulation-based calibration.
+    """Ranks of true values among posterior draws, from simulation-based calibration.
 
     Examples
     --------
@@ -63,15 +64,15 @@ class Validation(Result):
 
     names: tuple[str, ...]  #: names of parameters and hyper-parameters, and ``log_likelihood``
     #: number of posterior draws below each true value, 0 … ``draws``, shape (replicates,
-    #: quantities), where a replicate is a simulated campaign; uniformly distributed if the
-    #: posterior is calibrated
+    #: quantities). A replicate is a simulated campaign. The ranks are uniformly distributed if the
+    #: posterior is calibrated.
     ranks: Numbers
     draws: int  #: number of posterior draws in each replicate (simulated campaign)
     sampler: str  #: method of drawing from the posterior: ``joint`` or ``independent``
     #: probability that the empirical distributions of the ranks of all quantities stay between the
     #: limits ``band``, if the posterior is calibrated
     prob: float
-    #: error messages of replicates (simulated campaigns) whose posterior could not be sampled;
+    #: error messages for replicates (simulated campaigns) whose posterior could not be sampled;
     #: these replicates have no ranks
     failures: tuple[str, ...]
     #: indices, counted from 0, of the rows of ``ranks`` whose draws come from the sampler emcee,
@@ -88,20 +89,20 @@ class Validation(Result):
         """Lower and upper limit of the empirical distribution of ranks, shape (draws,) each.
 
         The rank of a quantity is the number of posterior draws below its true value in a simulated
-        campaign. The limits are those of the empirical distribution `ecdf`, and are the same for
-        every quantity. If the posterior is calibrated, the distributions of all quantities together
-        stay between the limits with probability ``prob``.
+        campaign. The limits apply to the empirical distribution that `ecdf` returns, and are the
+        same for every quantity. If the posterior is calibrated, the distributions of all quantities
+        together stay between the limits with probability ``prob``.
         """
         prob_of_one = self.prob ** (1.0 / len(self.names))
         return simultaneous_band(self.replicates, self.draws, prob_of_one)
 
     @property
     def pit(self) -> xr.DataTree:
-        """The ranks scaled to 0 … 1, in the group ``prior_sbc`` that ArviZ's plot_ecdf_pit reads.
+        """The ranks scaled to 0 … 1, in the group ``prior_sbc`` for plot_ecdf_pit of ArviZ.
 
         A rank is the number of posterior draws below the true value in a replicate (simulated
         campaign). The scaled rank is (rank + ½) / (draws + 1), where ``draws`` is the number of
-        posterior draws in each replicate. The dimension ``draw`` of ArviZ's layout counts the
+        posterior draws in each replicate. The dimension ``draw`` of the result runs over the
         replicates.
         """
         shares = (self.ranks + 0.5) / (self.draws + 1.0)
@@ -149,9 +150,9 @@ class Validation(Result):
     def calibrated(self) -> bool:
         """Whether the ranks show no fault of the posterior.
 
-        This is so if no replicate (simulated campaign) failed, and if the empirical distributions
-        of the ranks of all quantities stay between the limits ``band``. A rank is the number of
-        posterior draws below the true value.
+        The result is true if no replicate (simulated campaign) failed, and if the empirical
+        distributions of the ranks of all quantities stay between the limits ``band``. A rank is the
+        number of posterior draws below the true value.
         """
         return not self.outside and not self.failures
 
@@ -161,9 +162,9 @@ class Validation(Result):
         Returns
         -------
         pandas.DataFrame
-            One row per quantity. Columns 50, 80 and 95 hold the shares; their names are the nominal
-            probabilities of the intervals in per cent. Columns u50, u80 and u95 hold the binomial
-            standard errors of these shares for a calibrated posterior.
+            One row per quantity. The columns 50, 80 and 95 hold the shares; the name of a column is
+            the nominal probability of the interval in percent. Columns u50, u80 and u95 hold the
+            binomial standard errors of these shares for a calibrated posterior.
         """
         distance = np.abs(2 * self.ranks - self.draws)
         table = pd.DataFrame(index=list(self.names))
@@ -177,7 +178,7 @@ class Validation(Result):
 
     @model_serializer
     def _record_without_ranks(self) -> dict[str, Any]:
-        """Return a record for JSON: all fields except the ranks, and the coverage of each quantity.
+        """Return a record for JSON: all fields but the ranks, and the coverage of each quantity.
 
         The coverage is the share of true values that lie inside their credible intervals. The
         record also states for each quantity whether its ranks stay between the limits ``band``.
@@ -229,8 +230,8 @@ def calibrate(
     model : HybridModel
         Model whose posterior is validated. Its priors must be proper.
     plan : Campaign
-        Campaign whose tests, with their forces, angles and other settings, are simulated; its
-        readings are ignored.
+        Campaign whose tests are simulated, with the forces, angles and other settings that it
+        states. The readings of this campaign are ignored.
     replicates : int
         Number of simulated campaigns, at least 10.
     draws : int
@@ -250,7 +251,7 @@ def calibrate(
         thread for each replicate. Default: this process runs them one after the other. The result
         does not depend on the executor.
     progress : callable, optional
-        Function called with the number of replicates done and their total.
+        Function that is called with the number of replicates done and the number of all replicates.
 
     Returns
     -------
@@ -261,8 +262,8 @@ def calibrate(
     Raises
     ------
     InputError
-        For a flat prior, an unknown sampler, numbers out of range, a plan to which the model cannot
-        be fitted, or if no replicate gives draws.
+        For a flat prior, an unknown sampler, numbers out of range, or a plan to which the model
+        cannot be fitted. Also if no replicate gives draws.
 
     Examples
     --------
@@ -350,7 +351,7 @@ def check_numbers_of_replicates(replicates: int, draws: int) -> None:
     """Raise an `InputError` unless ``replicates`` and ``draws`` are whole and large enough.
 
     ``replicates`` is the number of simulated campaigns, and ``draws`` the number of posterior draws
-    of each.
+    of each campaign.
     """
     limits = (("replicates", replicates, _MIN_REPLICATES), ("draws", draws, _MIN_DRAWS))
     for name, number, least in limits:
@@ -361,8 +362,9 @@ def check_numbers_of_replicates(replicates: int, draws: int) -> None:
 class _Study(NamedTuple):
     """Settings of a simulation-based calibration that all replicates have in common.
 
-    ``model`` computes the posterior of readings that ``generator`` simulates for the tests of
-    ``plan``. ``sampler`` is the method of drawing; ``draws`` is the number of posterior draws.
+    ``generator`` is the model with which readings are simulated for the tests of ``plan``, and
+    ``model`` the model whose posterior is computed. ``sampler`` is the method of drawing from the
+    posterior, and ``draws`` the number of posterior draws.
     """
 
     model: HybridModel
@@ -383,8 +385,8 @@ def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> Ranks | str:
     """Return the ranks of true values among the posterior draws of one simulated campaign.
 
     A rank is the number of posterior draws below the true value. ``study`` holds the settings of
-    the simulation, ``seed`` the seed of its random numbers and of the draws. Return an error
-    message if no posterior draws can be made.
+    the calibration. ``seed`` is the seed of the random numbers of simulation and posterior draws.
+    Return an error message if no posterior draws can be made.
     """
     simulation_seed, sampling_seed = seed.spawn(2)
     simulation = study.generator.simulate(

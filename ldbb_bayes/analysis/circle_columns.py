@@ -1,4 +1,4 @@
-"""Columns of the design matrix for the circle of one test, at any force.
+"""Columns of the design matrix for the circle of one test, at a force that may be chosen.
 
 A circle is described by 25 Fourier coefficients of its radial deviation. Each column holds the
 changes of these coefficients per unit of one parameter.
@@ -47,20 +47,20 @@ class MachineColumns(NamedTuple):
 class SecondOrderFactors(NamedTuple):
     """Scale mismatch and squareness per µm of a circle's second harmonic [µm/m per µm].
 
-    The second harmonic of the radial deviation has an amplitude of cos 2θ and one of sin 2θ.
+    The second harmonic of the radial deviation has two amplitudes: one of cos 2θ and one of sin 2θ.
     """
 
-    #: scale mismatch of the plane's two axes per µm of the amplitude of cos 2θ [µm/m per µm]
+    #: scale mismatch of the plane's two axes, for each µm of the amplitude of cos 2θ [µm/m per µm]
     scale_mismatch: float
-    #: squareness of the plane's two axes per µm of the amplitude of sin 2θ [µm/m per µm]
+    #: squareness of the plane's two axes, for each µm of the amplitude of sin 2θ [µm/m per µm]
     squareness: float
 
 
 def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns:
     """Return the effects of the parameters on the circle of the test with index ``r``.
 
-    The effects are those at the force ``force_N`` of the bar [N], which may differ from the force
-    of the test.
+    The effects are computed at the force ``force_N`` of the bar [N], which may differ from the
+    force of the test.
     """
     geometric = np.array([parameter.group == "geometric" for parameter in bound.parameters])
     elastic = force_N * bound.setting.elastic[r] @ bound.compliance_at(force_N)
@@ -70,7 +70,8 @@ def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns
 def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:
     """Return scale mismatch and squareness per µm of the second harmonic, for one circle.
 
-    The circle is that of the test with index ``r``; its radius and plane determine the factors.
+    The factors depend on the radius and the plane of the circle, which is run in the test with
+    index ``r``.
     """
     radius_m = float(bound.setting.radius_mm[r]) * 1e-3
     sin2_of_squareness = float(bound.setting.geometric[r][SIN2, _squareness_index(bound, r)])

@@ -1,9 +1,9 @@
-"""Circular-test quantities of ISO 230-4 for the machine's own tool path, without the instrument.
+"""Circular-test quantities of ISO 230-4 for the machine's path, without instrument errors.
 
-The circular deviation G is the width of the narrowest ring about the least-squares centre that
-contains the path. Radial deviations F are stated about two circles with this centre: F_max and
-F_min about the least-squares circle, F_max_nominal and F_min_nominal about the circle with the
-nominal radius. The definitions are those of ISO 230-4.
+The quantities are defined as in ISO 230-4. The circular deviation G is the width of the narrowest
+ring that contains the path and has the least-squares centre. The radial deviations F_max and F_min
+are measured from the least-squares circle. F_max_nominal and F_min_nominal are measured from a
+circle that has the same centre and the nominal radius.
 
 The uncertainty of the path makes the peak-to-peak value of every posterior draw too large. This
 excess is removed, so that the mean of the draws of G equals G of the posterior mean path; see
@@ -73,12 +73,12 @@ QUANTITIES = {
 }
 BIDIRECTIONAL = {"G_b": "µm", "D": "µm"}
 MINIMUM_ZONES = {"G_minimum_zone": "µm", "G_b_minimum_zone": "µm"}
-# Mask of the 25 Fourier coefficients of a circle that is false for those that describe its radius
-# and centre: the mean radius, and the amplitudes of cos θ and sin θ.
+# Mask of the 25 Fourier coefficients of a circle. It is false for the three coefficients that
+# describe the radius and the centre: the mean radius, and the amplitudes of cos θ and sin θ.
 _CENTRED = np.arange(SIZE) >= 3
-# Regular expressions for the names of hysteresis coefficients. ``_CONSTANT_HYSTERESIS`` matches the
-# coefficients of the part that does not depend on force, ``_PROPORTIONAL_HYSTERESIS`` those of the
-# part that is proportional to force.
+# Regular expressions for the names of hysteresis coefficients. ``_CONSTANT_HYSTERESIS`` matches
+# coefficients of the part that does not depend on force. ``_PROPORTIONAL_HYSTERESIS`` matches
+# coefficients of the part that is proportional to force.
 _CONSTANT_HYSTERESIS = re.compile(r"hysteresis_(?!force)")
 _PROPORTIONAL_HYSTERESIS = re.compile("hysteresis_force")
 
@@ -92,12 +92,13 @@ def predict_circularity(
     prob: float = 0.95,
     draws: int = 2000,
 ) -> pd.DataFrame:
-    """Return circular-test quantities of the machine's own tool path, with credible intervals.
+    """Return circular-test quantities of the machine's tool path, with credible intervals.
 
-    The quantities are those of ISO 230-4, without errors of the instrument, for the circle of the
-    first test in each plane. The circular deviation G is the largest difference of radii along the
-    path. The uncertainty of the path makes G and the absolute values of F_max and F_min too large
-    if the readings do not determine the path well. This excess is removed on average.
+    The quantities are defined in ISO 230-4. They are computed without errors of the instrument, for
+    the circle of the first test in each plane. The circular deviation G is the largest difference
+    of radii along the path. The uncertainty of the path makes G and the absolute values of F_max
+    and F_min too large if the readings do not determine the path well. This excess is removed on
+    average.
 
     Parameters
     ----------
@@ -114,16 +115,17 @@ def predict_circularity(
     -------
     DataFrame
         One row per plane, force and quantity. Columns are plane, radius_mm, force_N, quantity,
-        unit, mean, sd, median, ci_low, ci_high. G, F_max and F_min [µm] are taken about the
-        least-squares centre and radius; F_max_nominal and F_min_nominal about the least-squares
-        centre and the nominal radius. The uncertainty of the bar's length adds to that of
-        F_max_nominal and F_min_nominal. The best estimate of each quantity is its mean. Squareness
-        and scale_mismatch [µm/m] are computed from the second harmonic of the path, and include the
-        effect of compliance. Squareness has the sign of the plane's own parameter, E_C0YX in XY;
-        scale_mismatch is the gain of the first axis minus that of the second. For a plane run in
-        both directions of travel, G, F_max and F_min are those of the mean path. For such a plane
-        there are also the bidirectional deviation G_b [µm] and the mean deviation D [µm], which is
-        the mean radius minus the nominal one.
+        unit, mean, sd, median, ci_low, ci_high. G, F_max and F_min [µm] are measured from the
+        circle with the least-squares centre and radius. F_max_nominal and F_min_nominal [µm] are
+        measured from the circle with the least-squares centre and the nominal radius; they are more
+        uncertain, because of the uncertainty of the bar's length. The best estimate of each
+        quantity is its mean. Squareness and scale_mismatch [µm/m] are computed from the second
+        harmonic of the path, and include the effect of compliance. Squareness has the sign of the
+        squareness parameter of the plane, E_C0YX in XY; scale_mismatch is the gain of the first
+        axis minus the gain of the second axis. For a plane run in both directions of travel, G,
+        F_max and F_min are computed from the mean of both paths. For this plane there are also the
+        bidirectional deviation G_b [µm] and the mean deviation D [µm], which is the mean radius
+        minus the nominal radius.
 
     Raises
     ------
@@ -160,7 +162,7 @@ class PathDraws(NamedTuple):
 def path_draws(
     posterior: xr.DataTree, forces_N: Sequence[float] = (), draws: int = 2000
 ) -> Iterator[PathDraws]:
-    """Yield posterior draws of each quantity of `predict_circularity`, for each plane and force.
+    """Yield posterior draws of the quantities of `predict_circularity`, for each plane and force.
 
     ``forces_N`` are forces of the bar [N], by default 0 and the tested forces. ``draws`` is the
     number of posterior draws used.
@@ -208,7 +210,7 @@ def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Arr
     """Return the quantities of a tool path that `QUANTITIES` lists, each of shape (draws,).
 
     ``path_um``, shape (draws, 25), holds posterior draws of the 25 Fourier coefficients of the
-    radial deviation [µm] on the circle of the test with index ``r``.
+    radial deviation [µm]. The path is the circle of the test with index ``r``.
     """
     factors = second_order_factors(bound, r)
     trace = np.where(_CENTRED, path_um, 0.0) @ basis(ANGLE_RAD).T
@@ -229,10 +231,10 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
     """Return the bidirectional deviation G_b and the mean deviation D of ISO 230-4 [µm].
 
     ``path_um`` is the mean of the clockwise and the counterclockwise tool path, and
-    ``half_difference_um`` half their difference. Both are given, for each posterior draw, by the 25
-    Fourier coefficients of the radial deviation (constant, and cosine and sine of the harmonics 1
-    to 12), shape (draws, 25). Both paths are taken about the least-squares centre and radius of
-    their mean.
+    ``half_difference_um`` is half the difference, clockwise minus counterclockwise. Both arguments
+    hold, for each posterior draw, the 25 Fourier coefficients of the radial deviation (constant,
+    and cosine and sine of the harmonics 1 to 12), shape (draws, 25). G_b is measured from the
+    least-squares circle of the mean path.
     """
     centred = np.where(_CENTRED, path_um, 0.0)
     clockwise = (centred + half_difference_um) @ basis(ANGLE_RAD).T
@@ -242,10 +244,10 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
 
 
 def summarise_draws(values: Array, prob: float) -> dict[str, float]:
-    """Return standard deviation, median and interval ends of posterior draws; keys name columns.
+    """Return standard deviation, median and interval ends of posterior draws.
 
     ``values`` are the draws, shape (draws,); ``prob`` is the probability of the equal-tailed
-    interval.
+    interval. The keys of the result are names of table columns: sd, median, ci_low and ci_high.
     """
     low, median, high = np.quantile(values, [0.5 - 0.5 * prob, 0.5, 0.5 + 0.5 * prob])
     return {
@@ -279,8 +281,8 @@ def _draw_hysteresis(
 ) -> dict[str, _Hysteresis]:
     """Return random draws of hysteresis for each plane run in both directions of travel.
 
-    If the posterior is an average over models, the draws of all models are joined, one model after
-    the other. Planes whose hysteresis is zero are left out.
+    The keys are the planes. If the posterior is an average over models, the draws of all models are
+    joined, one model after the other. Planes whose hysteresis is zero are left out.
     """
     if not bound.setting.both_ways:
         return {}
@@ -297,10 +299,10 @@ def _draw_hysteresis(
 def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
     """Return draws of the hysteresis in each plane, under one model of an average.
 
-    The planes are those run in both directions of travel; planes in which the hysteresis is zero in
-    all draws are left out. Hysteresis changes its sign with the direction of travel. The result is
-    for the direction that `Setting` describes by +1. One part of the result does not depend on the
-    force, and the other part is the hysteresis per newton of force.
+    The keys are the planes run in both directions of travel. Planes in which the hysteresis is zero
+    in all draws are left out. Hysteresis changes its sign with the direction of travel. The result
+    holds for clockwise travel. The result has two parts: one that does not depend on the force, and
+    one that is proportional to the force.
     """
     bound = draws.bound
     names: list[str] = []

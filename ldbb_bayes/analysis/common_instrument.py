@@ -27,16 +27,16 @@ from ldbb_bayes.units import ranked
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
 # The readings of a campaign count as informative about a nuisance coefficient of the instrument if
-# the prior variance of the coefficient exceeds the posterior variance by at least this share of the
-# posterior variance.
+# the prior variance of the coefficient is larger than its posterior variance, by more than this
+# share of the posterior variance.
 _LEAST_INFORMATION = 0.05
 # Names of the hyper-parameters of the instrument: the scale of the balls' form errors, and the
-# decay of this scale with the number of waves per turn.
+# decay, the power by which these errors fall with the number of waves per turn.
 _INSTRUMENT_HYPERS = ("tau", "decay")
 
 
 class Conflict(NamedTuple):
-    """The error of a common instrument about which the readings of two campaigns disagree most.
+    """The error of the common instrument about which the readings of two campaigns disagree most.
 
     ``coefficient`` is the name of the nuisance coefficient that describes the error.
     """
@@ -51,8 +51,7 @@ class JointDifference(NamedTuple):
     """Joint estimate of n parameters in two campaigns, and the difference between the campaigns."""
 
     means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
-    #: posterior mean of each parameter's value in the second campaign minus that in the first,
-    #: shape (n,)
+    #: posterior mean of the difference of each parameter, second campaign minus first, shape (n,)
     difference: Array
     sd: Array  #: standard uncertainty of ``difference``, shape (n,)
     #: nuisance coefficient of the common instrument about which the campaigns disagree most; None
@@ -64,7 +63,8 @@ class _Campaign(NamedTuple):
     """Posterior of the coefficients of one campaign, given its hyper-parameters."""
 
     information: Information
-    names: list[str]  #: names of the parameters, and of nuisance coefficients that tests share
+    #: names of the parameters, and of the nuisance coefficients that act in several tests
+    names: list[str]
     mean: Array  #: posterior means of the coefficients in ``names``
 
 
@@ -80,8 +80,8 @@ def joint_difference(
     phi : sequence of ndarray
         Hyper-parameters of each campaign, shape (h,); lengths in mm.
     rows : sequence of ndarray
-        Matrix of each campaign, shape (n, p), that maps its parameters β, shape (p,), to the n
-        compared parameters, shape (n,).
+        Matrix for each campaign, shape (n, p), that maps the p parameters β of the campaign to the
+        n compared parameters.
     """
     if _several_clockings(bounds):
         bounds = [bound.with_two_balls() for bound in bounds]
@@ -97,8 +97,8 @@ def joint_difference(
     common = _common_coefficients(first, second)
     all_names = [*first.names, *(name for name in second.names if name not in common)]
     size = len(all_names)
-    # The prior of the coefficients of the common instrument is in the posteriors of both campaigns.
-    # Subtract this prior once, because it must count only once.
+    # The posteriors of both campaigns contain the prior of the coefficients of the common
+    # instrument. Subtract this prior once, because it must count only once.
     common_places = np.array([first.names.index(name) for name in common], dtype=int)
     prior_precision = np.zeros((size, size))
     prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0
@@ -142,8 +142,8 @@ def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
 def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
     """Return the hyper-parameters of both campaigns, with common values for the instrument.
 
-    The hyper-parameters of the instrument, the scale of the balls' form errors and its decay, are
-    replaced by their means over both campaigns, if both campaigns have them.
+    The hyper-parameters of the instrument are the scale of the balls' form errors and the decay.
+    Each of them is replaced by its mean over both campaigns, if both campaigns have it.
     """
     shared = [values.copy() for values in phi]
     for name in _INSTRUMENT_HYPERS:
@@ -159,11 +159,11 @@ def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Ar
 def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     """Return the posterior of one campaign's coefficients, given its hyper-parameters.
 
-    Coefficients are the parameters and the nuisance coefficients that tests share. ``phi`` are the
-    hyper-parameters, shape (h,), with lengths in mm.
+    Coefficients are the parameters, and the nuisance coefficients that act in several tests.
+    ``phi`` are the hyper-parameters, shape (h,), with lengths in mm.
     """
     information = information_of(bound, phi)
-    # The error of the bar's length is common to both campaigns only if their radii are the same.
+    # The error of the bar's length is common to both campaigns only if both have the same radius.
     # The radius is therefore part of the name of this error.
     bar_length = f"bar_length_{bound.setting.radii_mm[0]:g}"
     names = []
@@ -218,8 +218,8 @@ def worst_conflict(
     The campaigns were run with the same instrument. A coefficient ν of the instrument is estimated
     from the readings y of each campaign alone, without the prior of ν. The standard uncertainty of
     the estimate is 1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. The
-    campaigns disagree most about the coefficient for which the difference of the two estimates,
-    divided by its standard uncertainty, is largest.
+    campaigns disagree most about the coefficient with the largest ratio of the difference of the
+    two estimates to the standard uncertainty of this difference.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
 """Comparison of models of one campaign by their evidences.
 
 The posterior probability of a model M given the readings y is p(M | y) ∝ p(y | M) p(M). The
-evidence p(y | M) is the density of the readings under the model, averaged over the prior of its
+evidence p(y | M) is the density of the readings under the model, averaged over the prior of the
 parameters; it is computed by quadrature. The ratio of two evidences is the Bayes factor B; ln B is
-stated in nats (1 nat is a factor e). The comparison is repeated under priors and assumptions other
-than those of the models, and every test is predicted from the other tests. All models are given the
-same readings, and have the same priors for the parameters that they share.
+stated in nats (1 nat is a factor e). The comparison is repeated under other priors and assumptions
+than the models have, and every test is predicted from the other tests. All models use the same
+readings, and have the same priors for the parameters that they share.
 
 The elpd (expected log predictive density) of a model states how well it predicts readings that were
 left out. Here it is the sum over the tests r of ln p(y_r | y_−r): the log density of test r given
@@ -70,22 +70,23 @@ __all__ = [
 # of force, divided by the size of the compliance. The size is the estimate of the compliance or, if
 # ``slopes_of_estimate`` of the prior is false, the prior standard deviation of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# The readings reject an assumption about how circles differ if its log evidence is lower than that
-# of the models' own assumption by this number [nat] or more.
+# The readings reject an assumption about how circles differ if its log evidence is by this number
+# [nat] or more below the log evidence of the assumption that the models make.
 _REJECTED = 5.0
 # Evidences under an assumption about how circles differ are computed only roughly if the log
-# evidences of both models under this assumption are at least this number [nat] below the larger of
-# their log evidences under the models' own assumption.
+# evidences of both models are low under this assumption. They are low if they are at least this
+# number [nat] below the larger log evidence of the two models under the assumption that the models
+# make.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
 # Settings of the quadrature for the posterior mean and standard deviation of parameters. Its nodes
-# are weighted values of the hyper-parameters. The nodes of the smallest weight are left out;
-# ``_NEGLIGIBLE_WEIGHT`` is the largest share of the whole weight that they may have together.
-# ``_MOMENT_POINTS`` is the number of quasi-random points for the condition that no compliance is
-# negative. ``_MOMENT_NODES`` is the largest number of nodes. If there are more nodes, this number
-# of them is picked in proportion to their weights, which causes an error of about 1 % of the
-# posterior standard deviation.
+# are weighted values of the hyper-parameters. Nodes with the smallest weights are left out;
+# ``_NEGLIGIBLE_WEIGHT`` is the largest share of the sum of all weights that the omitted nodes may
+# have together. ``_MOMENT_POINTS`` is the number of quasi-random points for the condition that no
+# compliance is negative. ``_MOMENT_NODES`` is the largest number of nodes. If there are more nodes,
+# this number of them is picked in proportion to their weights, which causes an error of about 1 %
+# of the posterior standard deviation.
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
 _MOMENT_NODES = 512
@@ -97,7 +98,7 @@ _COARSEST_TOLERANCE = 1.0
 
 
 class Sign(StrEnum):
-    """Whether the sign of a log Bayes factor depends on the models' priors and assumptions."""
+    """Whether the sign of a log Bayes factor depends on priors and assumptions of the models."""
 
     OPEN = "depends on assumptions that the readings allow"
     HELD = "holds but for assumptions that the readings reject"
@@ -106,7 +107,7 @@ class Sign(StrEnum):
 
 @dataclass(frozen=True)
 class ComparedCampaign:
-    """Name of the campaign that models were compared on, and digest (SHA-256) of its readings."""
+    """Name of the campaign of a comparison, and digest (SHA-256) of the campaign's readings."""
 
     name: str
     sha256: str
@@ -125,14 +126,14 @@ class ParameterEstimate:
 class ComparedModel:
     """Evidence, fit and parameter estimates of one of the models compared.
 
-    ``degree`` is the degree of compliance in force: 0 constant, 1 linear. Log evidence and its
-    error are in nats.
+    ``degree`` is the degree of the compliances as polynomials of force: 0 is constant, 1 is linear.
+    Log evidence and its error are in nats.
     """
 
     log_evidence: float
     log_evidence_error: Finite
     posterior_probability: float
-    #: expected log predictive density (elpd), leaving one force out (lofo): sum over the tests of
+    #: expected log predictive density (elpd), leaving one force out (lofo): sum, over the tests, of
     #: the log density of each test given the other tests [nat]; not a number if no test was left
     #: out
     elpd_lofo: Number
@@ -170,7 +171,7 @@ class ComparedTest:
 
     @property
     def stands_out(self) -> bool:
-        """Return whether the test stands out from its prediction by the other tests.
+        """Return whether the test stands out from its prediction from the other tests.
 
         A test stands out if its family-wise p-value is below 2 %, even if the field ``flag`` is
         false.
@@ -180,10 +181,10 @@ class ComparedTest:
 
 @dataclass(frozen=True)
 class ScaledSlopes:
-    """The log Bayes factor of two models [nat], and its error, under one prior of the slopes.
+    """The log Bayes factor of two models and its numerical error [nat], under one prior of slopes.
 
-    A slope is the change of a compliance with force. Over the range of force, the prior standard
-    deviation of this change is ``slope_scale`` times the size of the compliance. `Prior` defines
+    A slope is the change of a compliance with force. The prior standard deviation of this change,
+    over the range of force, is ``slope_scale`` times the size of the compliance. `Prior` defines
     this size.
     """
 
@@ -207,7 +208,7 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Result):
-    """The result of comparing models of one campaign by evidence and prediction.
+    """Result of a comparison of models of one campaign, by evidence and by prediction.
 
     Logarithms are natural; parameters are in internal units (mm, N, rad).
 
@@ -221,19 +222,19 @@ class Comparison(Result):
     'depends on assumptions that the readings allow'
     """
 
-    campaign: ComparedCampaign  #: name and digest of the campaign that models were compared on
+    campaign: ComparedCampaign  #: name and digest of the campaign
     models: dict[str, ComparedModel]  #: results of each model, by the name that the caller gave
-    #: log Bayes factor ln B of each model except the first over the first model [nat]. In a key
-    #: such as "linear/constant", the first model is named last.
+    #: log Bayes factor ln B of every other model over the first model [nat]. In a key such as
+    #: "linear/constant", the first model is named last.
     log_bayes_factor: dict[str, float]
-    #: error of each log Bayes factor ln B [nat], with the keys of ``log_bayes_factor``
+    #: numerical error of each log Bayes factor [nat]; the keys are those of ``log_bayes_factor``
     log_bayes_factor_error: dict[str, Finite]
-    #: expected log predictive density of tests left out, of each model except the first minus that
-    #: of the first model [nat], with the keys of ``log_bayes_factor``; empty if no test was left
-    #: out
+    #: expected log predictive density of tests left out: its value for every other model minus its
+    #: value for the first model [nat]. The keys are those of ``log_bayes_factor``. Empty if no test
+    #: was left out.
     elpd_difference: dict[str, Difference]
-    #: names of the first two models as "second/first". The log Bayes factors under other priors and
-    #: assumptions are those of the second model over the first.
+    #: names of the first two models as "second/first". The log Bayes factors of the second model
+    #: over the first are also computed under other priors and assumptions.
     sensitivity_of: str
     #: log Bayes factor of the second model over the first at each scale of the prior of the slopes
     #: (changes of compliance with force); empty if neither model has slopes, or if the two models
@@ -243,9 +244,9 @@ class Comparison(Result):
     #: factor in ``prior_sensitivity`` changes sign
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about how circles
-    #: differ from one another; the models' own assumption comes first, white noise alone last. If
-    #: ``explanations`` is not None, the second entry is the average over the rival explanations,
-    #: and the third entry is the comparison without rival explanations.
+    #: differ from one another. The assumption that the models make comes first; white noise alone
+    #: comes last. If ``explanations`` is not None, the second entry is the average over the rival
+    #: explanations, and the third entry is the comparison without rival explanations.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if no model has slopes, or if only evidences were computed
@@ -262,11 +263,13 @@ class Comparison(Result):
     #: fits of constant compliance to the tests at every two neighbouring forces: the table that
     #: `local_fits` returns; empty if all tests have one force, or if only evidences were computed
     local_fits: Records
-    #: largest error allowed for a log evidence [nat]. An error of 0.1 nat is allowed under an
-    #: assumption whose log evidences are at least 10 nat below that of the models' own assumption.
+    #: largest error allowed for a log evidence [nat]. Under an assumption about how circles differ,
+    #: an error of 0.1 nat is allowed if the log evidences are at least 10 nat below the best log
+    #: evidence under the assumption that the models make.
     tolerance: float
-    #: largest error of any log evidence [nat], except under assumptions whose log evidences are at
-    #: least 10 nat below that of the models' own assumption
+    #: largest error of any log evidence [nat]. Under assumptions about how circles differ, errors
+    #: are ignored if the log evidences are at least 10 nat below the best log evidence under the
+    #: assumption that the models make.
     largest_error: Finite
     #: number of evidences whose errors are infinite, because their quadrature weights cannot be
     #: trusted. The field keeps the name of an older version, because programs read it from the JSON
@@ -274,8 +277,8 @@ class Comparison(Result):
     by_emcee: int = 0
     #: probabilities of slopes (changes of compliance with force) and of rival explanations of the
     #: same change of the readings, such as a nonlinear mount. The field is None unless two
-    #: conditions hold: the second model is the first with slopes added, and it has rival
-    #: explanations.
+    #: conditions hold: the second model is the first model with slopes added, and the second model
+    #: has rival explanations.
     explanations: Explanations | None = None
 
     @property
@@ -307,25 +310,25 @@ class Comparison(Result):
         """Return whether the largest error of any log evidence is at most ``tolerance``.
 
         Log evidences under another assumption about how circles differ are ignored if they are at
-        least 10 nat below those under the models' own assumption.
+        least 10 nat below the best log evidence under the assumption that the models make.
         """
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
-        """Return the log evidence of an assumption minus that of the models' own assumption [nat].
+        """Return the log evidence of an assumption, relative to the assumption of the models [nat].
 
         The assumptions are about how circles differ from one another. The log evidence of an
         assumption is the larger of the log evidences that the two models have under this
-        assumption.
+        assumption. The log evidence of the assumption that the models make is subtracted.
         """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
     def turning(self) -> list[Assumed]:
         """Return the assumptions that reverse the sign of the log Bayes factor `headline`.
 
-        This log Bayes factor is that of the second model over the first. The assumptions are about
-        how circles differ from one another; white noise alone is left out. The assumption with the
-        largest log evidence comes first.
+        `headline` compares the second model with the first. The assumptions are about how circles
+        differ from one another; white noise alone is left out. The assumption with the largest log
+        evidence comes first.
         """
         opposite_sign = -np.sign(self.headline[0])
         turning = []
@@ -338,8 +341,8 @@ class Comparison(Result):
     def allowed(self, assumed: Assumed) -> bool:
         """Return whether the readings allow an assumption about how circles differ.
 
-        The readings allow the assumption unless its log evidence is 5 nat or more below that of the
-        assumption that the models themselves make.
+        The readings allow the assumption unless its log evidence is 5 nat or more below the log
+        evidence of the assumption that the models make.
         """
         return self.gain(assumed) > -_REJECTED
 
@@ -358,10 +361,10 @@ class Comparison(Result):
         return Sign.FIRM
 
     def preferred_assumption(self) -> Assumed | None:
-        """Return the assumption about how circles differ that has the most evidence, or None.
+        """Return the assumption about how circles differ that has the largest evidence, or None.
 
-        Return None unless its log evidence is more than 5 nat above that of the models' own
-        assumption.
+        Return None unless this log evidence is more than 5 nat above the log evidence of the
+        assumption that the models make.
         """
         best = ranked(self.discrepancy_sensitivity, lambda assumed: assumed.best)[0]
         return best if self.gain(best) > _REJECTED else None
@@ -383,7 +386,7 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
     Raises
     ------
     InputError
-        For a file that is missing, damaged, or not written by this package.
+        If the file is missing, damaged, or not written by this package.
 
     Examples
     --------
@@ -405,13 +408,13 @@ class _ComparisonPlan:
     #: model with the most parameters, with which the tests at neighbouring forces are fitted
     largest: HybridModel
     #: the largest model, but with compliance at most linear in force; the models in which only some
-    #: compliances change with force are made from it
+    #: compliances change with force are made from this model
     linear: HybridModel
     #: the first two models under each scale of the prior of the slopes (changes of compliance with
     #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
     #: models differ only in this prior
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
-    #: the first two models under their own assumption about how circles differ from one another
+    #: the first two models under the assumption about how circles differ that they make themselves
     unchanged: dict[str, tuple[HybridModel, ...]]
     #: the first two models under each of the other assumptions about how circles differ
     by_assumption: dict[str, tuple[HybridModel, ...]]
@@ -429,8 +432,8 @@ class _ComparisonPlan:
     def slope_scales(self) -> tuple[float, ...]:
         """Return the scales of the prior of the slopes (changes of compliance with force).
 
-        Return an empty tuple if neither of the first two models has slopes, or if they differ only
-        in this prior.
+        Return an empty tuple if neither of the first two models has slopes, or if the two models
+        differ only in this prior.
         """
         return SLOPE_SCALES if self.by_slope_scale else ()
 
@@ -438,8 +441,8 @@ class _ComparisonPlan:
 class _StepCounter:
     """Counter of the steps of a comparison, called once after every step.
 
-    At every call, the counter passes the number of steps done, and the total number of steps, to
-    ``progress``.
+    At every call, the counter calls ``progress`` with the number of steps done and the number of
+    all steps.
     """
 
     def __init__(self, progress: Callable[[int, int], None], total: int) -> None:
@@ -453,7 +456,7 @@ class _StepCounter:
 
 
 def _report_nothing() -> None:
-    """Do nothing. This function replaces the progress function once all steps are reported."""
+    """Do nothing. This function replaces the step counter once all steps are reported."""
 
 
 @one_blas_thread
@@ -479,20 +482,19 @@ def compare(
     Parameters
     ----------
     models : mapping of str to HybridModel
-        At least two models by name. For the first two, ln B of the second over the first is also
-        computed under other priors and assumptions.
+        At least two models by name. For the first two models, ln B of the second over the first is
+        also computed under other priors and assumptions.
     campaign : Campaign
         Campaign with readings.
     evidence_only : bool
         Whether to compute only the evidences and their dependence on assumptions. This takes a
-        third of the time of a full comparison. In this case no test is left out, models with only
-        some of the slopes are not compared, and nothing is fitted to the tests at neighbouring
-        forces.
+        third of the time of a full comparison. No test is left out, models with only some of the
+        slopes are not compared, and nothing is fitted to the tests at neighbouring forces.
     tolerance : float
         Largest error allowed for a log evidence [nat], from 0.0001 to 1.
     prob : float
-        Probability, between 0 and 1, of the credible intervals of the compliance C(F) at every
-        force F, and of those from fits to the tests at neighbouring forces.
+        Probability, between 0 and 1, of two kinds of credible intervals: those of the compliance
+        C(F) at every force F, and those from the fits to the tests at neighbouring forces.
     seed : int
         Seed of the random draws from which simulated readings and credible intervals are computed.
     progress : callable, optional
@@ -624,7 +626,8 @@ def _plan_comparison(
     With ``evidence_only``, no test is left out, models with only some of the slopes (changes of
     compliance with force) are not compared, and nothing is fitted to the tests at neighbouring
     forces. Rival explanations of a change of the readings with force are compared if two conditions
-    hold: the second model is the first with slopes added, and it has rival explanations.
+    hold: the second model is the first model with slopes added, and the second model has rival
+    explanations.
     """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}
@@ -634,7 +637,8 @@ def _plan_comparison(
     by_assumption = sensitivity.changed(
         pair.values(), sensitivity.discrepancy_assumptions(pair.values())
     )
-    # The first entry of ``by_assumption`` is the models' own assumption about how circles differ.
+    # The first entry of ``by_assumption`` is the assumption about how circles differ that the
+    # models make themselves.
     unchanged_label = next(iter(by_assumption))
     unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)
@@ -658,8 +662,8 @@ def _models_by_slope_scale(
 ) -> dict[str, tuple[HybridModel, ...]]:
     """Return both models of a pair under every scale of the slopes' prior; keys name the scales.
 
-    Slopes are changes of compliance with force. The dictionary is empty if neither model has
-    slopes, or if the two models differ only in this prior.
+    Slopes are changes of compliance with force. The result is empty if neither model has slopes, or
+    if the two models differ only in this prior.
     """
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):
@@ -722,7 +726,7 @@ def _begin_assumptions(
 
     The assumptions are about how circles differ from one another. Return a function that waits for
     the log Bayes factors and evidences, and returns them. ``nodes_by_model`` holds the evidences
-    under the models' own assumption.
+    under the assumption that the models make themselves.
     """
     best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
     separate = evidences.apart()
@@ -744,7 +748,7 @@ def _weigh_assumptions(
     evidences: Evidences,
     rejected_below: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
-    """Return the log Bayes factor of two models under each assumption, and precise evidences.
+    """Return the log Bayes factor of two models under each assumption, and the precise evidences.
 
     ``names`` are the names of the two models; ``assumptions`` holds both models under each
     assumption about how circles differ. Rough evidences are computed first. If both log evidences
@@ -758,8 +762,8 @@ def _weigh_assumptions(
 def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:
     """Return the evidences of all models with each test left out in turn, as one list.
 
-    ``left_out_nodes`` holds the posterior of each model for each test left out. Its keys are names
-    of models, then names of tests.
+    ``left_out_nodes`` holds the posterior of each model for each test left out. The outer keys are
+    names of models, and the inner keys are names of tests.
     """
     evidences: list[Evidence] = []
     for nodes_by_test in left_out_nodes.values():
@@ -807,8 +811,8 @@ def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float,
     """Return the scales of the slopes' prior at which the log Bayes factor changes sign.
 
     Slopes are changes of compliance with force. The log Bayes factor of two models, shape (n,), is
-    known at n values of the scale, shape (n,). Between them it is interpolated linearly in
-    ln(scale).
+    known at n values of the scale, shape (n,). Between these values, the log Bayes factor is
+    interpolated linearly in ln(scale).
     """
     x = np.log(scale)
     y = log_bayes_factor
@@ -818,7 +822,7 @@ def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float,
 
 
 def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Difference]:
-    """Return the expected log predictive density of every model minus that of the first model.
+    """Return differences of the expected log predictive density, every model minus the first.
 
     ``log_densities`` holds, for each model, the log density of every test given the other tests
     [nat]. In a key such as "linear/constant", the first model is named last. The result is empty if
@@ -886,9 +890,9 @@ def _compare_models(
 def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
     """Return the root-mean-square residual of the least-squares fit of the paper, Eq. 31 [µm].
 
-    The paper is the article on which the model is based. The degree of the compliance as a
-    polynomial in force is that of the model. Return NaN if the campaign has too few different
-    forces for a fit of this degree.
+    The paper is the article on which the model is based. The compliances are polynomials in force
+    of the same degree as in the model. Return NaN if the campaign has too few different forces for
+    a fit of this degree.
     """
     if campaign.force_levels < model.degree + 2:
         return np.nan

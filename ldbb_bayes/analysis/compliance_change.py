@@ -71,17 +71,17 @@ class ChangeWithForce(Result):
     relative: DrawnValue | None
     #: probability that the compliance at F_max is larger than at F_min
     probability_of_increase: float
-    #: probability that the compliance at F_max is smaller than at F_min. In an average over models,
-    #: some with a constant compliance, the probabilities of increase and decrease sum to less than
-    #: one.
+    #: probability that the compliance at F_max is smaller than at F_min. In an average over models
+    #: of which some have a constant compliance, the probabilities of increase and decrease sum to
+    #: less than one.
     probability_of_decrease: float
 
     @property
     def probability_of_no_change(self) -> float:
         """Probability that there is exactly no change.
 
-        In an average over models, it is the probability of the models in which the compliance is
-        constant. For a single model it is zero.
+        In an average over models, this is the probability of the models in which the compliance is
+        constant. For a single model, it is zero.
         """
         remaining = 1.0 - self.probability_of_increase - self.probability_of_decrease
         return max(round(remaining, _DECIMALS_OF_PROBABILITY), 0.0)
@@ -91,9 +91,9 @@ class ChangeWithForce(Result):
 def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, ChangeWithForce]:
     """Return how much each compliance C(F) changes from the smallest tested force to the largest.
 
-    All numbers are computed from posterior draws of the curve C(F); each draw has a value at both
-    forces. If the posterior is an average over models, draws of models with constant compliance are
-    included, with a change of zero.
+    All numbers are computed from posterior draws of the curve C(F), each of which has a value at
+    both forces. If the posterior is an average over models, draws of models with constant
+    compliance are included, with a change of zero.
 
     Parameters
     ----------

@@ -48,10 +48,10 @@ __all__ = [
 ]
 
 # The probability that a quantity lies beyond a tolerance limit is the share of posterior draws
-# beyond it, if at least this many draws lie on each side of the limit. If there are fewer draws on
-# one side, the probability of this side is the tail of a normal distribution. This probability is
-# however at least the share of draws on this side, and at most this number divided by the number of
-# all draws.
+# beyond the limit, if at least this many draws lie on each side of the limit. If there are fewer
+# draws on one side, the probability of this side is the tail of a normal distribution. However, it
+# is set to at least the share of draws on this side, and to at most this number divided by the
+# number of all draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
@@ -82,19 +82,20 @@ class Conformity(Result):
     (0.6, 'not decided')
     """
 
-    unit: str  #: unit of the quantity, its limits, mean, sd and guard band
-    #: force at which the quantity is stated [N]; None where no force applies, as for geometric
-    #: errors and slopes
+    unit: str  #: unit of the quantity and of its limits, mean, sd and guard band
+    #: force at which the quantity is stated [N]; None for geometric errors and slopes, to which no
+    #: force applies
     force_N: float | None
     lower: float | None  #: lower limit of the tolerance; None if it has no lower limit
     upper: float | None  #: upper limit of the tolerance; None if it has no upper limit
     mean: float  #: estimate of the quantity: its posterior mean
     sd: float  #: standard uncertainty of the quantity: its posterior standard deviation
-    probability: float  #: probability of conformance: that the quantity lies between its limits
+    #: probability of conformance: the probability that the quantity lies between its limits
+    probability: float
     #: least distance from a limit at which the estimate of a normally distributed quantity leads to
     #: a decision: inside the limit for conformance, outside the limit for non-conformance
     guard_band: float
-    #: probability of conformance, or of non-conformance, that a decision requires
+    #: least probability of conformance, or of non-conformance, at which a decision is made
     confidence: float
     decision: Decision  #: decision by ISO 14253-1
 
@@ -131,19 +132,20 @@ def assess_conformity(
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     tolerances : mapping of str to str or Tolerance, optional
-        Tolerances by name. Default: those of the campaign. Names are those of parameters,
-        ``stiffness_X`` (1/C_XXX), ``k_min``, ``k_max`` and ``k_ratio`` of the stiffness by
-        direction (see `stiffness`), and G, F_max and F_min of the machine's circular path, with the
-        plane where there are several (``G_YZ``). A tolerance given as text must have a unit, as in
-        ``60 nm/N``, ``−20..40 µrad`` or ``≥ 18 N/µm``; a ratio has none. The limits of a
-        `Tolerance` are in mm, N and rad.
+        Tolerances by name of the quantity. Default: the tolerances that the campaign states.
+        Quantities are the parameters, ``stiffness_X`` (1/C_XXX), ``k_min``, ``k_max`` and
+        ``k_ratio`` of the stiffness by direction (see `stiffness`), and G, F_max and F_min of the
+        machine's circular path. If there are several planes, the name of a quantity of a plane ends
+        with the plane (``G_YZ``). A tolerance given as text must have a unit, as in ``60 nm/N``,
+        ``−20..40 µrad`` or ``≥ 18 N/µm``; a ratio has none. The limits of a `Tolerance` are in mm,
+        N and rad.
     force_N : float, optional
         Force at which compliances, stiffnesses and the circular path are stated [N], from a tenth
         of the smallest force tested to 1.5 times the largest. Default: the model's reference force,
         at which the compliance C(F) is the parameter C.
     confidence : float
-        Probability of conformance, or of non-conformance, that a decision requires, between 0.5 and
-        1.
+        Least probability of conformance, or of non-conformance, at which a decision is made,
+        between 0.5 and 1.
 
     Returns
     -------
@@ -204,9 +206,9 @@ def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) 
 def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
     """Return posterior draws of every parameter, by name, in mm, N and rad.
 
-    Compliances are those at the force ``force_N`` of the bar; slopes and geometric errors do not
-    depend on it. Each array has the shape (draws,). If the posterior is an average over models,
-    draws of different parameters with the same index may belong to different models.
+    Compliances are computed at the force ``force_N`` of the bar. Slopes and geometric errors do not
+    depend on this force. Each array has the shape (draws,). If the posterior is an average over
+    models, draws of different parameters with the same index may belong to different models.
     """
     bound = bound_of(posterior)
     draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
@@ -231,8 +233,8 @@ def _stated_draws(
 ) -> dict[str, _StatedDraws]:
     """Return posterior draws of the named quantities at a force, by name.
 
-    ``names`` are those of parameters, of stiffnesses such as ``stiffness_X`` or ``k_min``, and of
-    the circular path, such as ``G``. ``force`` is the force of the bar [N].
+    ``names`` are names of parameters, of stiffnesses such as ``stiffness_X`` or ``k_min``, and of
+    quantities of the circular path such as ``G``. ``force`` is the force of the bar [N].
     """
     parameters = dict(zip(bound.names, bound.parameters, strict=True))
     values = draws_at(posterior, force)
@@ -258,8 +260,8 @@ def _stated_draws(
 def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
     """Return posterior draws of G, F_max and F_min of the machine's circular path [mm], by name.
 
-    The names have the plane if there are several, such as ``G_YZ``. ``force`` is the force of the
-    bar [N].
+    If there are several planes, each name ends with the plane, such as ``G_YZ``. ``force`` is the
+    force of the bar [N].
     """
     planes = bound.setting.planes
     draws = {}
@@ -273,8 +275,8 @@ def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict
 def _directional_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
     """Return posterior draws of k_min, k_max and k_ratio, by name, in mm and N.
 
-    The names have the plane if there are several, such as ``k_min_YZ``. ``force`` is the force of
-    the bar [N].
+    If there are several planes, each name ends with the plane, such as ``k_min_YZ``. ``force`` is
+    the force of the bar [N].
     """
     planes = bound.setting.planes
     draws = {}
@@ -322,7 +324,7 @@ def _tail_probability(outside: Array, score: float) -> float:
 
 
 def _probability_of_few_draws(count: int, n: int, normal_tail: float) -> float:
-    """Return the probability that a quantity lies on that side of a limit where few draws lie.
+    """Return the probability that a quantity lies on the side of a limit with few draws.
 
     The probability is ``normal_tail``, the tail of a normal distribution. However, it is at least
     the share ``count`` / n of the n draws on this side, and at most ``_FEWEST_DRAWS`` / n.
@@ -336,8 +338,8 @@ def normal_conformity(
 ) -> Conformity:
     """Return the decision on the conformity of a quantity with a normal distribution.
 
-    ``mean``, ``sd`` and the limits of ``tolerance`` are in ``unit``. ``confidence`` is the
-    probability that a decision requires.
+    ``mean``, ``sd`` and the limits of ``tolerance`` are in ``unit``. ``confidence`` is the least
+    probability at which a decision is made.
     """
     probability = _normal_probability(mean, sd, tolerance.ends)
     return _decide(unit, mean, sd, tolerance, probability, confidence, None)
@@ -359,9 +361,9 @@ def stiffness_conformity(
     deviation s, the result states 1/m and s/m² as mean and standard deviation of the stiffness.
     These are approximations, and the decision does not depend on them.
 
-    ``unit`` is that of the stiffness and of the limits of ``tolerance``. Mean and standard
-    deviation of the compliance are in the inverse unit. ``confidence`` is the probability that a
-    decision requires.
+    ``unit`` is the unit of the stiffness and of the limits of ``tolerance``. Mean and standard
+    deviation of the compliance are in the inverse of this unit. ``confidence`` is the least
+    probability at which a decision is made.
     """
     lowest_stiffness, highest_stiffness = tolerance.ends
     lowest_compliance = -np.inf
@@ -395,9 +397,9 @@ def _decide(
 ) -> Conformity:
     """Return the decision that follows from the probability of conformance.
 
-    ``probability`` is that of conformance; ``confidence`` is the probability that a decision
-    requires. ``mean`` and ``sd`` are those of the quantity's posterior, in ``unit``; ``force`` is
-    the force at which the quantity is stated [N].
+    ``probability`` is the probability of conformance, and ``confidence`` the least probability at
+    which a decision is made. ``mean`` and ``sd`` are the posterior mean and standard deviation of
+    the quantity, in ``unit``. ``force`` is the force at which the quantity is stated [N].
     """
     decision = Decision.NOT_DECIDED
     if probability <= 1.0 - confidence:

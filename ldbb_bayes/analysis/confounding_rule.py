@@ -10,17 +10,18 @@ from ldbb_bayes.model.terms.columns import OWN
 
 __all__ = ["NEAR_TIE", "SAME_COMBINATION", "confounding_sources"]
 
-# The errors of all parameters that an effect causes form a vector. Two effects act on the same
-# combination of parameters if the squared cosine of the angle between their vectors is at least
-# this number.
+# An effect causes an error of every parameter; these errors form a vector. Two effects act on the
+# same combination of parameters if the squared cosine of the angle between the vectors of the two
+# effects is at least this number.
 SAME_COMBINATION = 0.95
-# An effect with less than this share of a parameter's variance is not among the effects with which
-# the parameter is said to be confounded.
+# A parameter is never said to be confounded with an effect that causes less than this share of the
+# parameter's variance.
 _NAMED_SHARE = 0.05
-# Shares of a variance, and contractions, that differ from their limit by less than this number
-# count as equal to the limit, so that no verdict on a parameter depends on rounding errors. The
-# contraction is one minus the ratio of posterior and prior variance. A parameter is confounded only
-# if a share is above its limit, and prior-limited only if the contraction is below its limit.
+# A share of a variance, or a contraction, counts as equal to its limit if the difference is below
+# this number, so that no verdict on a parameter depends on rounding errors. The contraction is one
+# minus the ratio of posterior to prior variance. A parameter is confounded only if a share is above
+# the limit for shares, and prior-limited only if the contraction is below the limit for
+# contractions.
 NEAR_TIE = 1e-6
 
 
@@ -29,11 +30,11 @@ def confounding_sources(
 ) -> tuple[VarianceSource, ...]:
     """Return the assumed sources with which a parameter is confounded, or an empty tuple.
 
-    A parameter is confounded with assumed sources that together cause more than half of its
-    variance, and act on the same combination of parameters. ``sources`` are all sources of the
-    parameter's variance, the largest share first. ``likeness`` is the squared cosine of the angle
-    between the vectors of parameter errors that two sources cause; its keys are pairs of names of
-    sources. If ``likeness`` is None, all sources are taken to act on the same combination.
+    A parameter is confounded with assumed sources if they together cause more than half of its
+    variance, and if they act on the same combination of parameters. ``sources`` are all sources of
+    the parameter's variance, the largest share first. ``likeness`` is the squared cosine of the
+    angle between the vectors of parameter errors that two sources cause; its keys are pairs of
+    names of sources. If ``likeness`` is None, all sources are taken to act on the same combination.
     """
     candidates = []
     for source in sources:

@@ -1,4 +1,4 @@
-"""Remedies for the degeneracies of a campaign: further tests, or a calibration.
+"""Remedies for degeneracies of a campaign: further tests, or a calibration.
 
 A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled but
 not of interest) that no reading resolves.
@@ -20,7 +20,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 
 __all__ = ["Cure", "Directed", "at_other_radius", "clocked", "cures", "in_other_direction"]
 
-# A test whose arc is below this angle is not a full circle [°].
+# A test whose arc is shorter than this angle is not a full circle [°].
 _FULL_CIRCLE_DEG = 355.0
 # A test with readings at fewer different angles than this number does not count as a full circle,
 # because its readings do not resolve all Fourier orders.
@@ -42,7 +42,7 @@ _OTHER_RADIUS_SHARE = 2.0 / 3.0
 _SAME_RADIUS_SHARE = 0.01
 # Opposite of each direction of travel, which is clockwise (CW) or counterclockwise (CCW).
 _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
-# Direction of travel that is assumed for the circles of a plane if none of them states its
+# Direction of travel that is assumed for the circles of a plane if none of these circles states a
 # direction.
 _FIRST_DIRECTION: Direction = "CW"
 
@@ -70,16 +70,17 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
     A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
     but not of interest) that no reading resolves. Further tests are a remedy if the degeneracy
-    vanishes when these tests are added to the plan. To turn both balls is a remedy only if to turn
-    one ball does not help. If a degeneracy involves the effect of a model term (its field ``term``
-    is not empty), a calibration is always among the remedies.
+    vanishes when these tests are added to the plan. Turning both balls is a remedy only if turning
+    one of the balls is not. If the pivot of a degeneracy is a nuisance coefficient (the field
+    ``term`` is not empty), a calibration is always among the remedies.
 
     Parameters
     ----------
     bound
         Model bound to a campaign or plan.
     aliases
-        The `degeneracies` of the bound model. The results have the same order.
+        The `degeneracies` of the bound model. The result has one entry for each degeneracy, in the
+        same order.
     """
     plan = bound.campaign.plan()
     remaining_after: dict[Cure, tuple[Degeneracy, ...]] = {}
@@ -114,10 +115,10 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     """Return whether two degeneracies count as the same.
 
     The pivot of a degeneracy is the coefficient whose effect on the readings the other coefficients
-    cancel. Two degeneracies are the same if their pivots are nuisance coefficients of the same
-    kind. Two degeneracies with parameters as pivots are the same if they have two parameters in
-    common. If the first degeneracy has only one parameter, the two degeneracies are the same if the
-    second has this parameter too.
+    cancel. Two degeneracies with nuisance coefficients as pivots are the same if the pivots are of
+    the same kind. Two degeneracies with parameters as pivots are the same if they have two
+    parameters in common. If the first degeneracy has a single parameter, it is enough that the
+    second degeneracy has this parameter too.
     """
     if degeneracy.term != candidate.term:
         return False
@@ -138,7 +139,7 @@ def _pattern(nuisance: str) -> str:
 def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
     """Return the tests that each remedy for a degeneracy would add to a plan.
 
-    ``directed`` holds the circles of the plan, and further circles in the other direction of
+    ``directed`` holds the circles of the plan, and copies of circles in the opposite direction of
     travel.
     """
     further = {
@@ -170,11 +171,11 @@ def _at_other_forces(plan: Campaign) -> list[CircularTest]:
 
 
 class Directed(NamedTuple):
-    """Circles of a plan with their direction of travel, and circles in the other direction.
+    """Circles of a plan with directions of travel, and copies in the opposite direction.
 
     ``stated`` are the circles of the plan. If no circle of a plane states its direction, all
-    circles of the plane are taken to be clockwise. ``further`` are copies of circles in the other
-    direction, for each plane whose circles are all run in one direction.
+    circles of the plane are taken to be clockwise. ``further`` are copies of these circles in the
+    opposite direction, for each plane whose circles are all run in one direction.
     """
 
     stated: list[CircularTest]
@@ -226,8 +227,9 @@ def clocked(
 def at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
-    The radius is two thirds of that of the test with the lowest force. If a test of the plan has
-    about this radius, the radius is multiplied by two thirds again, until no test has the radius.
+    The new radius is the radius of the test with the lowest force, times two thirds. If a test of
+    the plan has about this radius, the new radius is multiplied by two thirds again, until no test
+    has this radius.
     """
     radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
     radius = float(radii_of_plan[plan.forces_N.argmin()])

@@ -1,8 +1,8 @@
 """Changes C(F_max) − C(F_min) of compliances over the tested forces, as sums of coefficients.
 
-How a compliance C(F) changes follows from its slopes. For a direct compliance, it follows also from
-the coefficients of the term `JointLoad` (joints that yield to their own load). The change is
-therefore a weighted sum of coefficients of the linear model. The uncertainty of this sum can be
+The change of a compliance C(F) depends on its slopes. The change of a direct compliance depends
+also on the coefficients of the term `JointLoad` (joints that yield to their own load). Each change
+is therefore a weighted sum of coefficients of the linear model. The uncertainty of this sum can be
 computed without readings.
 """
 
@@ -31,23 +31,24 @@ class CurveChange:
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
     slopes: tuple[str, ...]  #: names of the slopes that the change depends on
-    #: change of the compliance, in ``unit``, if one of the m coefficients of the model changes by
-    #: its prior standard deviation, shape (m,)
+    #: weights of the m coefficients of the model, shape (m,): each is the change of ``compliance``,
+    #: in ``unit``, if one coefficient changes by its prior standard deviation
     weights: Array
 
 
 def curve_changes(bound: BoundModel, information: Information) -> dict[str, CurveChange]:
     """Return the change of every compliance that may change with force, by name.
 
-    The compliances are those that have a slope, or that depend on the term `JointLoad`. The result
-    is empty if all tests have the same force.
+    A compliance may change with force if it has a slope, or if it depends on the term `JointLoad`.
+    The keys of the result are the names of the compliances. The result is empty if all tests have
+    the same force.
 
     Parameters
     ----------
     bound
         Model bound to a campaign or plan.
     information
-        Information of the bound model, given the hyper-parameters.
+        Information of the bound model, at one value of the hyper-parameters.
     """
     force_N = bound.setting.force_N
     smallest_N = float(force_N.min())
@@ -83,9 +84,9 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
 def _joint_load_weights(bound: BoundModel, information: Information, axis: str) -> Array:
     """Return the change of a compliance due to the term `JointLoad`, per unit of each coefficient.
 
-    The compliance is the direct compliance of ``axis``. Its change is taken from the smallest
-    tested force to the largest. The result has the shape (m,) for m coefficients. All elements are
-    zero if the model does not have the term, or if no circle moves the axis.
+    The compliance is the direct compliance of ``axis``. The change is its value at the largest
+    tested force minus its value at the smallest. The result has the shape (m,) for m coefficients.
+    All elements are zero if the model does not have the term, or if no circle moves the axis.
     """
     weights = np.zeros(len(information.names))
     columns = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ())).get(axis)

@@ -27,8 +27,8 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["compare_posteriors"]
 
-# Number of pairs of posterior draws, one of each campaign, from which the interval of a difference
-# is computed.
+# Number of pairs of posterior draws from which the interval of a difference is computed. A pair has
+# one draw of the first campaign and one draw of the second campaign.
 _DRAWS = 20_000
 
 
@@ -36,16 +36,15 @@ class _Differences(NamedTuple):
     """Means and differences of n parameters of two campaigns, with standard uncertainties."""
 
     means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
-    #: posterior mean of each parameter's value in the second campaign minus that in the first,
-    #: shape (n,)
+    #: posterior mean of the difference of each parameter, second campaign minus first, shape (n,)
     difference: Array
     sd: Array  #: standard uncertainty of ``difference``, shape (n,)
     interval: Array  #: ends of the equal-tailed interval of the difference, shape (2, n)
     #: probability that a parameter is larger in the second campaign than in the first, shape (n,)
     increase: Array
     #: coefficient of the common instrument about which the campaigns disagree most; None if the
-    #: instruments are different, or if the readings of both campaigns are informative about no
-    #: coefficient
+    #: instruments are different, or if there is no coefficient about which the readings of both
+    #: campaigns are informative
     conflict: Conflict | None = None
 
 
@@ -66,11 +65,11 @@ def compare_posteriors(
     Parameters
     ----------
     posterior, other : DataTree
-        First and second posterior, from `sample`, `load` or `average`, of machines with the same
-        topology, planes and joint frames.
+        First and second posterior, from `sample`, `load` or `average`. Their machines must have the
+        same topology and joint frames, and the same planes must have been tested.
     same_instrument : bool
-        Whether bar, balls, mount and force device were the same. Their errors then largely cancel
-        in the difference.
+        Whether bar, balls, mount and force device were the same in both campaigns. If so, the
+        errors of these parts largely cancel in the difference.
     prob : float
         Probability of the equal-tailed intervals, between 0 and 1.
 
@@ -82,14 +81,14 @@ def compare_posteriors(
         the reference force of the first campaign), difference, sd (of the difference), ci_low,
         ci_high and probability_of_increase. With the same instrument, ``attrs["conflict"]`` is the
         instrument's coefficient about which the campaigns disagree most, and the p-value of the
-        disagreement (Bonferroni). It is None for different instruments, and if the readings of both
-        campaigns are informative about no coefficient of the instrument.
+        disagreement (Bonferroni). The attribute is None for different instruments, and if there is
+        no coefficient of the instrument about which the readings of both campaigns are informative.
 
     Raises
     ------
     InputError
-        For a probability that is not between 0 and 1, posteriors of the same readings or of
-        different machines or planes, or a flat prior with ``same_instrument``.
+        For a probability that is not between 0 and 1, or a flat prior with ``same_instrument``.
+        Also if the posteriors are of the same readings, or of different machines or planes.
 
     Examples
     --------
@@ -146,10 +145,10 @@ def _compare_one_instrument(
 
     The posterior of each difference is taken to be normal.
 
-    ``bounds`` are the models bound to the two campaigns and ``phi`` the mean hyper-parameters of
-    each, shape (h,). ``rows`` are the matrices, shape (n, p), that map the p parameters of each
-    campaign to the n compared parameters. ``levels`` are the probabilities below the lower and the
-    upper end of the interval, shape (2,).
+    ``bounds`` are the models bound to the two campaigns, and ``phi`` are the mean hyper-parameters
+    of each campaign, shape (h,). ``rows`` holds, for each campaign, the matrix that maps its p
+    parameters to the n compared parameters, shape (n, p). ``levels`` are the probabilities below
+    the lower and the upper end of the interval, shape (2,).
     """
     joint = joint_difference(bounds, phi, rows)
     return _Differences(
@@ -218,7 +217,7 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
 def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
     """Return the matrix that converts a model's parameters to another reference force.
 
-    The matrix, shape (n, p), maps the p parameters at the model's own reference force to the n
+    The matrix, shape (n, p), maps the p parameters at the reference force of the model to the n
     parameters ``names`` at the force ``reference_force_N`` [N].
     """
     rows = np.zeros((len(names), len(bound.names)))

@@ -5,10 +5,11 @@ c = cos θ, s = sin θ and the radius R, in the plane XY,
 
     c(θ; F) = C_XXX c² + C_XYX c s + C_YYY s² + R (C_CXY c² s + C_CYY c s²) + R² C_CCY c² s²,
 
-where every compliance is taken at the force F: it includes its slopes and the term `JointLoad`,
-which also depends on the direction. The first three compliances determine the deflection of a tool
-in the circle's centre. The other three add the deflection at the tool's position, x = R c, that is
-due to the rotation of an axis under the bar's load. A stiffness is 1 / c(θ; F).
+where every compliance is taken at the force F, and includes the effects of its slopes and of the
+term `JointLoad`, which also depends on the direction. The first three compliances determine the
+deflection of a tool in the circle's centre. The other three add the deflection of a tool at the
+position (R c, R s) on the circle. This deflection is due to the rotation of an axis under the bar's
+load. A stiffness is 1 / c(θ; F).
 
 The symmetric matrix S with the elements C_XXX, C_XYX / 2 and C_YYY is the compliance tensor of the
 plane in the circle's centre. Its principal axes are at the angle ½ atan2(C_XYX, C_XXX − C_YYY).
@@ -54,8 +55,8 @@ _DRAWS = 2000
 # The compliance along the bar and its credible intervals are stated at every angle that is a
 # multiple of this angle [°].
 _STEP_DEG = 5
-# If the lower end of a compliance's credible interval is below this share of the median of the
-# compliance, only a lower limit of the stiffness is stated.
+# If the lower end of the credible interval of a compliance is at most this share of the median of
+# the compliance, only a lower limit of the stiffness is stated.
 _HARDLY_POSITIVE = 0.2
 # Draws of a compliance below this share of its median are replaced by this share of the median
 # before they are inverted. Without this replacement, the few draws near zero would dominate the
@@ -64,8 +65,7 @@ _SMALLEST_SHARE = 0.1
 # A direction is not determined if its credible interval is at least this wide [°], because a wider
 # interval may contain both axes of the plane.
 _WIDEST_DEG = 90.0
-# Radius of a very small circle [mm]. The compliance on this circle equals the compliance in its
-# centre.
+# Radius of a very small circle [mm], whose compliance equals the compliance in the centre.
 _CENTRE_RADIUS_MM = 1e-6
 # Angles of the directions from which the compliance tensor of a plane is computed: along its first
 # axis, along its second axis, and midway between the two [rad].
@@ -84,8 +84,8 @@ class StatedValue(Result):
     ci_low: Number  #: lower end of the equal-tailed credible interval
     ci_high: Number  #: upper end of the equal-tailed credible interval
     within_U: float  #: share of the posterior draws within mean ± U
-    #: whether only the lower end of the interval is determined: if a compliance may be nearly zero,
-    #: its inverse, the stiffness, has no upper limit
+    #: whether only the lower end of the interval is determined. If a compliance may be nearly zero,
+    #: the inverse of the compliance (the stiffness) has no upper limit.
     only_lower_limit: bool = False
 
     @property
@@ -98,9 +98,10 @@ class StatedValue(Result):
 class AxialDirection(Result):
     """A direction in a plane, as an angle from the plane's first axis, with its uncertainty.
 
-    A direction and its opposite are the same. The mean is that of axial directions: half the angle
-    of the mean of exp(2iθ). Each end of the interval is given as the equivalent angle nearest to
-    the mean. It can therefore lie below 0° or above 180°.
+    A direction and its opposite are the same. The mean direction is half the angle of the complex
+    number exp(2iθ), averaged over posterior draws of the direction θ. Each end of the interval is
+    given as the equivalent angle nearest to the mean direction. An end can therefore lie below 0°
+    or above 180°.
     """
 
     angle_deg: float  #: mean direction, from 0° to 180°
@@ -160,8 +161,8 @@ class PrincipalAxis(Result):
 
     stiffness: StatedValue  #: stiffness along the principal axis
     direction: tuple[float, float, float]  #: unit vector along X, Y and Z; its sign has no meaning
-    #: half angle of a cone about ``direction`` that contains the true axis with the probability of
-    #: the credible intervals [°]
+    #: half angle of a cone about ``direction`` [°]; the cone contains the true axis with the
+    #: probability of the credible intervals
     cone_deg: float
     is_determined: bool  #: whether the half angle ``cone_deg`` is below 45°
 
@@ -191,7 +192,8 @@ class DirectionalStiffness(Result):
     """
 
     prob: float  #: probability of the credible intervals
-    #: stiffness of every plane at every force, all forces of one plane before the next plane
+    #: stiffness of every plane at every force; all forces of the first plane come first, then those
+    #: of the next plane
     planes: tuple[PlaneStiffness, ...]
     #: principal stiffnesses in space at every force; empty unless three planes were tested
     principal: tuple[PrincipalStiffness, ...] = ()
@@ -206,8 +208,8 @@ class DirectionalStiffness(Result):
         Columns are plane, force_N, quantity, unit, mean, sd, U_k2, median, ci_low, ci_high and
         is_determined. Directions are in degrees. If three planes were tested, there are also rows
         of principal stiffnesses, with the plane XYZ. Columns x, y and z then hold the components of
-        the axis' unit vector. Column cone_deg holds the half angle of a cone about this vector that
-        contains the true axis with the probability of the intervals.
+        the axis' unit vector. Column cone_deg holds the half angle of a cone about this vector; the
+        cone contains the true axis with the probability of the intervals.
         """
         rows = []
         for plane in self.planes:
@@ -278,9 +280,9 @@ def stiffness(
 
     The compliance along the bar is the deflection along the bar at the angle θ of the circle,
     divided by the bar's force F. It includes the slopes of the compliances and the term
-    `JointLoad`. An error of the bar's length changes none of the numbers. Errors of the mount
-    cancel in the difference of two compliances. An error of the gain of the force cancels in the
-    ratio of stiffnesses.
+    `JointLoad`. An error of the bar's length changes none of the numbers. An error of the mount's
+    compliance cancels in the difference of two compliances. An error of the force gain cancels in
+    the ratio of stiffnesses.
 
     Parameters
     ----------
@@ -296,11 +298,12 @@ def stiffness(
     -------
     DirectionalStiffness
         For every plane and force: the compliance along the bar with its credible intervals, the
-        least and the greatest stiffness with their directions, their ratio, the direction of the
-        softer principal axis, the cross compliance, and the difference of the direct compliances.
-        If three planes were tested, the result also has the principal stiffnesses in space. If the
-        compliance along the bar is hardly known in some directions, noise makes the least stiffness
-        too small and the greatest stiffness too large; both errors are removed on average.
+        least and the greatest stiffness with their directions, the ratio of the greatest to the
+        least stiffness, the direction of the softer principal axis, the cross compliance, and the
+        difference of the direct compliances. If three planes were tested, the result also has the
+        principal stiffnesses in space. If the compliance along the bar is hardly known in some
+        directions, noise makes the least stiffness too small and the greatest stiffness too large;
+        both errors are removed on average.
 
     Raises
     ------
@@ -330,9 +333,9 @@ def stiffness_of_fit(
 ) -> DirectionalStiffness:
     """Return the stiffness by direction at one force, from draws of a fitted model.
 
-    The result is that of `stiffness`, but is computed without first building a posterior, which
-    saves time. ``draws`` are posterior draws of the model, ``force_N`` is the force of the bar [N],
-    and ``prob`` is the probability of the credible intervals.
+    This function returns what `stiffness` returns, but needs no stored posterior, and so saves
+    time. ``draws`` are posterior draws of the model, ``force_N`` is the force of the bar [N], and
+    ``prob`` is the probability of the credible intervals.
     """
     bound = draws.bound
     forces = _forces(bound, [force_N])
@@ -364,10 +367,11 @@ def _stiffness_of(
 
 
 def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[str, Array]]:
-    """Return draws of the least and greatest stiffness and their ratio, by plane and quantity.
+    """Return draws of the least stiffness, the greatest stiffness and their ratio, by plane.
 
-    ``force_N`` is the force of the bar [N]. Each array has the shape (draws,). The keys of the
-    quantities are ``k_min``, ``k_max`` and ``k_ratio``; k_min and k_max are in N/mm.
+    ``force_N`` is the force of the bar [N]. Each array has the shape (draws,). The outer keys are
+    the planes; the inner keys are ``k_min``, ``k_max`` and ``k_ratio``. The stiffnesses k_min and
+    k_max are in N/mm.
     """
     bound = bound_of(posterior)
     forces = _forces(bound, [force_N])
@@ -387,7 +391,7 @@ def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[st
 def _forces(bound: BoundModel, forces_N: Sequence[float]) -> Array:
     """Return the forces at which stiffness is computed [N], after a check that they are positive.
 
-    The forces are those of ``forces_N``. If ``forces_N`` is empty, they are the smallest force
+    The result holds the forces in ``forces_N``. If there are none, it holds the smallest force
     tested, the reference force and the largest force tested.
     """
     require(
@@ -411,7 +415,7 @@ def _forces(bound: BoundModel, forces_N: Sequence[float]) -> Array:
 def _plane_stiffness(
     bound: BoundModel, r: int, force_N: float, curve: Array, compliances: Array, prob: float
 ) -> PlaneStiffness:
-    """Return the stiffness in the plane of the test with index r, at one force.
+    """Return the stiffness in the plane of the test with index ``r``, at one force.
 
     ``curve``, shape (draws, 25), holds posterior draws of the Fourier coefficients of the
     compliance along the bar. ``compliances``, shape (draws, n), holds draws of the model's n
@@ -468,7 +472,7 @@ def _cross(
     """Return the name and the estimate of a plane's cross compliance.
 
     If the model has no such compliance, the name is empty and the estimate None. A cross compliance
-    is the deflection along one axis of the plane per force along the other.
+    is the deflection along one axis of the plane, divided by the force along the other axis.
     """
     for k, compliance in enumerate(bound.compliances):
         if compliance.kind == "cross" and {compliance.twist, compliance.wrench} == set(plane):
@@ -485,10 +489,10 @@ class _Tensor(NamedTuple):
 
 
 def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> _Tensor:
-    """Return the compliance tensor of a plane, in the centre of the circle with index r.
+    """Return the compliance tensor of a plane, in the centre of the circle of one test.
 
-    The compliance in the centre along a unit vector u is uᵀ S u. The tensor S is computed from this
-    compliance in three directions.
+    ``r`` is the index of this test. The compliance in the centre along a unit vector u is uᵀ S u.
+    The tensor S is computed from this compliance in three directions.
     """
     circle = bound.campaign.tests[r].circle
     centre = replace(circle, radius_mm=_CENTRE_RADIUS_MM, plane=plane)
@@ -545,15 +549,15 @@ def _inverse(compliance: Array) -> Array:
 
 
 def _ratio(extremes: CurveExtremes) -> Array:
-    """Return draws of the largest compliance divided by the smallest, none of them below one."""
+    """Return draws of the largest compliance divided by the smallest; no draw is below one."""
     return np.asarray(np.maximum(extremes.largest / _above_zero(extremes.smallest), 1.0))
 
 
 def _above_zero(compliance: Array) -> Array:
     """Return draws of a compliance; draws near or below zero are replaced by a positive value.
 
-    This value is ``_SMALLEST_SHARE`` times the median of the draws' absolute values. Draws below
-    this value are replaced by it.
+    The positive value is ``_SMALLEST_SHARE`` times the median of the draws' absolute values. All
+    draws below this value are replaced.
     """
     floor = _SMALLEST_SHARE * np.median(np.abs(compliance))
     return np.maximum(compliance, max(floor, np.finfo(float).tiny))

@@ -1,9 +1,9 @@
 """Largest and smallest values of a curve that is known with an uncertainty.
 
-The largest value of a curve with noise is larger than that of the curve without noise: in a
-peak-to-peak value, noise adds up and never cancels. The mean of the largest values of posterior
-draws is therefore too large by about as much as it exceeds the largest value of the mean curve. The
-smallest value is too small in the same way.
+Noise increases the largest value of a curve: in a peak-to-peak value, noise adds up and never
+cancels. The largest values of posterior draws of the curve are therefore too large on average.
+Their mean exceeds the largest value of the mean curve, and the excess is about as large as the
+error. In the same way, the smallest values are too small.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class CurveExtremes:
 
     @property
     def width(self) -> Array:
-        """Draws of the largest minus the smallest value, none of them negative, shape (draws,)."""
+        """Draws of the largest minus the smallest value, shape (draws,); no draw is negative."""
         return np.maximum(self.largest - self.smallest, 0.0)
 
 

@@ -1,16 +1,16 @@
 """Comparison of a posterior with the GUM's law of propagation, as JCGM 101, section 8, requires.
 
 y is the estimate of a parameter, u its standard uncertainty and k the coverage factor. The law of
-propagation states y ± k u of a linear model, in which the scales of the noise and of other effects
-(the hyper-parameters φ) are known. JCGM 101 propagates distributions instead. Here the distribution
-is the posterior, in which φ is unknown. If the model requires it, no compliance is negative in the
-posterior.
+propagation gives the interval y ± k u for a linear model, in which the scales of the noise and of
+other effects (the hyper-parameters φ) are known. JCGM 101 propagates distributions instead. Here
+the distribution is the posterior, in which φ is unknown. Compliances are not negative in the
+posterior if the model has this condition.
 
-The law of propagation and the distribution agree within n significant digits of u if the lower ends
-of their intervals differ by at most the numerical tolerance δ = 10^l / 2, and the upper ends too.
-The exponent l follows from u: rounded to n digits, u is a whole number times 10^l (JCGM 101, 7.9.2
-and 8.1). Where the law and the distribution do not agree, JCGM 101 requires the interval of the
-distribution to be stated.
+The law of propagation and the distribution each give an interval. They agree within n significant
+digits of u if the lower ends of the two intervals differ by at most the numerical tolerance δ =
+10^l / 2, and if the upper ends do not differ by more than δ either. The exponent l follows from u:
+rounded to n digits, u is a whole number times 10^l (JCGM 101, 7.9.2 and 8.1). If the two intervals
+do not agree, JCGM 101 requires the interval of the distribution to be stated.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _STANDARD_ERRORS = 2.0
 class GumComparison(Result):
     """Intervals of one parameter by the GUM's law of propagation and by JCGM 101.
 
-    The interval by JCGM 101 is that of the parameter's posterior distribution.
+    The interval by JCGM 101 is computed from the posterior distribution of the parameter.
 
     Examples
     --------
@@ -92,7 +92,7 @@ class GumComparison(Result):
     def validated(self) -> bool:
         """Whether the GUM's interval may be used.
 
-        This is so if both ``d_low`` and ``d_high`` are at most ``tolerance``.
+        The interval may be used if both ``d_low`` and ``d_high`` are at most ``tolerance``.
         """
         return max(self.d_low, self.d_high) <= self.tolerance
 
@@ -122,10 +122,10 @@ class GumValidation(Result):
 
     prob: float  #: probability of the intervals
     digits: int  #: number of significant digits of u within which the intervals are to agree
-    #: posterior probability of the model to which the law of propagation is applied; 1 if the
-    #: posterior is that of a single model
+    #: posterior probability of the model to which the law of propagation is applied; 1 unless the
+    #: posterior is an average over models
     probability_of_model: float
-    parameters: dict[str, GumComparison]  #: comparison by name of the parameter
+    parameters: dict[str, GumComparison]  #: comparisons; the keys are the names of the parameters
 
     @property
     def validated(self) -> tuple[str, ...]:
@@ -234,7 +234,7 @@ def numerical_tolerance(u: float, digits: int) -> float:
 
 
 def agreeing_digits(distance: float, u: float) -> int:
-    """Return within how many significant digits of u two intervals agree, at most two.
+    """Return the number of significant digits of u within which two intervals agree, at most two.
 
     u is a standard uncertainty. ``distance`` is the larger of two distances: that between the lower
     ends of the intervals, and that between the upper ends.
