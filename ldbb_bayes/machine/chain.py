@@ -2,8 +2,8 @@
 
 A topology such as ``wCAFYXZSt`` lists the axes from the workpiece ``w`` through the foundation
 ``F`` to the tool ``t``, in the style of ISO 10791. A circular test drives the two linear axes of
-its plane; the model has compliances and geometric errors at the joints of the axes of all tested
-planes. Vectors have the components X, Y and Z of the machine coordinate system.
+its plane. The model has compliances and geometric errors at the joints of all axes that circular
+tests drive. Vectors have the components X, Y and Z of the machine coordinate system.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class Circle(Shown):
 
 @dataclass(frozen=True)
 class Joint:
-    """Joint of a linear axis, with its place in the machine and the position of its frame.
+    """Joint of a linear axis: name of the axis, what the axis carries, and position of the frame.
 
     The frame is the coordinate system about whose origin the compliances and error motions of the
     joint are defined.
@@ -229,10 +229,10 @@ class Machine(Shown):
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """Joints of the linear axes whose compliances and geometric errors are modelled.
+        """Joints of linear axes; the model has compliances and geometric errors at these joints.
 
-        There is one joint for each axis that moves in a tested plane, in the order of the planes'
-        axes.
+        There is one joint for each axis that moves in a tested plane, in the order in which the
+        names of the planes list the axes.
         """
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))
 

@@ -122,8 +122,8 @@ def _branch_transform(
     """Return the homogeneous transforms from the machine's foundation to tool or workpiece.
 
     There is one matrix of shape (4, 4) for each of n angles of the bar; the result has the shape
-    (n, 4, 4). ``branch`` is ``tool`` or ``workpiece``; ``errors`` holds values of geometric errors;
-    the keys are their names.
+    (n, 4, 4). ``branch`` is ``tool`` or ``workpiece``. ``errors`` maps the names of geometric
+    errors to their values.
     """
     transform = np.broadcast_to(np.eye(4), (len(angle_rad), 4, 4))
     position = circle.position_mm(angle_rad)
@@ -141,7 +141,7 @@ def _joint_transform(
     The transforms contain the nominal motion and the error motions of the joint (Eq. 4-5 and 8-9 of
     the paper). ``coordinate`` (n,) holds nominal displacements along the joint's axis [mm]. For a
     joint that carries the workpiece, the displacement is the machine coordinate times −1.
-    ``errors`` holds values of geometric errors; the keys are their names.
+    ``errors`` maps the names of geometric errors to their values.
     """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate

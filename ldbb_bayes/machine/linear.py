@@ -59,10 +59,11 @@ _PARALLEL = 1e-10
 # A compliance is treated as having no effect if the norm of its column (the readings per unit of
 # the compliance) is smaller than this share of the largest norm of any compliance's column.
 _NULL_SHARE = 1e-10
-# A compliance that is not kept can have a part of its effect in common with a kept compliance. This
-# part is a rounding error if it is smaller than this share of the whole effect. A kept compliance
-# represents a weighted sum of compliances. A negative eigenvalue of the matrix of these weights is
-# a rounding error if its absolute value is smaller than this share of the largest weight.
+# A compliance that is not kept as a parameter of the model can have a part of its effect in common
+# with a kept compliance. This part is a rounding error if it is smaller than this share of the
+# whole effect. A kept compliance represents a weighted sum of compliances. A negative eigenvalue of
+# the matrix of these weights is a rounding error if its absolute value is smaller than this share
+# of the largest weight.
 _ROUNDING_WEIGHT = 1e-7
 # A column holds the readings per unit of a compliance, scaled to length one. A column is
 # independent of other columns if it has a part that is not a linear combination of the other
@@ -146,7 +147,7 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
 
 
 def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
-    """Return the joint at which a geometric error acts, and whether before the joint's motion.
+    """Return a geometric error's joint, and whether the error acts before the joint's motion.
 
     A squareness error concerns two axes. If both carry the tool, or both the workpiece, the error
     acts after the motion of the reference axis. If one axis carries the tool and the other the
@@ -186,8 +187,8 @@ class Kept:
     #: readings are proportional to each other.
     names: tuple[ComplianceName, ...]
     #: for each kept compliance, the names of the compliances whose effects on the readings are
-    #: proportional to its effect (proportional set, Table 2 of the paper); the kept compliance
-    #: comes first
+    #: proportional to the effect of the kept compliance (proportional set, Table 2 of the paper);
+    #: the kept compliance comes first
     sets: tuple[tuple[str, ...], ...]
     #: for each kept compliance, the weights of the compliances in its set. The effects of these
     #: compliances on the readings are proportional to each other. A weight is the effect of a
@@ -356,9 +357,9 @@ def _not_negative(
 
     A kept compliance represents a weighted sum Σ_k ⟨A_k, C_k⟩ of the compliance matrices C_k of the
     joints k. A_k are symmetric matrices of weights, all of shape (6, 6), and ⟨ , ⟩ is the sum of
-    the products of elements. A compliance matrix is positive semi-definite. The weighted sum can
-    therefore not be negative if every A_k is positive semi-definite. If any A_k is not, the sum can
-    be negative.
+    the products of corresponding elements. A compliance matrix is positive semi-definite. The
+    weighted sum can therefore not be negative if every A_k is positive semi-definite. If any A_k is
+    not, the sum can be negative.
 
     Parameters
     ----------
@@ -391,9 +392,8 @@ def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]
     """Return a symmetric matrix of the weights of compliances for each joint, shape (6, 6).
 
     Rows and columns are in the order X, Y, Z, A, B, C: components along and about the three axes.
-    The weight of a compliance is divided equally between an element of the matrix and the element
-    on the other side of the diagonal; ``halves`` holds half of the weight of each compliance in
-    ``names``.
+    The weight of a compliance is divided equally between the elements (i, j) and (j, i) of the
+    matrix; ``halves`` holds half of the weight of each compliance in ``names``.
     """
     matrices: dict[str, Array] = {}
     for name, half in zip(names, halves, strict=True):
@@ -439,7 +439,7 @@ def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
     """Return the sort key of a compliance for the order of Table 1 of the paper.
 
     Translations caused by forces come first, then rotations caused by forces, then rotations caused
-    by moments. Joints are in the order of the planes' axes.
+    by moments. Joints are in the order in which the names of the tested planes list the axes.
     """
     joints = [joint.axis for joint in machine.joints]
     rigid = [axis for axis in LINEAR if axis not in joints]
@@ -481,12 +481,12 @@ def hybrid_jacobian(
 ) -> pd.DataFrame:
     """Return the reading per unit of every parameter of the linear hybrid model.
 
-    The table is J_H of Eq. 28 and, with reference force F0 = 0, of Eq. 33. The column of a
-    compliance is F j_C, where j_C is the reading per unit force and compliance. The column of a
-    slope of degree k, which is a change of the compliance with force, is F (F − F0)^k j_C. The
-    compliances are those that this circle alone can separate. Columns are named like the parameters
-    in the results of a fit: first compliances such as C_XXX, then slopes such as C_XXX_1, then
-    geometric errors such as E_XX1. Equations are those of the paper.
+    The table is the matrix J_H of Eq. 28; with the reference force F0 = 0, it is also J_H of Eq.
+    33. The column of a compliance is F j_C, where j_C is the reading per unit force and compliance.
+    The column of a slope of degree k, which is a change of the compliance with force, is F (F −
+    F0)^k j_C. The compliances are those that this circle alone can separate. Columns are named like
+    the parameters in the results of a fit: first compliances such as C_XXX, then slopes such as
+    C_XXX_1, then geometric errors such as E_XX1. Equations are those of the paper.
 
     Parameters
     ----------

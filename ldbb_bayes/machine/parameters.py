@@ -23,7 +23,7 @@ ComplianceKind = Literal[
     "direct", "cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment"
 ]
 # Names of the six components of a twist (displacement and rotation) or of a wrench (force and
-# moment): X, Y, Z for those along the axes and A, B, C for those about the axes.
+# moment): X, Y, Z are the components along the axes, and A, B, C the components about the axes.
 COMPONENTS = LINEAR + ROTARY
 # Power of the axis' coordinate that multiplies a geometric error. The keys are the kinds of errors;
 # for kinds that are not listed the power is 0.

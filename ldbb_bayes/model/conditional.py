@@ -1,8 +1,8 @@
 """Gaussian density of the parameters at given hyper-parameters, and its truncation.
 
 The density is p(β | y, φ). β are compliances, their slopes and geometric errors; y are the
-readings; φ are the scales of the noise and of other effects. Truncation restricts β to compliances
-that are not negative.
+readings; φ are the scales of the noise and of other effects. Truncation restricts β to the region
+in which no compliance is negative.
 """
 
 from __future__ import annotations

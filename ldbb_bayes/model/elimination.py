@@ -3,8 +3,8 @@
 The observation equations are r = A x + N(0, D(φ)). r are the readings, x the coefficients of
 nuisances (effects modelled but not of interest), A (rows, columns) has one column for each
 coefficient, D(φ) is the diagonal noise covariance, and the hyper-parameters φ are the scales of
-noise and nuisances. The module computes the lower triangular factor L and the right-hand side
-L⁻¹ Aᵀ D⁻¹ r of
+noise and nuisances. The module computes the right-hand side L⁻¹ Aᵀ D⁻¹ r and the lower triangular
+factor L of
 
     P = Aᵀ D⁻¹ A = L Lᵀ.
 
@@ -13,17 +13,17 @@ How it works:
 1. Order. `ordering` divides the columns into groups that are eliminated together, once for each
    campaign. When a group of s columns is eliminated, the entries of P change for some of the later
    columns. These m later columns are the border of the group.
-2. Entries. A group has s columns of L. Each is stored as s + m + 1 entries: s for the columns of
-   the group, m for the columns of the border, and a last one for the right-hand side. All entries
-   of all groups are rows of one array, the workspace. The second dimension of the workspace has the
-   length w, one element for each value of φ, and is contiguous.
+2. Entries. A group has s columns of L. Each of these columns is stored as s + m + 1 entries: s for
+   the columns of the group, m for the columns of the border, and a last one for the right-hand
+   side. All entries of all groups are rows of one array, the workspace. The second dimension of the
+   workspace has the length w, one element for each value of φ, and is contiguous.
 3. Assembly. Each entry of P and of Aᵀ D⁻¹ r is a sum over kinds of rows of A (rows with the same
    variance D). A term of the sum is a scalar product of columns, which does not depend on φ, times
    1/D (`gram_entries`).
 4. Elimination. The groups are treated one after the other. The s columns of L of a group are
-   computed in place (`eliminate`). The products of their entries in the border are then subtracted
-   from the entries of P that belong to columns of the border. Groups of the same shape that do not
-   depend on each other are a `Front`: they are eliminated by the same calls.
+   computed in place (`eliminate`). The products of the entries of these columns in the border are
+   then subtracted from the entries of P that belong to columns of the border. Groups of the same
+   shape that do not depend on each other are a `Front`: they are eliminated by the same calls.
 
 Prior variances may be negative (`Observations.signs`). Then P = L S Lᵀ, where the diagonal matrix S
 holds the signs ±1 of the Cholesky pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a sum of squares with these signs.
@@ -98,7 +98,8 @@ class Update(NamedTuple):
 class Front(NamedTuple):
     """Groups of columns of the design matrix A that are eliminated together, by the same calls.
 
-    Each group has s columns. Its elimination changes m later columns, the border of the group.
+    Each group has s columns. The elimination of a group changes m later columns, which are called
+    the border of the group.
     """
 
     #: Rows of the workspace (the array of all matrix entries) that hold the entries of these groups
@@ -412,8 +413,8 @@ class DesignRows:
     columns
         Design matrix A, shape (rows, columns).
     values
-        Readings r, shape (rows,). Rows that depend on the parameters of interest hold zero, because
-        the caller adds the contribution of these parameters for each of their values (``shift`` of
+        Readings r, shape (rows,). The array holds zero for rows that depend on the parameters of
+        interest. The caller adds the contribution of these rows for given parameters (``shift`` of
         `Elimination.factorize`).
     kinds
         Index of each row's kind (rows of one kind have the same variance), shape (rows,).

@@ -154,7 +154,7 @@ class Gaussian(Shown):
         """Return the likelihood Π N(values; rows · x, 1) as a function of q coefficients x.
 
         The product runs over n readings. The mean of the result is the least-squares estimate of x.
-        Its ``log_integral`` contains −½ times the residual sum of squares.
+        The ``log_integral`` of the result contains −½ times the residual sum of squares.
 
         Parameters
         ----------

@@ -44,7 +44,7 @@ class EntryBlock(NamedTuple):
 
     A is the design matrix, D the noise covariance, and r are the readings. Each group has s columns
     of P, and each column has n entries. The first s entries of a column belong to the s columns of
-    its own group; of these entries, those before the diagonal are not needed.
+    the same group; entries before the diagonal are not needed.
     """
 
     #: Indices of the block's entries among all matrix entries. There are n entries for each of the
@@ -148,8 +148,8 @@ def _sparse_gram(
     """Return all Gram entries, shape (entries, kinds), for a design matrix and readings.
 
     ``size`` is the number of entries; `GramEntries` explains the other arguments. Each row of the
-    design matrix adds the products of all pairs of elements of this row that are not zero. The
-    readings count as a last column of the matrix.
+    design matrix adds, to the entries, the products of all pairs of its elements that are not zero.
+    The readings count as a last column of the matrix.
     """
     order = np.argsort(np.diagonal(place))
     table = np.column_stack([columns[:, order], values])

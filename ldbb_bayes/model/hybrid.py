@@ -71,7 +71,7 @@ __all__ = [
     "require_model",
 ]
 
-# Names of models by the degree of compliance as a polynomial in force.
+# Names of models with compliance of degree 0, 1 and 2 as a polynomial in force.
 DEGREE_NAMES = ("constant", "linear", "quadratic")
 
 Preset = Literal["default", "first", "paper"]
@@ -289,8 +289,8 @@ class HybridModel(Result):
             The same as ``further_priors``, but as a mapping, so that names can be written as in the
             paper: ``{"E_C(0Y)X": (0, "20 µrad")}``.
         **further_priors : object
-            Mean and sd of a parameter, ``C_XXX=("60 nm/N", "5 nm/N")``, or a field of `Prior`,
-            ``tau_um="2 µm"``.
+            Mean and sd of a parameter, such as ``C_XXX=("60 nm/N", "5 nm/N")``, or the value of a
+            field of `Prior`, such as ``tau_um="2 µm"``.
 
         Returns
         -------
@@ -566,7 +566,7 @@ def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Ar
 def _draw_hyper_parameters(
     bound: BoundModel, hyper_um: Mapping[str, float], rng: np.random.Generator
 ) -> dict[str, float]:
-    """Return the value of every hyper-parameter by its name; lengths are in mm.
+    """Return a dict with a value for each name of a hyper-parameter; lengths are in mm.
 
     Values given in ``hyper_um``, with lengths in µm, are used. All other hyper-parameters are drawn
     at random from their priors. Raise an `InputError` for an unknown name or a value out of range.
@@ -679,8 +679,8 @@ class BoundModel(Shown):
     physical, truncation : Truncation
         ``physical`` is the region of parameters in which compliances C(F) are not negative; only
         compliances that are deflections in the direction of the load itself are restricted.
-        ``truncation`` is the same region if the prior is restricted to it; otherwise it permits all
-        parameters.
+        ``truncation`` is the same region if the prior is restricted to it; otherwise ``truncation``
+        permits all values of the parameters.
     """
 
     shown = ("model", "campaign", "test_names", "names", "setting")
@@ -838,14 +838,14 @@ class BoundModel(Shown):
     def _interest_columns(self) -> Array:
         """Return the reading per unit of each of p free parameters, shape (tests, 25, p).
 
-        The reading is given as 25 Fourier coefficients. Free parameters are those not fixed at
-        zero.
+        The reading is given as 25 Fourier coefficients. Free parameters are the parameters that are
+        not fixed at zero.
         """
         return interest_columns(self.setting, self.model.degree)[:, :, self._free]
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
-        """Names of the compliances of the model, without slopes; those fixed at zero are included.
+        """Names of the model's compliances, without slopes; compliances fixed at zero are included.
 
         The model has all compliances that the campaign's circles can separate.
         """
@@ -853,7 +853,7 @@ class BoundModel(Shown):
 
     @property
     def geometric_errors(self) -> tuple[GeometricName, ...]:
-        """Names of the geometric errors of the model; those fixed at zero are included."""
+        """Names of the geometric errors of the model, including geometric errors fixed at zero."""
         return self._of_interest.geometric_errors
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
@@ -968,8 +968,8 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
         the hyper-parameters (scales of noise and nuisances). Negative compliances are not excluded.
-        The last of the coefficients that are the same in all tests are β − `centre`, where `centre`
-        is a least-squares estimate of β.
+        The object treats β − `centre` as the last of the coefficients that are the same in all
+        tests; `centre` is a least-squares estimate of β.
         """
         interest = Columns(
             self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre
@@ -1054,19 +1054,19 @@ class BoundModel(Shown):
         return log_evidence, conditional
 
     def log_evidence(self, phi: Array) -> Array:
-        """Return the log evidence ln p(y | φ) of the readings y, shape (w,), as `given` does.
+        """Return the log evidence ln p(y | φ) of the readings y, shape (w,).
 
         φ (w, h) are w values of the h hyper-parameters (scales of noise and nuisances), with
         lengths in mm. Parameters and nuisances are integrated out, and negative compliances are not
-        excluded.
+        excluded. `given` returns the same log evidence.
         """
         return self.collapsed.log_density(phi)
 
     def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
         """Return random draws of the p parameters of interest from their prior, shape (size, p).
 
-        The parameters are in mm, N and rad. If the prior excludes negative compliances, no draw has
-        one. Raise an `InputError` if the prior is flat.
+        The parameters are in mm, N and rad. If the prior excludes negative compliances, no draw
+        contains a negative compliance. Raise an `InputError` if the prior is flat.
         """
         require(
             not self.model.prior.flat,
@@ -1105,7 +1105,7 @@ class BoundModel(Shown):
         raise self._impossible_prior()
 
     def _impossible_prior(self) -> InputError:
-        """Return the error for a prior whose random machines nearly all have a negative compliance.
+        """Return the error for a prior with which nearly all machines have a negative compliance.
 
         The message names the compliance whose prior mean, divided by its prior sd, is the lowest.
         If no prior mean is negative, the message names the setting ``slope_scale`` instead.
@@ -1193,7 +1193,7 @@ def _check_levels(model: HybridModel, campaign: Campaign) -> None:
     """Raise an `InputError` if a campaign has too few different forces for a model.
 
     A model with linear or quadratic compliance (degree 1 or 2) needs at least two different forces.
-    A model with flat priors needs at least its degree plus two different forces.
+    A model of degree k with flat priors needs at least k + 2 different forces.
     """
     levels = campaign.force_levels
     degree = model.degree

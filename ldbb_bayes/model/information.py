@@ -24,8 +24,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Information"]
 
-# Singular values below this share of the largest count as zero when the effects of the parameters
-# of interest are removed from the readings.
+# Singular values below this share of the largest singular value count as zero when the effects of
+# the parameters of interest are removed from the readings.
 _RANK_TOLERANCE = 1e-9
 # The precision (1 / variance) that the readings alone give to a coefficient is compared with the
 # prior precision of the coefficient. If the ratio is below this number, it is a rounding error, and
@@ -40,10 +40,10 @@ class Information:
     z are the reduced readings, scaled so that their noise e is white and has unit variance. c (m,)
     are all coefficients divided by their ``scale`` (prior sd), and A is the design matrix of c. The
     coefficients are the parameters of interest, and all coefficients of nuisances (effects modelled
-    but not of interest) that have the same value in all tests. The posterior covariance of c is (1
-    + AᵀA)⁻¹ if no prior is flat. The argument ``fixed`` of methods names terms and coefficients
-    that are treated as known: known coefficients are left out of c, and known noise is left out of
-    e.
+    but not of interest) that have the same value in all tests. If no prior is flat, c has the
+    posterior covariance (1 + AᵀA)⁻¹. Several methods have an argument ``fixed``, which names terms
+    and coefficients that are treated as known. Known coefficients are left out of c, and known
+    noise is left out of e.
     """
 
     #: Names of the m coefficients: parameters of interest, then nuisance coefficients, which belong
@@ -60,9 +60,9 @@ class Information:
     #: Effect of one unit of each of the m coefficients on the k reduced readings (k ≤ 25) of each
     #: test, one array (k, m) for each test.
     design: tuple[Array, ...]
-    #: Covariances (k, k) [mm²] of the k reduced readings (k ≤ 25) of each test, one for every
-    #: independent source of noise. The key is the class name of the term that causes the noise; the
-    #: noise of the readings themselves has the key ``NOISE``.
+    #: For each test, a dict of covariances (k, k) [mm²] of the test's k reduced readings (k ≤ 25),
+    #: one for every independent source of noise. The keys are the class names of the terms that
+    #: cause the noise; the noise of the readings themselves has the key ``NOISE``.
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -368,9 +368,9 @@ class Information:
         reading, or if the parameters of interest can change the readings in the same way. For
         parameters of interest, the result is not a number (NaN).
 
-        Let v_k be the posterior variance of coefficient k with its prior precision 1 and flat
-        priors of the parameters of interest. Then 1 / v_k = 1 + r_k, where r_k is the precision
-        from the readings alone, and the sd is r_k^(−1/2).
+        Let v_k be the posterior variance of coefficient k if this coefficient has the prior
+        precision 1 and the parameters of interest have flat priors. Then 1 / v_k = 1 + r_k, where
+        r_k is the precision from the readings alone, and the sd is r_k^(−1/2).
         """
         sd = np.full(len(self.names), np.nan)
         nuisances = np.setdiff1d(np.arange(len(self.names)), self.interest)

@@ -30,8 +30,8 @@ __all__ = [
 
 Group = Literal["compliance", "slope", "geometric"]
 # The prior sd of a slope (change of a compliance with force) is proportional to the estimated size
-# of the compliance. The size is replaced by the typical size of the compliance (usually its prior
-# sd) divided by this number, if it is smaller.
+# of the compliance. The size used is at least the typical size of the compliance (usually its prior
+# sd) divided by this number.
 _SD_PER_LEAST_SIZE = 20.0
 
 
@@ -154,8 +154,8 @@ class ParametersOfInterest:
 
         Some compliances are not in the model, because their effect on the readings is a combination
         of the effects of other compliances. These other compliances are in the model and represent
-        the compliances that are not. The prior sd of a compliance includes contributions of the
-        compliances that it represents, unless the user gave the sd.
+        the compliances that are left out. The prior sd of a compliance includes contributions of
+        the compliances that it represents, unless the user gave the sd.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
@@ -201,7 +201,7 @@ def compliance_rows(
     """Return the matrix A with C(F) = A β at one force F, shape (compliances, p).
 
     C(F) are the compliances at this force, and β the p parameters of interest: compliances at the
-    reference force F0, their slopes with force, and geometric errors.
+    reference force F0, their slopes (changes with force), and geometric errors.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def physical_rows(
 def _check_slope_has_compliance(
     label: str, parameters: Sequence[Parameter], rows: Sequence[Array], reference_force_N: float
 ) -> None:
-    """Raise an `InputError` if a compliance that is fixed at zero is negative at some force.
+    """Raise an `InputError` if a compliance that is fixed at zero would be negative at some force.
 
     A compliance that is fixed at zero is zero at the reference force, but changes with force if its
     slope is free. Its values are negative on one side of the reference force if the linear slope is

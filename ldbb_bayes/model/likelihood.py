@@ -10,7 +10,7 @@ Fourier basis functions, whose triangular factor is R_r (`reduction`):
 The columns of H_r, U_r and V_r are the readings per unit of each parameter or coefficient, as 25
 Fourier coefficients. The coefficients u ~ N(m, s²) are the same in all tests; the coefficients v_r
 ~ N(0, s²) and the noise e_r ~ N(0, s²) of the Fourier coefficients belong to test r only; the
-reading noise is ε ~ N(0, σ²). Each mean m is known, each scale s is a known number times
+reading noise is ε ~ N(0, σ²). Each mean m is known, and each scale s is a known number times
 hyper-parameters. The module `observations` writes this as z − H β = A x + N(0, D(φ)), where x holds
 the coefficients and D is diagonal. Then
 
@@ -47,9 +47,9 @@ __all__ = ["StructuredGaussian"]
 # the GNU C library (malloc) afterwards keeps freed memory of up to this size for reuse, which is
 # faster.
 _MALLOC_BYTES = 31 << 20
-# Variances of noise and priors with a smaller absolute value are replaced by this number [mm², or
-# no unit], because the likelihood divides by them. A coefficient with this prior variance is
-# numerically zero.
+# Variances of noise and of priors are replaced by this number [mm², or no unit] if their absolute
+# value is smaller, because the likelihood divides by variances. A coefficient with this prior
+# variance is numerically zero.
 _LEAST_VARIANCE = 1e-60
 
 
@@ -101,8 +101,8 @@ class StructuredGaussian:
     reduced
         Readings of every test, reduced by projection on the 25 Fourier functions.
     columns
-        Columns and noise of the nuisance terms. `conditional` returns shared coefficients in this
-        order.
+        Columns and noise of the nuisance terms. `conditional` returns shared coefficients in the
+        order of these columns.
     offset
         Known part of the readings, as 25 Fourier coefficients of every test, shape (tests, 25)
         [mm]; it is subtracted from the readings.

@@ -27,7 +27,7 @@ def mixture_moments(
     mean: Array,
     sd: Array,
 ) -> tuple[Array, Array]:
-    """Return mean and standard deviation of mixtures of k Gaussians, each of shape (...).
+    """Return means and standard deviations of mixtures of k Gaussian densities, shape (...).
 
     Parameters
     ----------

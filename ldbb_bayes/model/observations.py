@@ -6,12 +6,12 @@ z are the readings of all tests, reduced to at most 26 numbers a test (`reductio
 parameters of interest (compliances, their slopes and geometric errors), with the design matrix H
 (rows, p). x are the coefficients of nuisances, which are effects modelled but not of interest, with
 the design matrix A (rows, coefficients); each coefficient is expressed in a unit of its own
-(`Observations.unit`). Shared coefficients are the same in all tests; private ones belong to a
-single test. The rows of a test are rotated so that the covariance of all noise in the test is
-diagonal. Every prior of a coefficient adds one row, unless the prior is flat. Only the diagonal
-matrix D depends on the hyper-parameters φ, the scales (standard deviations) of the noise and of
-nuisances. The entries of D are sums of known numbers times squared sources of variance; a source is
-a hyper-parameter or a product of hyper-parameters.
+(`Observations.unit`). Shared coefficients are the same in all tests; each private coefficient
+belongs to a single test. The rows of a test are rotated so that the covariance of all noise in the
+test is diagonal. Every prior of a coefficient adds one row, unless the prior is flat. Only the
+diagonal matrix D depends on the hyper-parameters φ, the scales (standard deviations) of the noise
+and of nuisances. The entries of D are sums of known numbers times squared sources of variance; a
+source is a hyper-parameter or a product of hyper-parameters.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class Rows(NamedTuple):
     #: Number of readings that each of the n rows represents, shape (n,); 1 for a row that is the
     #: prior of a coefficient.
     readings: Array
-    #: Index of the test that each of the n rows belongs to, shape (n,). A row that is the prior of
-    #: a coefficient common to all tests has the number of tests instead.
+    #: Index of the test that each of the n rows belongs to, shape (n,). For a row that is the prior
+    #: of a coefficient common to all tests, the number of tests is stored instead.
     test: NDArray[np.intp]
     #: Numbers v, shape (n, sources), that give the variance of each of the n rows as
     #: Σ v · source². A source of variance is a hyper-parameter (the standard deviation of an
@@ -83,7 +83,7 @@ class Observations(NamedTuple):
     #: negative variance removes noise, as `_columns_for_uneven_angles` explains.
     signs: Array
     #: Number of nuisance coefficients that are the same in all tests. Their columns are the first
-    #: ones of the design matrix.
+    #: columns of the design matrix.
     shared: int
     #: For every test, the indices of the columns of the design matrix whose coefficients belong to
     #: this test alone; empty if no test has such columns.
@@ -101,9 +101,9 @@ class _Nuisances(NamedTuple):
     coefficients.
     """
 
-    #: Terms of independent noise of each test's Fourier coefficients. The readings of each test are
-    #: rotated so that this noise has a diagonal covariance. The noise then needs no columns in the
-    #: design matrix.
+    #: Noise terms; their noise in the Fourier coefficients of a test is independent of other tests.
+    #: The readings of each test are rotated so that this noise has a diagonal covariance. The noise
+    #: then needs no columns in the design matrix.
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
@@ -137,7 +137,7 @@ class _Rotated(NamedTuple):
 
 
 class _CoefficientPriors(NamedTuple):
-    """Gaussian priors of all nuisance coefficients, in the order of their columns.
+    """Gaussian priors of all nuisance coefficients, in the order of the coefficients' columns.
 
     Nuisances are effects modelled but not of interest. A source of variance is the hyper-parameter,
     or the product of hyper-parameters, that multiplies the prior sd of a coefficient.
@@ -510,7 +510,7 @@ def _test_of_coefficients(
 
 
 def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
-    """Return independent noise of the Fourier coefficients of each test in the form of columns.
+    """Return columns that represent independent noise of the Fourier coefficients of each test.
 
     There is one column for every Fourier function (such as cos 2θ) that has noise, and the column
     is equal to this function. Each of ``tests`` tests has its own coefficient of the column, whose

@@ -35,8 +35,9 @@ __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 # multiplies with all columns of the border.
 PRODUCT_COLUMNS = 8
 # The following costs are measured times, in units of the time of one multiplication for all values
-# of the hyper-parameters that are processed together. Their exact values matter little. Time of the
-# function calls that each group of columns needs once, when the group is eliminated.
+# of the hyper-parameters that are processed together. Their exact values matter little. The first
+# cost is the time of the function calls that each group of columns needs once, when the group is
+# eliminated.
 _GROUP_COST = 100.0
 # Time of the function calls that eliminate one column of a group, in multiplication times.
 _COLUMN_COST = 200.0
@@ -117,7 +118,7 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
 
 
 def heights(groups: list[ColumnGroup]) -> list[int]:
-    """Return the height of each group of columns; groups of equal height are eliminated together.
+    """Return the height of each column group; groups of equal height can be eliminated together.
 
     The height of a group is 0 if the elimination of no other group changes a column of this group.
     Otherwise the height is larger than the heights of all groups whose elimination changes a column

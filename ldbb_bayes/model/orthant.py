@@ -43,8 +43,8 @@ _CERTAIN_SD = 12.0
 # No constraint counts as certain to hold if some constraint u_j ≥ 0 is improbable, which means that
 # the mean of the Gaussian variable u_j, divided by the sd of u_j, is below this number.
 _PUSHED_SD = -3.0
-# The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 whose mean is at least
-# this many sd of u_j above zero.
+# The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 for which the mean of
+# u_j is at least this many sd of u_j above zero.
 _NEAR_SD = 6.0
 # Constraints that hardly ever fail are left out only if leaving them out changes ln P(u ≥ 0) by at
 # most this share of the error tolerance. If ln P changes more, all constraints are used.
@@ -79,14 +79,16 @@ _DIGITS = 1e5
 # Absolute error of SciPy's implementation of Owen's T function. This function gives the probability
 # that two constraints both hold.
 _OWEN_ERROR = 1e-15
-# The bound of P(u ≥ 0) from pairs of constraints is not used if the probability that the two
-# constraints most likely to fail both hold is smaller than this. The bound is then too inaccurate.
+# The bound of P(u ≥ 0) from pairs of constraints is not used if the two constraints that are most
+# likely to fail hold together with a probability smaller than this number. The bound is then too
+# inaccurate.
 _LEAST_PAIR = 1e-9
 # The computed probability that two constraints u_i ≥ 0 and u_j ≥ 0 both hold counts as too
 # inaccurate if the correlation of u_i and u_j is closer to ±1 than this.
 _LEAST_DIFFERENCE = 1e-6
-# P(u ≥ 0) is first bounded by the probability of the constraint most likely to fail. If the
-# relative error of this bound is below this number, pairs of constraints are not considered.
+# P(u ≥ 0) is first bounded by the probability that the tightest constraint (the constraint that is
+# most likely to fail) holds. If the relative error of this bound is below this number, pairs of
+# constraints are not considered.
 _NEGLIGIBLE_ERROR = 1e-9
 # Number that replaces h or k in Owen's formula for P(x < h, y < k) if h or k is zero, because the
 # formula divides by both numbers.
@@ -103,9 +105,8 @@ _SHIFT_DIMENSIONS = 32
 class OrthantMoments(NamedTuple):
     """Mean and covariance of e ~ N(0, I) given u = mean + spread e ≥ 0, for w problems.
 
-    e has q elements; u, the vector of the constraints, has m elements. The moments are those of the
-    d coordinates of e along the orthonormal directions ``axes``. u depends on these coordinates
-    only.
+    e has q elements; u, the vector of the constraints, has m elements. The moments describe the d
+    coordinates of e along the orthonormal directions ``axes``. u depends on these coordinates only.
     """
 
     #: Mean of the d coordinates of the standard normal vector e along the directions ``axes``,
@@ -114,8 +115,8 @@ class OrthantMoments(NamedTuple):
     #: Covariance of the d coordinates of the standard normal vector e along the directions
     #: ``axes``, given that all constraints hold, shape (w, d, d) for w problems.
     covariance: Array
-    #: The d orthonormal directions of the standard normal vector e (q elements) that the
-    #: constraints depend on, shape (w, d, q) for w problems.
+    #: The d orthonormal directions of the standard normal vector e (q elements) along which the
+    #: constraints depend on e, shape (w, d, q) for w problems.
     axes: Array
 
 
@@ -193,7 +194,7 @@ class Orthant:
     ) -> tuple[Array, Array]:
         """Return ln P(u ≥ 0) and its numerical error [nat], each of shape (w,) for w problems.
 
-        u is the Gaussian vector of the constraints of a problem. ln P is computed from analytical
+        u ≥ 0 are the constraints of a problem, and u is Gaussian. ln P is computed from analytical
         bounds if their distance is small enough for the tolerance; if not, it is computed from up
         to 65 536 quasi-random points. In the second case, the error is the standard error from the
         scatter between eight random shifts of the points, times a factor from Student's t. The true
@@ -248,9 +249,9 @@ class Orthant:
         noise = np.zeros(len(value))
         open_members = np.flatnonzero(error > tolerance)
         for near in (_NEAR_SD, np.inf):
-            # The first pass leaves out constraints whose mean is at least six sd above zero. Where
-            # leaving them out changes ln P(u ≥ 0) by more than a tenth of the tolerance, the second
-            # pass uses all constraints.
+            # The first pass leaves out the constraints u_j ≥ 0 for which the mean of u_j is at
+            # least six sd above zero. Where leaving them out changes ln P(u ≥ 0) by more than a
+            # tenth of the tolerance, the second pass uses all constraints.
             near_rows = distance[open_members] < near
             unfinished = np.zeros(len(open_members), dtype=bool)
             for pattern in np.unique(near_rows, axis=0):
@@ -272,20 +273,19 @@ class Orthant:
     def log_bound(self) -> Array:
         """Upper bound of ln P(u ≥ 0) for each of w problems, shape (w,).
 
-        u is the Gaussian vector of a problem's constraints. The bound is a smooth function of the
-        mean of u, close to ln P where P is small, and exact for a single constraint.
+        u ≥ 0 are the constraints of a problem, and u is Gaussian. The bound is a smooth function of
+        the mean of u, close to ln P where P is small, and exact for a single constraint.
         """
         return self._tilted.log_bound
 
     def moments(self, size: int = 512, *, seed: int = 0) -> OrthantMoments:
         """Return mean and covariance of the standard normal e, given u = mean + spread e ≥ 0.
 
-        e is a vector of q elements in each of w problems. The moments are those of the coordinates
-        of e along the directions `axes`; perpendicular to these directions, e stays standard
-        normal. The moments are weighted means over quasi-random points. The points of a problem are
-        shifted by an amount that is computed from its constraints alone. Errors therefore average
-        out over many problems, and the result of a problem does not depend on other problems in the
-        batch.
+        e is a vector of q elements in each of w problems. The moments describe the coordinates of e
+        along the directions `axes`; perpendicular to these directions, e stays standard normal. The
+        moments are weighted means over quasi-random points. The points of a problem are shifted by
+        an amount that is computed from its constraints alone. Errors therefore average out over
+        many problems, and the result of a problem does not depend on other problems in the batch.
 
         Parameters
         ----------
@@ -314,7 +314,7 @@ class Orthant:
 
     @property
     def axes(self) -> Array:
-        """Orthonormal directions of e that the constraints depend on, shape (w, d, q).
+        """Orthonormal directions along which the constraints depend on e, shape (w, d, q).
 
         Each of w problems has a standard normal vector e of q elements and constraints u ≥ 0, where
         u = mean + spread e. Constraints that are certain to hold in all problems are left out. The
@@ -550,8 +550,8 @@ def _bound_in_closed_form(
     distance
         Mean of each u_j divided by its sd, shape (w, m).
     spread
-        Matrix in u = mean + spread e of each problem, with standard normal e of q elements, shape
-        (w, m, q).
+        Matrix that multiplies e in u = mean + spread e, for each problem, shape (w, m, q); e is
+        standard normal with q elements.
     """
     w, m = distance.shape
     if m == 0:
@@ -592,7 +592,7 @@ def _bound_by_pairs(
     Parameters
     ----------
     distance
-        Mean of each of m constraints divided by its sd, the smallest first, shape (m, w).
+        Mean of each of the m elements of u divided by its sd, the smallest first, shape (m, w).
     tail
         Probability that each constraint alone fails, shape (m, w).
     unit
@@ -713,7 +713,7 @@ class _Rule(NamedTuple):
 def _quadrature_rule(dimensions: int) -> _Rule:
     """Return a quadrature rule for the unit cube in one or two dimensions.
 
-    In each dimension, it is the Gauss-Legendre rule for a variable s in [0, 1], with the
+    In each dimension, the rule is the Gauss-Legendre rule for a variable s in [0, 1], with the
     substitution u = s³ (10 − 15 s + 6 s²). The points u are dense near 0 and 1, where the function
     to integrate changes most.
     """
@@ -735,10 +735,10 @@ def _uncertain_rows(
     """Return the indices (from 0) of the constraints that may fail in at least one problem.
 
     Each of w problems has m constraints u = mean + spread e ≥ 0, with standard normal e of q
-    elements; ``mean`` has shape (w, m) and ``spread`` (w, m, q). A constraint counts as certain,
-    and is left out, if its mean is more than 12 sd above zero in every problem. All indices are
-    returned if, in some problem, the mean of a constraint is more than three sd below zero: given
-    that this constraint holds, constraints that look certain may fail.
+    elements; ``mean`` has shape (w, m) and ``spread`` (w, m, q). A constraint u_j ≥ 0 counts as
+    certain, and is left out, if the mean of u_j is more than 12 sd above zero in every problem. All
+    indices are returned if, in some problem, the mean of some u_j is more than three sd below zero:
+    given that this u_j is not negative, constraints that look certain may fail.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = mean / np.linalg.norm(spread, axis=2)
@@ -756,8 +756,8 @@ def _core_rows(
 
     The rank is the number of linearly independent constraints, the same in all problems. Each
     problem has m constraints u = mean + spread e ≥ 0, with standard normal e of q elements;
-    ``mean`` has shape (w, m) and ``spread`` (w, m, q). The indices of a problem are in increasing
-    order of the mean of the constraint divided by its sd.
+    ``mean`` has shape (w, m) and ``spread`` (w, m, q). The indices j of a problem are in increasing
+    order of the mean of u_j divided by the sd of u_j.
     """
     if not mean.shape[1]:
         return np.zeros(mean.shape, dtype=np.intp)
@@ -789,8 +789,8 @@ def _binding_rows(
     Parameters
     ----------
     distance
-        Mean of each constraint divided by its sd, shape (m,); it is smallest for the tightest
-        constraint.
+        Mean of each constrained variable divided by its sd, shape (m,); the ratio is smallest for
+        the tightest constraint.
     unit
         Rows of coefficients of the constraints, scaled to length one, shape (m, q).
     rank

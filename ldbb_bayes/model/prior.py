@@ -432,7 +432,8 @@ class Prior(Shown):
         """Return the joint prior of the hyper-parameters, with lengths in mm.
 
         Hyper-parameters are the scales (standard deviations) of the noise and of other effects, and
-        numbers without unit such as the decay of form with its order.
+        numbers without unit, such as the decay p: a form error of order n is proportional to
+        n^(−p).
 
         Parameters
         ----------

@@ -28,7 +28,7 @@ class Rival(NamedTuple):
 
 
 # Rivals of the slopes (effects that resemble a change of a compliance with force). The keys are the
-# names that results use for them.
+# names that results use for the rivals.
 RIVALS: dict[str, Rival] = {
     "joint load": Rival(JointLoad, ""),
     "curved mount": Rival(Mount, "curvature_um"),

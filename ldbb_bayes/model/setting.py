@@ -128,8 +128,8 @@ class Setting:
     planes: tuple[str, ...]  #: planes in which the machine runs circles, such as XY
     both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
     largest_force_N: float  #: largest force of the whole campaign [N]
-    #: name of the hyper-parameter λ, the noise factor of each test's circle, shape (tests,); empty
-    #: text if circles have no factor of their own
+    #: name of the hyper-parameter λ that is the noise factor of each test's circle, shape (tests,);
+    #: empty text if circles have no noise factors
     circle: Array
     #: estimate of each compliance in internal units (mm, N, rad), about which effects are
     #: linearised, shape (compliances,)

@@ -1,10 +1,10 @@
 """Minimax tilting: random draws of Gaussian vectors u given u ≥ 0, from a shifted density.
 
-The constraints are u = L (x − x₀) ≥ 0 with L (d, d) lower triangular and x (d,) standard normal.
-These constraints are also written unit · x ≥ bound, where unit is L with each row divided by its
-diagonal entry, and bound = unit · x₀. Each x_j is drawn at random above its lower limit, from a
-normal density shifted by a tilt μ_j. The log importance weight (Φ is the standard normal
-distribution function)
+The constraints are u = L (x − x₀) ≥ 0 with L (d, d) lower triangular and x (d,) standard normal. x₀
+is the point where all constraints hold with equality. The constraints are also written unit · x ≥
+bound: the matrix ``unit`` is L with each row divided by its diagonal entry, and bound = unit · x₀.
+Each x_j is drawn at random above its lower limit, from a normal density shifted by a tilt μ_j. The
+log importance weight (Φ is the standard normal distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
@@ -156,8 +156,8 @@ class Tilted(NamedTuple):
     #: Constant terms of the k further constraints, dependent_mean + dependent · x ≥ 0, shape (k, w)
     #: for w problems.
     dependent_mean: Array
-    #: For each of the k constraints beyond the independent ones: the index of the last element of
-    #: the vector x on which the constraint depends. The shape is (k, w) for w problems.
+    #: For each of the k dependent constraints, the index of the last element of the vector x on
+    #: which the constraint depends. The shape is (k, w) for w problems.
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
@@ -177,7 +177,7 @@ class Tilted(NamedTuple):
         """Upper bound of the log probability that all constraints hold, shape (w,).
 
         The bound is the log importance weight at its saddle point. The dependent constraints
-        (linear combinations of the independent ones) could only reduce the bound and are not
+        (linear combinations of the independent constraints) could only reduce the bound and are not
         considered.
         """
         independent = self._replace(last=np.full_like(self.last, -1))

@@ -2,11 +2,11 @@
 
 Nuisances are effects that are modelled but not of interest. The reading of test r at the angle θ is
 ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + terms + ε. F_r is the force, F0 the reference force,
-C_k the compliances (k = 0) and their slopes with force, E the geometric errors, j_C the reading per
-unit force and compliance, j_G the reading per unit geometric error, and ε white noise. The class of
-a term defines the columns (readings per unit coefficient, as Fourier coefficients), the
-hyper-parameters that scale the prior sds of the coefficients, the unit of the coefficients and a
-description in words. To add a term of your own, derive a class from `Term`.
+C_k the compliances (k = 0) and their slopes (changes with force), E the geometric errors, j_C the
+reading per unit force and compliance, j_G the reading per unit geometric error, and ε white noise.
+The class of a term defines the columns (readings per unit coefficient, as Fourier coefficients),
+the hyper-parameters that scale the prior sds of the coefficients, the unit of the coefficients and
+a description in words. To add a term of your own, derive a class from `Term`.
 """
 
 from ldbb_bayes.model.terms.balls import BallForm, MachinePattern

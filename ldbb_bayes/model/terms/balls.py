@@ -35,9 +35,9 @@ _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # Prior variance of each coefficient of a ball's form at the orders 2 and 3 (waves in a turn),
 # divided by the square of the ball's deviation from sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
-# Highest order n of the harmonics cos nθ, sin nθ of a ball's form that may hold the ball's whole
-# deviation from sphericity. If the deviation is stated, the sds at higher orders fall as 1/n. If
-# the deviation is only assumed, it says nothing about higher orders.
+# At orders n up to this number, a harmonic cos nθ or sin nθ of a ball's form may hold the ball's
+# whole deviation from sphericity. If the deviation is stated, the sds at higher orders fall as 1/n.
+# If the deviation is only assumed, it says nothing about higher orders.
 _LAST_SPHERICITY_ORDER = 3
 
 

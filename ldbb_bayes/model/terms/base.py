@@ -76,7 +76,7 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """All values that a model's terms assume about the instrument, and names of its certificates.
+    """All values that a model's terms assume about the instrument, and names of certificates.
 
     Examples
     --------

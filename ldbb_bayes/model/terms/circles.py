@@ -30,7 +30,8 @@ Covariate = Literal["time", "temperature"]
 _FIRST_EDITION_ORDERS = 4
 # Highest order n of the harmonics cos nθ, sin nθ of hysteresis in a plane whose circles all run in
 # one direction. In such a plane, hysteresis cannot be distinguished from bar length, geometric
-# errors and compliances, whose effects have orders up to this one.
+# errors and compliances. The effects of these have orders up to this number; only a rotation caused
+# by a moment can also have an effect of order 4.
 _ONE_WAY_ORDERS = 3
 # Prior sd of the part of hysteresis that is proportional to force, in a plane whose circles all run
 # in one direction, divided by the prior sd in a plane with both directions.
@@ -191,8 +192,8 @@ class Hysteresis(Term):
     η/n, with the hyper-parameter η, and ``proportional_um_per_kN``/n. If all circles of a plane run
     in one direction, or none states its direction, hysteresis cannot be separated from bar length,
     geometric errors and compliances; hysteresis then widens the intervals of these parameters. In
-    this case, hysteresis has the orders n = 0 … 3; the effects of bar length, geometric errors and
-    compliances have the same orders. The prior sds are ``constant_um``/n and 0.6
+    this case, hysteresis has the orders n = 0 … 3, which are nearly all orders of the effects of
+    bar length, geometric errors and compliances. The prior sds are ``constant_um``/n and 0.6
     ``proportional_um_per_kN``/n.
 
     If ``law`` is ``fixed``, as in the model's first edition (preset ``first``), the term acts only

@@ -148,8 +148,8 @@ class Columns(Shown):
     #: prior mean of each of the p coefficients in internal units (mm, N, rad), shape (p,), or one
     #: number for all; by default zero. It must be zero if every test has its own coefficients
     mean: Any = None
-    #: name of the hyper-parameter d by which the prior sd falls with the order n of the harmonic,
-    #: as (n/6)^(−d); None if the prior sd does not depend on the order
+    #: name of the hyper-parameter d; the prior sd is proportional to (n/6)^(−d), with the order n
+    #: of the harmonic. None if the prior sd does not depend on the order
     decay: Hyper | None = None
     #: order of the harmonic that each of the p coefficients multiplies, shape (p,); needed if
     #: ``decay`` is given

@@ -156,7 +156,7 @@ class Mount(Term):
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a coefficient of this term, given the coefficient's name.
 
-        The unit of the mount's deflection per pressure is µm/bar, that of its curvature µm.
+        The unit of the mount's deflection per pressure is µm/bar. The unit of the curvature is µm.
         """
         return Term.unit if coefficient == "mount_curvature" else cls.unit
 

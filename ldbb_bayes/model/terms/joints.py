@@ -104,9 +104,9 @@ class JointLoad(Term):
     def secants(self, setting: Setting, force_N: Array) -> Array:
         """Return the change of an axis' compliance per unit of three coefficients, shape (n, 3).
 
-        The coefficients are those of the axis in this term. The change is the nonlinear deflection,
-        with the bar along the axis, divided by the force. ``force_N`` holds n forces, none of them
-        zero, shape (n,).
+        The term has three coefficients for each axis. The change is the nonlinear deflection, with
+        the bar along the axis, divided by the force. ``force_N`` holds n forces, none of them zero,
+        shape (n,).
         """
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
@@ -150,8 +150,8 @@ class JointLoad(Term):
     ) -> Array:
         """Return the deflections of rolling contact, bolted contact and seat per unit compliance.
 
-        The formulas are those of `JointLoad`, and the result has the shape (..., 3) [N]. u is the
-        component along an axis of the unit vector along the bar. ``u_squared`` is u², ``u_cubed``
+        `JointLoad` states the formulas. The result has the shape (..., 3) [N]. u is the component
+        along an axis of the unit vector along the bar. ``u_squared`` is u², ``u_cubed``
         |u|³ and ``u_contact`` |u|^(5/3): numbers, or Fourier coefficients that are broadcast
         against the forces.
         """
@@ -194,11 +194,11 @@ class Position(Term):
     """Change of the compliance of each machine axis a along its travel.
 
     Screw and guideway are stiffer near their bearings. On a circle, the position of axis a is
-    proportional to u_a, where u is the unit vector along the bar. The term has two columns
-    (readings per unit coefficient) for each axis: F u_a³ for a linear change, and F (u_a⁴ − u_a²/2)
-    for a quadratic change, with the force F. The prior sds of the coefficients are ``linear_sd``
-    and ``quadratic_sd`` times the size of the axis' direct compliance C_aa. This size is the
-    estimate of C_aa and the standard uncertainty of the estimate, added in quadrature.
+    proportional to u_a, the component along the axis of the unit vector along the bar. The term has
+    two columns (readings per unit coefficient) for each axis: F u_a³ for a linear change, and F
+    (u_a⁴ − u_a²/2) for a quadratic change, with the force F. The prior sds of the coefficients are
+    ``linear_sd`` and ``quadratic_sd`` times the size of the axis' direct compliance C_aa. This size
+    is the estimate of C_aa and the standard uncertainty of the estimate, added in quadrature.
 
     Examples
     --------
