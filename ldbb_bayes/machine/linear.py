@@ -1,14 +1,14 @@
 """Linear effects of compliances and geometric errors on readings, and separable compliances.
 
-A unit force along the bar, whose direction is B̂, loads joint k with the wrench g_k = J_kᵀ B̂ =
-(B̂, lever × B̂), shape (6,): three forces and three moments about the joint's frame. The lever is
-the vector from this frame to the ball, and J_k is the Jacobian of the joint. A compliance C_ijk is
-the displacement or rotation i caused by the force or moment j at joint k. This compliance changes
-the reading by g_k,i · g_k,j per unit force and per unit of the compliance (Eq. 20 of the paper). An
-error motion e of joint k, with three displacements and three rotations about the same frame,
-changes the reading by g_k · e if the joint carries the tool, and by −g_k · e if it carries the
-workpiece (Eq. 16-23). If all levers lie in the plane of the circle, this is the paper's planar
-model.
+A unit force along the bar, whose direction is B̂, loads joint k with the wrench g_k, shape (6,):
+three forces and three moments about the joint's frame. The wrench is g_k = J_kᵀ B̂ = (B̂, lever ×
+B̂), where the lever is the vector from this frame to the ball, and J_k is the Jacobian of the
+joint. A compliance C_ijk is the displacement or rotation i caused by the force or moment j at joint
+k. This compliance changes the reading by g_k,i · g_k,j per unit force and per unit of the
+compliance (Eq. 20 of the paper). An error motion e of joint k, with three displacements and three
+rotations about the same frame, changes the reading by g_k · e if the joint carries the tool, and by
+−g_k · e if it carries the workpiece (Eq. 16-23). If all levers lie in the plane of the circle, this
+is the paper's planar model.
 
 Circles cannot separate all compliances (Table 2 of the paper). Some compliances never change a
 reading (null columns), and some change readings in proportion to each other (proportional sets).
@@ -483,10 +483,10 @@ def hybrid_jacobian(
 
     The table is the matrix J_H of Eq. 28; with the reference force F0 = 0, it is also J_H of Eq.
     33. The column of a compliance is F j_C, where j_C is the reading per unit force and compliance.
-    The column of a slope of degree k, which is a change of the compliance with force, is F (F −
-    F0)^k j_C. The compliances are those that this circle alone can separate. Columns are named like
-    the parameters in the results of a fit: first compliances such as C_XXX, then slopes such as
-    C_XXX_1, then geometric errors such as E_XX1. Equations are those of the paper.
+    The column of a slope of degree k, which is a change of the compliance with force, is F
+    (F − F0)^k j_C. The compliances are those that this circle alone can separate. Columns are named
+    like the parameters in the results of a fit: first compliances such as C_XXX, then slopes such
+    as C_XXX_1, then geometric errors such as E_XX1. Equations are those of the paper.
 
     Parameters
     ----------

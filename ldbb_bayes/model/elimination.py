@@ -266,8 +266,8 @@ class EliminationPlan:
         The workspace is the array of all matrix entries. A border is the set of m later columns
         that a group of columns changes when it is eliminated. Entries in the rows ``first`` to
         ``stop`` − 1 of the border are multiplied with the entries in all rows of the border from
-        ``first`` on, and with the right-hand side. The result has the shape (stop − first, m + 1 −
-        first).
+        ``first`` on, and with the right-hand side. The result has the
+        shape (stop − first, m + 1 − first).
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]

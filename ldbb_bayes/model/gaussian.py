@@ -232,8 +232,8 @@ class Gaussian(Shown):
         triangle
             R factor of the matrix, shape (..., at least q, q + 1).
         origin
-            Values that are subtracted from the coefficients to limit rounding errors, shape (...,
-            q).
+            Values that are subtracted from the coefficients to limit rounding errors,
+            shape (..., q).
         scale
             Diagonal of the diagonal matrix S, shape (..., q).
         constant

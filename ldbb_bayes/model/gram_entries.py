@@ -77,8 +77,8 @@ class _DenseGram(NamedTuple):
     def assemble(self, weight: Array, entries: Array) -> None:
         """Compute the entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r for the columns of this object.
 
-        A is the design matrix, D the noise covariance, and r are the readings. ``weight`` (kinds,
-        w) is the reciprocal variance 1/D of every kind of row. The results are written into
+        A is the design matrix, D the noise covariance, and r are the readings. ``weight``
+        (kinds, w) is the reciprocal variance 1/D of every kind of row. The results are written into
         ``entries``, the array that `GramEntries.assemble` returns.
         """
         matrix = entries[self.block.entries].reshape(*self.block.shape, weight.shape[1])
@@ -129,8 +129,8 @@ class GramEntries:
     def assemble(self, weight: Array) -> Array:
         """Return all entries of P = Aᵀ D⁻¹ A and of Aᵀ D⁻¹ r, shape (entries, w).
 
-        A is the design matrix, D the noise covariance, and r are the readings. ``weight`` (kinds,
-        w) is the reciprocal variance 1/D of every kind of row.
+        A is the design matrix, D the noise covariance, and r are the readings. ``weight``
+        (kinds, w) is the reciprocal variance 1/D of every kind of row.
         """
         entries = np.asarray(self._sparse @ weight)
         for dense in self._dense:

@@ -957,8 +957,8 @@ class BoundModel(Shown):
         """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
         Nuisances are effects modelled but not of interest. β are the parameters of interest and φ
-        the hyper-parameters (scales of noise and nuisances). Methods of the object take β −
-        `centre` in place of β, where `centre` is a least-squares estimate.
+        the hyper-parameters (scales of noise and nuisances). Methods of the object take
+        β − `centre` in place of β, where `centre` is a least-squares estimate.
         """
         return self._structured(self.nuisance_columns, self.interest)
 

@@ -64,8 +64,8 @@ class HyperPrior:
     The prior of a length (such as the sd of the noise) is half-normal, with the scale ``scale``
     [mm] and values not less than ``lower`` [mm]. The prior of a decay p (the amplitude of a form
     error of order n is proportional to n^(−p)) is Normal(``scale``, ``decay_sd``) restricted to
-    [0.5, 3.5]. The square of the noise factor λ of a circle has an inverse gamma distribution, λ² ~
-    InvGamma(3/2, 3/2). Decay and λ have no unit.
+    [0.5, 3.5]. The square of the noise factor λ of a circle has an inverse gamma distribution,
+    λ² ~ InvGamma(3/2, 3/2). Decay and λ have no unit.
     """
 
     names: tuple[Hyper, ...]

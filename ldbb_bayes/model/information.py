@@ -184,9 +184,9 @@ class Information:
         if times == 1.0 and self._noise_names.isdisjoint(fixed):
             if len(free) == len(self.names):
                 return self._root, free
-            # R is a square root of the posterior precision matrix of all coefficients, RᵀR =
-            # precision. With only the columns of the free coefficients, RᵀR is the precision matrix
-            # of these coefficients. R is used here because it has fewer rows than the design
+            # R is a square root of the posterior precision matrix of all coefficients,
+            # RᵀR = precision. With only the columns of the free coefficients, RᵀR is the precision
+            # matrix of these coefficients. R is used here because it has fewer rows than the design
             # matrix.
             return np.asarray(np.linalg.qr(self._root[:, free], mode="r")), free
         return self._root_of(np.sqrt(times) * self.rows(fixed), free), free

@@ -249,9 +249,9 @@ def _cost(shape: tuple[int, int], copies: int) -> float:
     """
     columns = shape[0]
     border = shape[1]
-    # For column k = 0 … s − 1 of s columns, k products are subtracted from each of the s + border +
-    # 1 − k entries from the diagonal on. The next two lines are the sums of k and of k² over all
-    # columns.
+    # For column k = 0 … s − 1 of s columns, k products are subtracted from each of the
+    # s + border + 1 − k entries from the diagonal on. The next two lines are the sums of k and of
+    # k² over all columns.
     places = columns * (columns - 1) // 2
     squares = columns * (columns - 1) * (2 * columns - 1) // 6
     multiplications = places * (columns + border + 1) - squares

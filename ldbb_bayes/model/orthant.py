@@ -395,10 +395,10 @@ class Orthant:
     ) -> tuple[Array, Array]:
         """Return a random draw of e from the shifted density, and its log importance weight.
 
-        Each of w problems has a standard normal vector e of q elements and m constraints u = mean +
-        spread e ≥ 0, which depend on e along d directions only (`axes`). The draw has the shape (w,
-        q). The log weight, shape (w,), is ln (density of e given u ≥ 0 / shifted density), without
-        the constant ln P(u ≥ 0). It is −inf if the draw violates a constraint.
+        Each of w problems has a standard normal vector e of q elements and m constraints
+        u = mean + spread e ≥ 0, which depend on e along d directions only (`axes`). The draw has
+        the shape (w, q). The log weight, shape (w,), is ln (density of e given u ≥ 0 / shifted
+        density), without the constant ln P(u ≥ 0). It is −inf if the draw violates a constraint.
 
         Parameters
         ----------

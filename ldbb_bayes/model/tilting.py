@@ -1,10 +1,10 @@
 """Minimax tilting: random draws of Gaussian vectors u given u ≥ 0, from a shifted density.
 
 The constraints are u = L (x − x₀) ≥ 0 with L (d, d) lower triangular and x (d,) standard normal. x₀
-is the point where all constraints hold with equality. The constraints are also written unit · x ≥
-bound: the matrix ``unit`` is L with each row divided by its diagonal entry, and bound = unit · x₀.
-Each x_j is drawn at random above its lower limit, from a normal density shifted by a tilt μ_j. The
-log importance weight (Φ is the standard normal distribution function)
+is the point where all constraints hold with equality. The constraints are also written
+unit · x ≥ bound: the matrix ``unit`` is L with each row divided by its diagonal entry, and
+bound = unit · x₀. Each x_j is drawn at random above its lower limit, from a normal density shifted
+by a tilt μ_j. The log importance weight (Φ is the standard normal distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
@@ -135,8 +135,9 @@ class Tilted(NamedTuple):
     """Batch of w problems, each with constraints on a standard normal vector x (d,).
 
     The d independent constraints are unit · x ≥ bound, with a lower triangular matrix ``unit``; the
-    constraint most likely to fail is first. There may be k further constraints, dependent_mean +
-    dependent · x ≥ 0, which are linear combinations of the independent constraints.
+    constraint most likely to fail is first. There may be k further constraints,
+    dependent_mean + dependent · x ≥ 0, which are linear combinations of the independent
+    constraints.
     """
 
     #: Lower triangular matrix of the d independent constraints unit · x ≥ bound on a standard
@@ -336,8 +337,8 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
 def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
     """Return the lower limits (edges) of the shifted normal variables at w saddle points, (w, d).
 
-    The constraints of each problem are unit · x ≥ bound, with ``unit`` (w, d, d) and ``bound`` (w,
-    d). Newton's method starts with the bounds as edges. Where the method fails, it is started a
+    The constraints of each problem are unit · x ≥ bound, with ``unit`` (w, d, d) and ``bound``
+    (w, d). Newton's method starts with the bounds as edges. Where the method fails, it is started a
     second time, with the edges at the most probable x that meets the constraints. Raise an
     `InputError` where the method fails again, unless the probability of the constraints is too
     small to matter.
@@ -368,9 +369,9 @@ def _solve_edges(
     """Solve e + C m(e) = bound for the vectors e of w problems, by Newton's method.
 
     The vector e holds the lower limits (edges) of the d shifted normal variables of a problem, and
-    m(e) their inverse Mills ratios. C is ``coupling``, shape (w, d, d). The search starts from e =
-    ``start``; ``start`` and ``bound`` have the shape (w, d). Each step is halved until it reduces
-    the value of `_ConvexFunction` or the relative size of its gradient.
+    m(e) their inverse Mills ratios. C is ``coupling``, shape (w, d, d). The search starts from
+    e = ``start``; ``start`` and ``bound`` have the shape (w, d). Each step is halved until it
+    reduces the value of `_ConvexFunction` or the relative size of its gradient.
     """
     edge = np.array(start)
     current = _evaluate_convex_function(coupling, bound, edge)
@@ -409,8 +410,8 @@ def _edges_of_nearest_point(
     """Return the approximate edges at the most probable x that meets the constraints, shape (d,).
 
     The edges are the lower limits of the shifted normal variables. The constraints on the standard
-    normal vector x are unit · x ≥ bound, with ``unit`` (d, d), ``bound`` (d,) and ``coupling`` =
-    unit unitᵀ − I.
+    normal vector x are unit · x ≥ bound, with ``unit`` (d, d), ``bound`` (d,) and
+    ``coupling`` = unit unitᵀ − I.
     """
     binding = np.flatnonzero(least_distance_multipliers(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))

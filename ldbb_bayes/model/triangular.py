@@ -125,9 +125,9 @@ def _move_stack_last(
     """Return matrices and a copy of right-hand sides, with their matrix dimensions moved first.
 
     ``lower`` holds the matrices, shape (..., q, q), and is returned with shape (q, q, ...).
-    ``right`` holds the right-hand sides. With ``right_axes`` = 1 they are vectors of shape (...,
-    q), returned with shape (q, ...); with ``right_axes`` = 2 they are matrices of shape (..., q,
-    k), returned with shape (q, k, ...).
+    ``right`` holds the right-hand sides. With ``right_axes`` = 1 they are vectors of
+    shape (..., q), returned with shape (q, ...); with ``right_axes`` = 2 they are matrices of
+    shape (..., q, k), returned with shape (q, k, ...).
     """
     stack = np.broadcast_shapes(lower.shape[:-2], right.shape[:-right_axes])
     # Make the triangular matrices contiguous in memory before they are broadcast, because copying

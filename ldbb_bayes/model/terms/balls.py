@@ -89,12 +89,12 @@ class BallForm(Term):
 
     θ is the angle on the circle and ψ the clocking angle, by which the ball is turned in its
     socket. Each ball adds to the prior variance of each coefficient. Let S be the ball's deviation
-    from sphericity, peak to valley. If its certificate or grade states S, the ball adds S²/24 ·
-    min(1, 3/n)², because what is stated bounds the form at every order. If nothing is stated about
-    a ball, it adds τ²/2 (n/6)^(−2p) at all orders, and also S²/24 at the orders 2 and 3, with
-    ``sphericity_um`` for S. The hyper-parameters are τ, the scale of the form of both balls at
-    order 6, and p, the exponent of the decrease with the order n. Both exist only if the form of at
-    least one ball is not stated. For harmonics that a certificate states, mean and variance are
+    from sphericity, peak to valley. If its certificate or grade states S, the ball adds
+    S²/24 · min(1, 3/n)², because what is stated bounds the form at every order. If nothing is
+    stated about a ball, it adds τ²/2 (n/6)^(−2p) at all orders, and also S²/24 at the orders 2 and
+    3, with ``sphericity_um`` for S. The hyper-parameters are τ, the scale of the form of both balls
+    at order 6, and p, the exponent of the decrease with the order n. Both exist only if the form of
+    at least one ball is not stated. For harmonics that a certificate states, mean and variance are
     taken from the certificate. If the field ``law`` is ``1/n``, as in the model's first edition
     (preset ``first``), the prior sd is τ/n instead.
 
