@@ -154,9 +154,20 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
             raise InputError(f"{kind} must not be given here, got {name!r}. Remove it.")
         if name not in known_names:
             raise InputError(
-                f"{kind} must be one of {', '.join(known_names)}, got {name!r}. Did you mean"
-                f" {nearest(str(name), known_names)!r}?{more}"
+                f"{kind} must be one of {', '.join(known_names)}, got {name!r}."
+                f"{_suggestion(str(name), known_names)}{more}"
             )
+
+
+def _suggestion(name: str, known: Iterable[str]) -> str:
+    """Return the question whether the most similar known name was meant.
+
+    The result is empty if the names have no letter in common.
+    """
+    candidate = nearest(name, known)
+    if not set(name.casefold()) & set(candidate.casefold()):
+        return ""
+    return f" Did you mean {candidate!r}?"
 
 
 def renamed(

@@ -11,9 +11,9 @@ import numpy as np
 from ldbb_bayes.campaign.campaign import LABELS, CircularTest, ForceLaw, MountCompensation
 from ldbb_bayes.campaign.preview import resolution_of
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import AssumptionLog
-from ldbb_bayes.reading.names import plane_in_name
+from ldbb_bayes.reading.names import plane_in_name, plane_word_in_name
+from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, check_plane
 from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
 
 __all__ = ["find_resolution", "note_assumed_fields", "take_stated_fields"]
@@ -114,6 +114,8 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
         values = _stated_values(recording, key)
         certain = _certain_value(recording, key)
         if certain is not None:
+            if key == "plane":
+                certain = _plane_of_column(recording, certain)
             _note_contradictions(recording, key, certain, values)
             continue
         places_of_test = {value: stated.place for value, stated in values.items()}
@@ -154,7 +156,7 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
     if field == "plane":
         plane = plane_in_name(recording.names())
         if plane is not None:
-            values[plane] = _StatedValue(plane, "its name", "its name")
+            values[plane] = _StatedValue(plane, _source_of_named_plane(recording), "its name")
     for statement in recording.statements.get(field, ()):
         value = statement.value
         if not isinstance(value, str):
@@ -169,6 +171,18 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
             place = f"{source} of {recording.sheet.place}"
         values[value] = _StatedValue(value, source, place)
     return values
+
+
+def _source_of_named_plane(recording: Recording) -> str:
+    """Return how the names of a test state its plane, in words: "its name" for a usual plane.
+
+    If its letters are swapped, as in XZ, the words say where angles are assumed to begin.
+    """
+    word = plane_word_in_name(recording.names()) or ""
+    usual = PLANE_OF_SWAPPED.get(word)
+    if usual is None:
+        return "its name"
+    return f"its name says {word}; angles are taken from +{usual[0]} towards +{usual[1]}"
 
 
 def _certain_value(recording: Recording, key: str) -> Any:
@@ -223,21 +237,36 @@ def _note_contradictions(
         recording.note(key, f"{_with_unit(key, certain)}, as given", reason, _OPTIONS[key])
 
 
+def _plane_of_column(recording: Recording, plane: str) -> str:
+    """Return the plane that the user or a column states for a test.
+
+    If the letters of the column are swapped, as in XZ, and the user states the usual plane, the
+    user's plane is stored and returned. Raise an `InputError` for an unknown plane in the column.
+    """
+    option = recording.campaign.get("plane")
+    if option is not None and PLANE_OF_SWAPPED.get(plane) == option:
+        recording.note("plane", f"{option}, as given", f"its column says {plane}", "--plane")
+        recording.fields["plane"] = option
+        return str(option)
+    if plane == recording.fields.get("plane"):
+        check_plane(recording.place, plane, "its column", "angle" in recording.numbers)
+    return plane
+
+
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
-    """Raise an `InputError` for contradictory statements about a field, or for an unknown plane.
+    """Raise an `InputError` for an unknown plane, or for contradictory statements about a field.
 
     ``key`` is the name of the field. The keys of ``places`` are the stated values; each entry names
     the lines or names that state the value.
     """
+    if key == "plane":
+        for plane, place in places.items():
+            check_plane(recording.place, plane, place, "angle" in recording.numbers)
     listed = " and ".join(f"{value} in {place}" for value, place in places.items())
     remedy = f"Correct the lines, or give {_OPTIONS[key]}."
     require(
         len(places) <= 1 or key in _MAY_DIFFER,
         f"{recording.place}: {key} must be said once, got {listed}. {remedy}",
-    )
-    require(
-        key != "plane" or places.keys() <= PLANES.keys(),
-        f"{recording.place}: {key} must be one of {', '.join(PLANES)}, got {listed}. {remedy}",
     )
 
 

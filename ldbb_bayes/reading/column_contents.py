@@ -7,34 +7,25 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.headers import Heading
 from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, PLANES_OF_G_CODE, plane_named
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.words import LONGEST_NAME
 
-__all__ = ["check_angle_columns", "check_directions", "name_plane_column", "plane_named"]
+__all__ = ["check_angle_columns", "check_directions", "name_plane_column"]
 
-# The plane that each word of G-code selects. The keys are the words in capitals.
-_PLANES_OF_G_CODE = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 # All words for a plane, in capitals. The two letters of a plane may be in either order.
-_PLANE_CELLS = {*_PLANES_OF_G_CODE, "XY", "YX", "YZ", "ZY", "ZX", "XZ"}
+_PLANE_CELLS = {*PLANES, *PLANES_OF_G_CODE, *PLANE_OF_SWAPPED}
 # Short words and words of G-code for a direction of travel, in capitals.
 _DIRECTION_CELLS = {"CW", "CCW", "G2", "G02", "G3", "G03"}
 # Regular expression for the words of a header. A capital also begins a new word, as in PlaneName.
 _WORDS = re.compile(r"[A-Z]+(?![a-zäöüß])|[A-Z]?[a-zäöüß]+")
 # Regular expression for a word for plane.
 _PLANE_WORD = re.compile(r"planes?|plan|plano|piano|\w*ebene", re.IGNORECASE)
-
-
-def plane_named(cell: str) -> str:
-    """Return the plane that a cell names, such as ``ZX`` for ``G18`` or ``zx``.
-
-    Any other cell is returned in capitals.
-    """
-    word = cell.strip().upper()
-    return _PLANES_OF_G_CODE.get(word, word)
 
 
 def name_plane_column(

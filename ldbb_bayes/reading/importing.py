@@ -40,6 +40,7 @@ from ldbb_bayes.reading.log_start import check_feed_is_whole
 from ldbb_bayes.reading.mount_statement import check_mount_is_clear, unread_mount
 from ldbb_bayes.reading.names import unknown_length_in_name
 from ldbb_bayes.reading.paired_columns import split_pairs
+from ldbb_bayes.reading.planes import take_plane_option, unread_plane
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
 from ldbb_bayes.reading.sheet_selection import SheetSelection, select_sheets
 from ldbb_bayes.reading.splitting import layout_names, split_sheet
@@ -146,6 +147,7 @@ def import_campaign(
     """
     if layout is None:
         layout = Layout()
+    take_plane_option(campaign)
     log = AssumptionLog()
     named = [files] if isinstance(files, str | os.PathLike) else list(files)
     paths = matching(named)
@@ -183,7 +185,7 @@ def import_campaign(
 def _not_understood_of(recording: Recording) -> dict[str, str]:
     """Return a dict with notes on lines and names that are not understood.
 
-    These lines and names may state the radius of the test, the direction, or whether the readings
+    These lines and names may state the plane, radius or direction of the test, or whether the readings
     are compensated for the deflection of the mount. The keys are the names of these fields.
     """
     lines_above = recording.heading.lines_above
@@ -193,6 +195,8 @@ def _not_understood_of(recording: Recording) -> dict[str, str]:
         notes["direction"] = f"line {unread.line} says {unread.text!r}, not understood"
     if "mount" not in recording.statements:
         notes["mount"] = unread_mount(lines_above)
+    if recording.fields.get("plane") is None:
+        notes["plane"] = unread_plane([*recording.lines_of_all_tests, *lines_above])
     if recording.fields.get("radius_mm") is None:
         length = unknown_length([*lines_above, *recording.constant_columns])
         notes["radius_mm"] = length or unknown_length_in_name(recording.names())

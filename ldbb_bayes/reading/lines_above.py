@@ -25,6 +25,7 @@ from ldbb_bayes.reading.numerals import (
     may_be_thousands,
     number_in_text,
 )
+from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.programmed_circles import programmed_arcs, programs_arc
 from ldbb_bayes.reading.travel_direction import NAMES_DIRECTION, directions_stated
 from ldbb_bayes.reading.unit_lines import units_stated
@@ -457,7 +458,7 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
     whole statement, with the label in front of the value.
     """
     if key == "plane":
-        return re.sub("[-/]", "", value.upper())
+        return plane_named(re.sub("[-/]", "", value))
     if key in _DATES:
         return iso_date(value)
     if key in _NAME_WORDS:

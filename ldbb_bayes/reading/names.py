@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, may_be_thousands, number_in_text
+from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, plane_named
 from ldbb_bayes.reading.words import LONGEST_TEXT, UNITS, unit_named
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "load_is_ambiguous",
     "name_as_words",
     "plane_in_name",
+    "plane_word_in_name",
     "radius_in_name",
     "unknown_length_in_name",
 ]
@@ -61,9 +63,8 @@ _LENGTH_IN_NAME = re.compile(
 # Regular expression for the place in a name at which a word begins with a capital, as in
 # "anglesCW".
 _CAPITAL_WITHIN = re.compile(r"(?<=[a-z])(?=[A-Z])")
-_PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ)(?![a-zA-Z])")
-# Usual name of each plane, by the name with the two letters in the other order.
-_PLANE_NAMES = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
+# Regular expression for a plane in a name, by its letters or by the word of G-code that selects it.
+_PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ|G1[789](?!\d))(?![a-zA-Z])")
 
 
 class NamedLoad(NamedTuple):
@@ -170,10 +171,24 @@ def plane_in_name(names: Sequence[str]) -> str | None:
     The first name that contains exactly one plane is used. A plane that is written in the other
     order, such as XZ, is returned with its usual name, ZX. Return None if there is no such name.
     """
+    word = plane_word_in_name(names)
+    if word is None:
+        return None
+    return _usual_plane(word)
+
+
+def plane_word_in_name(names: Sequence[str]) -> str | None:
+    """Return the word, such as ZX, XZ or G18, with which a name states its plane.
+
+    The first name that contains exactly one plane is used. Return None if there is no such name.
+    """
     for name in names:
-        planes = set()
-        for plane in _PLANE.findall(name[:LONGEST_TEXT]):
-            planes.add(_PLANE_NAMES.get(plane, plane))
-        if len(planes) == 1:
-            return str(planes.pop())
+        words = _PLANE.findall(name[:LONGEST_TEXT])
+        if len({_usual_plane(word) for word in words}) == 1:
+            return str(words[0])
     return None
+
+
+def _usual_plane(word: str) -> str:
+    plane = plane_named(word)
+    return PLANE_OF_SWAPPED.get(plane, plane)

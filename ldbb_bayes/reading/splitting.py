@@ -17,7 +17,6 @@ from ldbb_bayes.reading.column_contents import (
     check_angle_columns,
     check_directions,
     name_plane_column,
-    plane_named,
 )
 from ldbb_bayes.reading.column_roles import BRACKET, unit_of
 from ldbb_bayes.reading.headers import Heading, note_heading, unused_columns
@@ -36,6 +35,7 @@ from ldbb_bayes.reading.numerals import (
 )
 from ldbb_bayes.reading.overview import overview_lines
 from ldbb_bayes.reading.placeholders import placeholders_in
+from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.recording import Recording, RowUnits
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.unit_columns import unit_columns

@@ -12,12 +12,13 @@ __all__ = ["direction_cases"]
 FEED = f"Feed: {FEED_MM_PER_MIN:g} mm/min"
 LOG_HEADER = "Time [s],Reading [um]"
 CLOCKWISE = tuple(replace(circle, direction="CW") for circle in TRUTH)
+SWAPPED = "if from +X towards +Z, give --plane ZX --angle-zero +X --angle-sense CW"
 WHICH_DIRECTION = "Say which: --direction CW or CCW"
 
 
 def direction_cases() -> dict[str, FieldCase]:
     """Return the cases of directions of travel in words."""
-    return {**log_direction_cases(), **shared_line_cases()}
+    return {**log_direction_cases(), **shared_line_cases(), **plane_cases()}
 
 
 def clockwise(circle: Circle, k: int) -> list[object]:
@@ -107,5 +108,60 @@ def shared_line_cases() -> dict[str, FieldCase]:
             f"a line '{line}'",
             field.texts("Angle [deg],Reading [um]", field.turned(90.0, -1), above=line),
             told="angle: from +Y, CW",
+        )
+    return cases
+
+
+def plane_cases() -> dict[str, FieldCase]:
+    """Return planes by words of G-code, and planes whose letters are swapped."""
+    kind = "planes in other words"
+    header = "Angle [deg],Reading [um]"
+    from_x_to_z = field.turned(90.0, -1)
+    cases = {
+        "plane_g18_in_name": FieldCase(
+            kind,
+            "files whose names begin with G18",
+            {f"G18_{name}": content for name, content in field.texts(header).items()},
+            told="plane: ZX (its name",
+        ),
+        "plane_swapped_in_name": FieldCase(
+            kind,
+            "files whose names begin with XZ",
+            {f"XZ_{name}": content for name, content in field.texts(header).items()},
+            told="angles are taken from +Z towards +X",
+        ),
+        "plane_swapped_column": FieldCase(
+            kind,
+            "a column of planes XZ",
+            field.texts(f"{header},Plane", lambda c, k: [*from_x_to_z(c, k), "XZ"]),
+            refusal=SWAPPED,
+            step=("--plane", "ZX", "--angle-zero", "+X", "--angle-sense", "CW"),
+        ),
+        "plane_swapped_log": FieldCase(
+            kind,
+            "a log with a line 'Plane: XZ'",
+            field.texts(LOG_HEADER, clockwise_from_y, above=f"{FEED}\nPlane: XZ"),
+            refusal="Give --plane ZX, with --start-deg and --direction as they are in ZX",
+            step=("--plane", "ZX", "--start-deg", "90", "--direction", "CW"),
+            circles=CLOCKWISE,
+        ),
+        "plane_not_understood": FieldCase(
+            kind,
+            "a line 'Plane: horizontal'",
+            field.texts(header, above="Plane: horizontal"),
+            told="plane: XY (line 1 says 'Plane: horizontal', not understood",
+        ),
+    }
+    for number, line in enumerate(("Plane G18", "Ebene: G18", "G18", "Plan : ZX")):
+        cases[f"plane_line_{number}"] = FieldCase(
+            kind, f"a line '{line}'", field.texts(header, above=line), told="plane: ZX (line 1"
+        )
+    for number, line in enumerate(("Plane: XZ", "XZ plane, programmed in G18")):
+        cases[f"plane_swapped_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(header, from_x_to_z, above=line),
+            refusal=SWAPPED,
+            step=("--plane", "ZX", "--angle-zero", "+X", "--angle-sense", "CW"),
         )
     return cases

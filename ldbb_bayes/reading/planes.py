@@ -1,0 +1,122 @@
+"""Planes of circles in words: XY, YZ and ZX, the words G17 to G19 of G-code, and swapped letters.
+
+The letters of a plane may be swapped in a file, as in XZ. Its angles may then begin at either axis.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.machine.chain import PLANES
+from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
+
+__all__ = [
+    "PLANES_OF_G_CODE",
+    "PLANE_OF_SWAPPED",
+    "check_plane",
+    "plane_named",
+    "take_plane_option",
+    "unread_plane",
+]
+
+# Planes by the words of G-code that select them.
+PLANES_OF_G_CODE = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
+# Usual name of each plane whose letters are swapped.
+PLANE_OF_SWAPPED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
+# Regular expression for a word for plane with a text behind it.
+_LABELLED = re.compile(WORDS["planes"]["labelled"], re.IGNORECASE)
+# A note shows at most this number of characters of a line.
+_LENGTH_SHOWN = 60
+
+
+def plane_named(cell: str) -> str:
+    """Return the plane that a cell names, such as ``ZX`` for ``G18`` or ``zx``.
+
+    Any other cell is returned in capitals.
+    """
+    word = cell.strip().upper()
+    return PLANES_OF_G_CODE.get(word, word)
+
+
+def take_plane_option(campaign: dict[str, Any]) -> None:
+    """Replace the plane among a campaign's fields by its usual name, as in ``ZX`` for ``g18``.
+
+    Parameters
+    ----------
+    campaign
+        Fields of the campaign that options state.
+
+    Raises
+    ------
+    InputError
+        For a plane whose letters are swapped, such as XZ; the message says what to state instead.
+    """
+    if not isinstance(campaign.get("plane"), str):
+        return
+    plane = plane_named(campaign["plane"])
+    if plane in PLANE_OF_SWAPPED:
+        raise InputError(
+            f"plane must be one of {', '.join(PLANES)}, got {plane}. {_swapped_advice(plane)}"
+        )
+    if plane in PLANES:
+        campaign["plane"] = plane
+
+
+def check_plane(place: str, plane: str, source: str, has_angles: bool) -> None:
+    """Raise an `InputError` for a plane other than XY, YZ and ZX.
+
+    Parameters
+    ----------
+    place
+        Name of the table in the message.
+    plane
+        The plane as `plane_named` returns it.
+    source
+        Place that states the plane, in words, such as "line 3".
+    has_angles
+        Whether the table has angles, and not times in place of them.
+    """
+    if plane in PLANES:
+        return
+    advice = "Correct it, or give --plane."
+    if plane in PLANE_OF_SWAPPED:
+        advice = _swapped_advice(plane)
+        if not has_angles:
+            usual = PLANE_OF_SWAPPED[plane]
+            advice = (
+                f"Give --plane {usual}, with --start-deg and --direction as they are in {usual}:"
+                f" angles from +{usual[0]} towards +{usual[1]}."
+            )
+    raise InputError(
+        f"{place}: plane must be one of {', '.join(PLANES)}, got {plane} in {source}. {advice}"
+    )
+
+
+def _swapped_advice(plane: str) -> str:
+    """Return how to state a plane whose letters are swapped, such as XZ.
+
+    Angles that begin at the second axis of a plane and run towards its first axis are clockwise.
+    """
+    usual = PLANE_OF_SWAPPED[plane]
+    first = usual[0]
+    second = usual[1]
+    return (
+        f"If its angles run from +{first} towards +{second}, give --plane {usual}; if from"
+        f" +{second} towards +{first}, give --plane {usual} --angle-zero +{second} --angle-sense"
+        " CW."
+    )
+
+
+def unread_plane(lines: Sequence[tuple[int | str, str]]) -> str:
+    """Return a note on the first line that has a label for the plane, but no plane that is known.
+
+    The note is empty if there is no such line. ``lines`` are numbers (or places) and texts.
+    """
+    for line, content in lines:
+        match = _LABELLED.search(content[:LONGEST_TEXT])
+        if match is not None:
+            return f"line {line} says {match[0].strip(' ;|,')[:_LENGTH_SHOWN]!r}, not understood"
+    return ""
