@@ -185,8 +185,9 @@ def import_campaign(
 def _not_understood_of(recording: Recording) -> dict[str, str]:
     """Return a dict with notes on lines and names that are not understood.
 
-    These lines and names may state the plane, radius or direction of the test, or whether the readings
-    are compensated for the deflection of the mount. The keys are the names of these fields.
+    These lines and names may state the plane, radius or direction of the test, or whether the
+    readings are compensated for the deflection of the mount. The keys are the names of these
+    fields.
     """
     lines_above = recording.heading.lines_above
     notes = {}
