@@ -24,8 +24,8 @@ from ldbb_bayes.reading.laps import (
 )
 from ldbb_bayes.reading.log_start import start_at_axis
 from ldbb_bayes.reading.log_times import times_of_log
-from ldbb_bayes.reading.programmed_circles import programmed_arcs
 from ldbb_bayes.reading.open_question import OpenQuestionError
+from ldbb_bayes.reading.programmed_circles import programmed_arcs
 from ldbb_bayes.reading.reading_sign import sign_of_readings
 from ldbb_bayes.reading.recording import AssumedUnit, Recording, option_for
 from ldbb_bayes.reading.stated_values import quantity_of
