@@ -356,13 +356,13 @@ class CalibrationCertificate(Shown):
 def _error_of_length(
     quantity: CertifiedQuantity, lengths: Mapping[str, list[CertifiedQuantity]]
 ) -> tuple[float, float]:
-    """Return the amount by which a bar's readings are too large, and U (k = 2) of it, both in µm.
+    """Return the amount by which a bar's readings are too large, and the amount's U, both in µm.
 
-    U is the expanded uncertainty of this amount. ``quantity`` is the certified quantity that states
-    the error of the bar's length. ``lengths`` holds lists of all quantities in units of length; the
-    keys state what the quantities are, such as ``nominal``. Raise an `InputError` if ``quantity``
-    has no uncertainty. Also raise an `InputError` if ``quantity`` is an actual length, and the
-    nominal length from which it must be subtracted is not unique.
+    U is the expanded uncertainty (k = 2) of this amount. ``quantity`` is the certified quantity
+    that states the error of the bar's length. ``lengths`` holds lists of all quantities in units of
+    length; the keys state what the quantities are, such as ``nominal``. Raise an `InputError` if
+    ``quantity`` has no uncertainty. Also raise an `InputError` if ``quantity`` is an actual length,
+    and the nominal length from which it must be subtracted is not unique.
     """
     value, U = quantity.numbers(_METRES_PER_MICROMETRE)
     if not U:

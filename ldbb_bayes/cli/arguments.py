@@ -247,7 +247,7 @@ def campaign_fields(
 
 
 def _column_in(text: str) -> str | int:
-    """Return the column of a table that a text names, as its number or its header.
+    """Return the number or the header by which a text names a column of a table.
 
     The result is a number, counted from 1, if the text consists only of digits.
     """

@@ -39,25 +39,25 @@ __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 # Number of nodes in the largest sample of the nodes of an integral. Nodes are the points at which
 # the integrated density is evaluated.
 _LARGEST_SAMPLE = 4608
-# The density is first evaluated at every 24th node of the largest sample, then at every 8th node,
-# and at last at all its nodes. Evaluation stops as soon as the error is small enough.
+# The density is first evaluated at every 24th node (point) of the largest sample, then at every 8th
+# node, and at last at all its nodes. Evaluation stops as soon as the error is small enough.
 _STEPS = (24, 8, 1)
-# A sample of an integral's nodes is used only if the number of all nodes is at least this multiple
-# of the number of nodes in the sample.
+# A sample of an integral's nodes (points) is used only if the number of all nodes is at least this
+# multiple of the number of nodes in the sample.
 _NODES_PER_SAMPLE = 2
 # A polynomial is fitted only if its number of coefficients is at most this share of the number of
-# nodes in the sample.
+# nodes (points) in the sample.
 _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
-# Half of the nodes in a sample are drawn with probabilities in proportion to their weights, the
-# other half with probabilities in proportion to this power of the weights, so that nodes in the
-# tails, where the ratio of the densities is largest, are drawn too.
+# Half of the nodes (weighted points) in a sample are drawn with probabilities in proportion to
+# their weights, the other half with probabilities in proportion to this power of the weights, so
+# that nodes in the tails, where the ratio of the densities is largest, are drawn too.
 _TAIL_POWER = 0.5
 # Polynomials count as linearly dependent if a singular value is below this share of the largest
 # singular value.
 _DEPENDENT = 1e-10
-# The integral of a density g is computed from the mean of the ratios g / f at some nodes, where f
-# is a similar density. This mean is not trusted if the standard deviation of the ratios exceeds
-# this share of the mean. A sample of a few hundred nodes may then miss the largest ratios.
+# The integral of a density g is computed from the mean of the ratios g / f at some nodes (points),
+# where f is a similar density. This mean is not trusted if the standard deviation of the ratios
+# exceeds this share of the mean. A sample of a few hundred nodes may then miss the largest ratios.
 _LARGEST_SCATTER = 0.4
 # The mean of the ratios of two densities is not trusted if the logarithm of a ratio exceeds the
 # logarithm of the mean by more than this number. The square of the ratio might then overflow.
@@ -70,7 +70,7 @@ _STANDARD_ERRORS = 3.5
 
 
 class LogValues(NamedTuple):
-    """Logarithm of a density at k nodes, and its numerical error at each node [nat], shapes (k,).
+    """Logarithm of a density at k nodes (points), and its numerical error [nat], shapes (k,).
 
     The density may also be noisy, with random errors of mean zero that are independent between
     nodes. This noise adds to the scatter of the ratios from which an integral is computed. The
@@ -78,7 +78,8 @@ class LogValues(NamedTuple):
     """
 
     log_density: Array
-    #: numerical error of ``log_density``, which need not cancel in a mean over nodes [nat]
+    #: numerical error of ``log_density`` at each node, which need not cancel in a mean over nodes
+    #: [nat]
     error: Array
 
 
@@ -95,7 +96,7 @@ class RatioIntegral(NamedTuple):
 
     @property
     def least_error(self) -> float:
-        """Error that the log integral would have if the ratio were known at all nodes [nat]."""
+        """Error that the log integral would have with the density evaluated at all nodes [nat]."""
         return replace(self.integral, ratio_error=0.0).error + self.value_error
 
 
@@ -226,7 +227,7 @@ class RatioSampler:
 
     @cached_property
     def _samples(self) -> list[_Sample]:
-        """Samples of the nodes, the smallest sample first.
+        """Samples of the nodes (weighted points) of the integral ∫ f, the smallest sample first.
 
         Each sample contains all smaller samples.
         """
@@ -245,7 +246,7 @@ class RatioSampler:
     def integrate(
         self, evaluate: Callable[[Index], LogValues], tolerance: float
     ) -> RatioIntegral | None:
-        """Return the integral of a density g, computed from the ratio g / f at some nodes.
+        """Return the integral of a density g, computed from g / f at some nodes (weighted points).
 
         Parameters
         ----------

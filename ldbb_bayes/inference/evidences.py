@@ -229,8 +229,8 @@ def _family(model: HybridModel) -> str:
 
     The text describes the model with constant compliances, without rival explanations (effects that
     look like a change of compliance with force), and without the condition that compliances are not
-    negative. Models for which this text is equal can share the calculation of their quadrature
-    nodes.
+    negative. Models for which this text is equal can share the calculation of their nodes (weighted
+    values of the hyper-parameters).
     """
     constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
     return model_to_toml(constant.with_rivals())
@@ -270,7 +270,8 @@ def leave_one_out(
     bound = next(iter(nodes_by_model.values())).bound
     all_tests = Evidences(bound.campaign, tolerance=tolerance, progress=progress)
     # If there are many tests, leaving out one of them hardly changes the posterior of the
-    # hyper-parameters. The nodes for all tests are then used again with other weights.
+    # hyper-parameters. The nodes (weighted values of the hyper-parameters) for all tests are then
+    # used again with other weights.
     of_all_tests = {}
     if len(bound.test_names) >= _FEWEST_TESTS:
         of_all_tests = {

@@ -71,7 +71,7 @@ _TINY = 1e-300
 
 
 class ProposalDensity(Protocol):
-    """Density from which the nodes of a sample are drawn."""
+    """Density from which the nodes (points) of a sample are drawn."""
 
     def log_density(self, points: Array) -> Array:
         """Return the log density, shape (n,), at points of shape (n, h)."""
@@ -105,9 +105,9 @@ class Integral:
     #: difference between ln ∫ f from the two grids of the lattice, before the distance between its
     #: nodes was last shortened [nat]; zero for a sample, or if the distance was not shortened
     coarser_difference: float = 0.0
-    #: error of ln ∫ f [nat] that arises if the density was evaluated at some nodes only, and its
-    #: values at the other nodes were inferred (`density_ratio`); zero if the density was evaluated
-    #: at all nodes
+    #: error of ln ∫ f [nat] that arises if the density was evaluated at some nodes (points) only,
+    #: and its values at the other nodes were inferred (`density_ratio`); zero if the density was
+    #: evaluated at all nodes
     ratio_error: float = 0.0
 
     @cached_property
@@ -127,7 +127,7 @@ class Integral:
 
     @property
     def ess(self) -> float:
-        """Effective sample size 1 / Σ w² of the nodes' weights w, which sum to one."""
+        """Effective sample size 1 / Σ w² of the nodes (points) with weights w, which sum to one."""
         return float(1.0 / (self.weight**2).sum())
 
     @cached_property
@@ -138,9 +138,9 @@ class Integral:
 
     @property
     def edge_error(self) -> float:
-        """Largest share of the integral that may lie beyond the outermost nodes of a lattice.
+        """Largest share of the integral that may lie beyond the outermost points of a lattice.
 
-        The estimate is three times the share of the integral that these nodes contribute.
+        The estimate is three times the share of the integral that these points (nodes) contribute.
         """
         return _BEYOND_EDGE * float(self.weight[self.edge].sum())
 
@@ -158,10 +158,10 @@ class Integral:
         """Return the error of the log integral ln ∫ f from the two grids of a lattice [nat].
 
         The error is the sum of two parts: the error of the mean of the two grids (see
-        `_LARGEST_LINEAR`), and the share of the integral that may lie beyond the outermost nodes.
-        The first part follows from the difference between the log integrals from the two grids. The
-        difference used is at least 0.35 of the difference before the distance between the nodes was
-        last shortened, because a small difference may be due to chance.
+        `_LARGEST_LINEAR`), and the share of the integral that may lie beyond the outermost nodes
+        (points). The first part follows from the difference between the log integrals from the two
+        grids. The difference used is at least 0.35 of the difference before the distance between
+        the nodes was last shortened, because a small difference may be due to chance.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
         of_mean = max(difference**2, _MEAN_OF_TWO * min(difference, _LARGEST_LINEAR))
@@ -193,7 +193,7 @@ class Integral:
 
     @property
     def trusted(self) -> bool:
-        """Whether the weights of the nodes can be trusted: their Pareto shape k̂ is at most 0.6.
+        """Whether the weights of the points can be trusted: their Pareto shape k̂ is at most 0.6.
 
         The weights of a lattice can always be trusted.
         """
@@ -202,14 +202,15 @@ class Integral:
     def heaviest(self, spare: float) -> tuple[Array, Array]:
         """Return the k nodes with the largest weights, shape (k, h), and their weights, shape (k,).
 
-        The nodes of smallest weight, which together hold less than the share ``spare`` of the
-        integral, are left out. The weights returned are scaled to sum to one.
+        Nodes are weighted points. The nodes of smallest weight, which together hold less than the
+        share ``spare`` of the integral, are left out. The weights returned are scaled to sum to
+        one.
         """
         heavy = self._heavy_nodes(spare)
         return self.free[heavy], self.weight[heavy] / self.weight[heavy].sum()
 
     def _heavy_nodes(self, spare: float) -> Index:
-        """Return the indices of the nodes with the largest weights, in ascending order.
+        """Return the indices of the nodes (points) with the largest weights, in ascending order.
 
         The nodes of smallest weight, which together hold less than the share ``spare`` of the
         integral, are left out.
@@ -232,16 +233,16 @@ class Integral:
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return independent random draws from the proposal of a sample, shape (size, h).
 
-        The proposal is the density from which the nodes of the sample were drawn. Its scales
-        (widths) are multiplied by the square root of ``temperature``. Raise a `TypeError` for a
-        lattice, which has no proposal.
+        The proposal is the density from which the nodes (points) of the sample were drawn. Its
+        scales (widths) are multiplied by the square root of ``temperature``. Raise a `TypeError`
+        for a lattice, which has no proposal.
         """
         return self._sample_proposal().draw(size, rng, temperature=temperature)
 
     def log_proposal(self, free: Array) -> Array:
         """Return the log density of a sample's proposal, shape (n,), at points of shape (n, h).
 
-        The proposal is the density from which the nodes of the sample were drawn. Raise a
+        The proposal is the density from which the nodes (points) of the sample were drawn. Raise a
         `TypeError` for a lattice, which has no proposal.
         """
         return self._sample_proposal().log_density(free)
@@ -254,8 +255,8 @@ class Integral:
     def times(self, log_factor: Callable[[Index], Array], spare: float) -> Integral:
         """Return the integral ∫ f g, with ln g evaluated only at the nodes of largest weight.
 
-        f is the density of this integral, g a further factor. The result has the same nodes with
-        other weights.
+        f is the density of this integral, and g is a further factor. The result has the same nodes
+        (points) with other weights.
 
         Parameters
         ----------

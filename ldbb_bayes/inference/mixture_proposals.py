@@ -340,7 +340,7 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
 
 
 def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array) -> Array:
-    """Return better scales of split Student-t distributions, shape (2, h), after a few steps.
+    """Return scales of split Student-t distributions, shape (2, h), after a few fitting steps.
 
     The expectation-maximisation steps start from ``scale``, shape (2, h). The degrees of freedom
     stay at ``freedom``, shape (2, h). ``square``, shape (n, h), holds the squared distances of n

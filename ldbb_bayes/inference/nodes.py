@@ -601,7 +601,8 @@ class Evidence:
     #: log evidence ln Z: the log density of the readings in mm under the model; only differences
     #: between models of the same readings have a meaning
     log_value: float
-    #: error of the log evidence [nat]; infinite if the weights of the nodes cannot be trusted
+    #: error of the log evidence [nat]; infinite if the weights of the nodes (values of the
+    #: hyper-parameters) cannot be trusted
     error: float
     #: number of nodes (values of the hyper-parameters) from which the log evidence was computed
     nodes: int
@@ -666,9 +667,9 @@ class Nodes:
     def error(self) -> float:
         """Error of the log evidence [nat].
 
-        The error includes the error of the integral over the nodes. If compliances must not be
-        negative, it also includes the errors of the log probability of this condition, under the
-        posterior and under the prior.
+        The error includes the error of the integral over the nodes (values of the
+        hyper-parameters). If compliances must not be negative, it also includes the errors of the
+        log probability of this condition, under the posterior and under the prior.
         """
         error = self.integral.error + self.truncation_error
         if not self.posterior.truncated:
@@ -701,7 +702,7 @@ class Nodes:
         return Evidence(log_value, self.error, len(self.integral.weight), self._digest())
 
     def _digest(self) -> str:
-        """Return the digest (SHA-256) of the readings from which the nodes were computed.
+        """Return the digest (SHA-256) of the readings to which the posterior belongs.
 
         The digest also covers the conditions under which the readings were taken and, if tests of
         the campaign are left out, the names of the tests that remain.
@@ -716,10 +717,10 @@ class Nodes:
         """Return posterior draws of parameters, shape (size, p), and hyper-parameters, (size, h).
 
         Hyper-parameters (scales of the noise and of other effects; lengths in mm) are picked from
-        the nodes in proportion to the weights. Parameters (compliances, their changes with force,
-        geometric errors; in mm, N and rad) are drawn at random given the picked hyper-parameters
-        and the readings. No compliance is negative in any draw if the posterior of the nodes is
-        ``truncated``.
+        the nodes (weighted values) in proportion to the weights. Parameters (compliances, their
+        changes with force, geometric errors; in mm, N and rad) are drawn at random given the picked
+        hyper-parameters and the readings. No compliance is negative in any draw if the posterior of
+        the nodes is ``truncated``.
         """
         free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)

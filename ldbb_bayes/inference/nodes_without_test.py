@@ -38,7 +38,7 @@ _LEAST_SD = 1e-6
 
 @dataclass(frozen=True)
 class GaussianFactor:
-    """Gaussian density of one of h coordinates given all other coordinates, fitted to nodes.
+    """Gaussian density of one of h coordinates given the others, fitted to weighted points.
 
     The mean of the coordinate is linear in the other h − 1 coordinates.
     """
@@ -62,8 +62,8 @@ class GaussianFactor:
 def fit_factor(integral: Integral, axis: int) -> GaussianFactor:
     """Return the Gaussian density of one coordinate given all other coordinates.
 
-    The density is fitted by weighted regression to the nodes of ``integral``. ``axis`` is the index
-    of the coordinate among all coordinates of a node.
+    The density is fitted by weighted regression to the nodes (weighted points) of ``integral``.
+    ``axis`` is the index of the coordinate among all coordinates of a node.
     """
     others = np.delete(integral.free, axis, axis=1)
     coordinate = integral.free[:, axis]

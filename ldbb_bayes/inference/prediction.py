@@ -314,8 +314,8 @@ def _with_new_noise_factor(
 
     Without the test's readings, λ is independent of all other unknowns and has its prior density. A
     new draw for every circle represents the heavy tail of this density better than the few values
-    at the nodes. ``r`` is the index of the test, and ``phi``, shape (n, h), are the
-    hyper-parameters.
+    of λ at the nodes (weighted values of the hyper-parameters). ``r`` is the index of the test, and
+    ``phi``, shape (n, h), are the hyper-parameters.
     """
     name = str(bound.setting.circle[r])
     if name not in bound.hyper_prior.names:

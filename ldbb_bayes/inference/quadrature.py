@@ -24,7 +24,7 @@ LARGEST_LATTICE_DIMENSION = 4
 _DIMENSION_OF_FINE_LATTICE = 5
 _FINE_TOLERANCE = 3e-3
 # Importance sampling is asked for an integral with an error of at most this share of the tolerance,
-# because averages over its nodes have further errors.
+# because averages over its points have further errors.
 _SHARE_OF_TOLERANCE = 0.8
 
 
@@ -36,7 +36,7 @@ def integrate(
     step: float | None = None,
     seed: int = 0,
 ) -> Integral:
-    """Return the integral ∫ f of a density in h dimensions, with its nodes and error.
+    """Return the integral ∫ f of a density in h dimensions, with its nodes (points) and error.
 
     In up to four dimensions the integral is computed from a lattice, in more than five by
     importance sampling. In five dimensions, the method is used that takes less time to reach the

@@ -1,8 +1,8 @@
 """Readings minus predicted readings, and the quality of a fit (Eq. 34-35 of the paper).
 
-A prediction holds the 25 basis coefficients of the circle of every test, which are its harmonics of
-the orders 0 to 12. The readings of a test are reduced to m numbers that contain all information
-about these coefficients.
+A prediction holds 25 basis coefficients for every test: the harmonics of its circle of the orders 0
+to 12. The readings of a test are reduced to m numbers that contain all information about these
+coefficients.
 """
 
 from __future__ import annotations

@@ -137,8 +137,8 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
     """Return the result of a fit in the form that the command ``fit --json`` writes.
 
     The result holds the numbers of every parameter and hyper-parameter, and most entries of the
-    posterior's record. Parameters are in mm, N and rad, hyper-parameters that are lengths in µm.
-    ``prob`` is the probability of the credible intervals. The keys of the intervals state this
+    posterior's record. Parameters are in mm, N and rad; hyper-parameters that are lengths are in
+    µm. ``prob`` is the probability of the credible intervals. The keys of the intervals state this
     probability in per cent, such as ``ci95``.
     """
     check_probability(prob)
