@@ -1,10 +1,10 @@
 """Linear effects of compliances and geometric errors on readings, and separable compliances.
 
 A unit force along the bar, whose direction is B̂, loads joint k with the wrench g_k, shape (6,):
-three forces and three moments about the joint's frame. The wrench is g_k = J_kᵀ B̂ = (B̂, lever ×
-B̂), where the lever is the vector from this frame to the ball, and J_k is the Jacobian of the
-joint. A compliance C_ijk is the displacement or rotation i caused by the force or moment j at joint
-k. This compliance changes the reading by g_k,i · g_k,j per unit force and per unit of the
+three forces and three moments about the joint's frame. The wrench is g_k = J_kᵀ B̂ =
+(B̂, lever × B̂), where the lever is the vector from this frame to the ball, and J_k is the Jacobian
+of the joint. A compliance C_ijk is the displacement or rotation i caused by the force or moment j
+at joint k. This compliance changes the reading by g_k,i · g_k,j per unit force and per unit of the
 compliance (Eq. 20 of the paper). An error motion e of joint k, with three displacements and three
 rotations about the same frame, changes the reading by g_k · e if the joint carries the tool, and by
 −g_k · e if it carries the workpiece (Eq. 16-23). If all levers lie in the plane of the circle, this

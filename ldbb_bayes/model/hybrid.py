@@ -488,7 +488,7 @@ class HybridModel(Result):
             hyper-parameters that are not named are drawn at random from their priors.
         exact : bool, default False
             Whether geometric errors act through the exact forward model (Eq. 1-14 of the paper)
-            instead of the linear one.
+            instead of the linear forward model.
 
         Returns
         -------

@@ -50,10 +50,10 @@ _SHAPE = 1.5
 _RATE = 1.5
 
 
-# The keys are hyper-parameters that a model may lack, and the values are the hyper-parameters that
-# then describe the same effect. The machine's pattern (geometric and cyclic errors of higher
-# orders) has the size ω. If no ball is turned or certified, a model lacks ω: the pattern is then
-# part of the balls' form, whose size is τ.
+# The keys are hyper-parameters that a model may lack. The value of a key is the hyper-parameter
+# that describes the same effect in such a model. If no ball is turned or certified, a model lacks
+# the size ω of the machine's pattern (geometric and cyclic errors of higher orders): the pattern is
+# then part of the balls' form, whose size is τ.
 _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 
 

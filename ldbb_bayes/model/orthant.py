@@ -330,9 +330,9 @@ class Orthant:
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return an exact random draw of ``x = axes @ e`` given u ≥ 0 for each of w problems.
 
-        Each problem has a standard normal vector e and constraints u ≥ 0, where u = mean + spread
-        e. x are the d coordinates of e along the directions `axes`. A rejection sampler proposes x
-        from a shifted (tilted) normal density.
+        Each problem has a standard normal vector e and constraints u ≥ 0, where
+        u = mean + spread e. x are the d coordinates of e along the directions `axes`. A rejection
+        sampler proposes x from a shifted (tilted) normal density.
 
         Parameters
         ----------

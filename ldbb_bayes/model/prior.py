@@ -354,8 +354,8 @@ class Prior(Shown):
     def first(cls) -> Prior:
         """Return the prior of the model's first edition (preset ``first``).
 
-        In contrast to the default prior, the form of the balls has a wider prior, and the prior sds
-        of slopes do not depend on the readings.
+        The prior of the balls' form is wider than in the default prior, and the prior sds of slopes
+        do not depend on the readings.
         """
         return cls(tau_um=5.0, slopes_of_estimate=False)
 

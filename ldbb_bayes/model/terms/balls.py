@@ -268,7 +268,7 @@ class BallForm(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient of the balls' form in words, from its name.
+        """Return the description of a coefficient of the balls' form, made from its name.
 
         For example, form_cos2 is "2-lobe form (cos 2θ)".
         """
@@ -280,10 +280,10 @@ class BallForm(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return harmonic, ball and plane of a coefficient of the balls' form in words.
+        """Return words for the harmonic, ball and plane of a coefficient of the balls' form.
 
-        The coefficient is given by its name. For example, work_form_cos2 is `` in cos 2θ of the
-        work ball``; reports append these words to the name of the term.
+        ``coefficient`` is the name of the coefficient. For example, the name work_form_cos2 gives
+        `` in cos 2θ of the work ball``; reports append these words to the name of the term.
         """
         ball = _ball_in_words(coefficient)
         of_ball = f" of {ball}" if ball else ""

@@ -160,8 +160,8 @@ class Term(Shown):
     """An effect on the readings that is modelled but not of interest (a nuisance).
 
     The effect is a sum of columns (functions of the angle) times coefficients with Gaussian priors.
-    To define a term of your own, derive a frozen dataclass from this class; fits, results, designs
-    and model files then know the term by the name of your class. The fields of your class are the
+    To define a term of your own, derive a frozen dataclass from this class. In fits, results,
+    designs and model files, the term has the name of your class. The fields of your class are the
     settings of the term (positive numbers or strings). In a model file, the names of these fields
     are the keys of the term's table under ``[terms]``. Only the method `columns` must be written;
     everything else has defaults.
@@ -313,7 +313,7 @@ class Term(Shown):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient of this term in words, from its name.
+        """Return the description of a coefficient of this term, made from the coefficient's name.
 
         For example, pattern_cos4 is "machine pattern (cos 4θ)". The class `Term` itself, to which
         coefficients of unknown terms belong, returns the name unchanged.
@@ -325,7 +325,7 @@ class Term(Shown):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return the harmonic and the plane of a coefficient in words, such as `` in cos 2θ``.
+        """Return words for the harmonic and the plane of a coefficient, such as `` in cos 2θ``.
 
         ``coefficient`` is the name of the coefficient. The text is empty if the name contains no
         harmonic.

@@ -276,7 +276,7 @@ class Hysteresis(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient of hysteresis in words, from its name.
+        """Return the description of a coefficient of hysteresis, made from the coefficient's name.
 
         For example, hysteresis_cos2 is "hysteresis (cos 2θ)".
         """
@@ -285,10 +285,11 @@ class Hysteresis(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return the harmonic of a coefficient of hysteresis in words, from its name.
+        """Return words for the harmonic of a coefficient of hysteresis, made from its name.
 
         For example, hysteresis_force_cos2 gives `` in cos 2θ times force``. Reports append these
-        words to the name of the term. The words contain a plane if the coefficient's name does.
+        words to the name of the term. The words contain a plane if the coefficient's name contains
+        one.
         """
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
         return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"
@@ -400,7 +401,7 @@ class Drift(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a drift coefficient in words, from its name.
+        """Return the description of a drift coefficient, made from the coefficient's name.
 
         For example, drift_time_length is "drift of the bar's length over time".
         """

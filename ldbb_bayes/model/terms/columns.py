@@ -21,11 +21,13 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# Some lists state the class name of the nuisance term to which each coefficient belongs. The
-# parameters of interest belong to no term; this name is stated for them instead.
+# Some lists state, for each coefficient, the class name of the nuisance term to which the
+# coefficient belongs. For parameters of interest, which belong to no nuisance term, the lists state
+# this name.
 OWN = "Parameters"
-# Some lists state the class name of the nuisance term of each source of noise. The white noise of
-# the readings belongs to no term; this name is stated for it instead.
+# Some lists state, for each source of noise, the class name of the nuisance term to which the
+# source belongs. For the white noise of the readings, which belongs to no nuisance term, the lists
+# state this name.
 NOISE = "ReadingNoise"
 # Order n of the harmonics cos nθ, sin nθ for which the scale τ of the balls' form errors and the
 # scale ω of the machine's errors of higher orders are stated. At any order n, the prior sds are

@@ -83,7 +83,7 @@ class BarLength(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient of the bar's length in words, from its name.
+        """Return the description of a bar-length coefficient, made from the coefficient's name.
 
         For example, bar_length_150 is "bar length at R = 150 mm".
         """
@@ -162,7 +162,7 @@ class Mount(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient of this term in words, from its name.
+        """Return the description of a coefficient of this term, made from the coefficient's name.
 
         For example, mount is "mount deflection".
         """
@@ -269,7 +269,7 @@ class ForceError(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient of force error in words, such as "force gain" for force_gain."""
+        """Return the description of a coefficient, such as "force gain" for force_gain."""
         return coefficient.replace("_", " ")
 
 
@@ -328,5 +328,5 @@ class Angle(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient of this term in words, such as "angle lag" for angle_lag."""
+        """Return the description of a coefficient, such as "angle lag" for angle_lag."""
         return coefficient.replace("_", " ")

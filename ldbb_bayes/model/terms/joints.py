@@ -164,7 +164,7 @@ class JointLoad(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient of the nonlinear deflection in words, from its name.
+        """Return the description of a coefficient of the nonlinear deflection, made from its name.
 
         For example, joint_load_X_contact is "contact of axis X under its own load".
         """
@@ -238,7 +238,7 @@ class Position(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient of the compliance's change along the travel in words, from its name.
+        """Return the description of a coefficient of the compliance's change along the travel.
 
         For example, position_X_linear is "linear change of the compliance along X".
         """
