@@ -126,8 +126,8 @@ def average(
         Number of draws in all four chains together, at least 400; it is rounded down to a multiple
         of four. The share of each model in the draws equals the probability of the model.
     evidences : Evidences, optional
-        Evidences that are known already, for example those that `compare` was given; they are not
-        computed again.
+        Evidences that are known already, for example from a call of `compare` with the same object.
+        They are not computed again.
 
     Returns
     -------

@@ -206,9 +206,9 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     """Return the uncertainty budget of every parameter of a posterior, in the form of the GUM.
 
     The share of a source s in the variance of a parameter y is u_s²(y) / u²(y) as in the GUM, where
-    u_s(y) is the standard uncertainty of y due to s alone. The variance u²(y) is that of the
-    posterior draws. Unlike the variance of the GUM, it includes the truncation (compliances are not
-    negative) and the uncertainty of the hyper-parameters (the scales of the noise and of other
+    u_s(y) is the standard uncertainty of y due to s alone. The variance u²(y) is the variance of
+    the posterior draws. Unlike the variance of the GUM, it includes the truncation (compliances are
+    not negative) and the uncertainty of the hyper-parameters (the scales of the noise and of other
     effects). The shares are averages over 16 draws of the hyper-parameters. The size of every
     source is measured here (by the readings of this campaign), stated (by a certificate or the
     user) or assumed. Which of the three is true is decided at the mean of the hyper-parameters.
@@ -389,7 +389,7 @@ def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin
 def _coefficient_line(key: _SourceKey, portion: _Portion, u: float) -> Contribution:
     """Return the line of one nuisance coefficient in the budget of a parameter.
 
-    The standard uncertainty of the coefficient and the sign of the sensitivity are those in the
+    The standard uncertainty of the coefficient and the sign of the sensitivity are taken from the
     model in which the coefficient has the largest share of the parameter's variance. ``u`` is the
     standard uncertainty of the parameter.
     """
@@ -397,7 +397,7 @@ def _coefficient_line(key: _SourceKey, portion: _Portion, u: float) -> Contribut
     place = information.interest[portion.row]
     column = information.names.index(key.source)
     # A nuisance coefficient that is larger than its prior mean shifts the parameter's estimate. The
-    # sign of this shift is opposite to that of the posterior covariance of the coefficient and the
+    # sign of this shift is opposite to the sign of the posterior covariance of coefficient and
     # parameter.
     sign = -float(np.sign(portion.budget.covariance[place, column]))
     source_u = float(information.scale[column])

@@ -314,7 +314,8 @@ def rank_replicates(
     """Return the ranks of true values in many simulated campaigns.
 
     ``rank_replicate`` takes the seed of one campaign and returns the ranks of the quantities
-    ``names``, or the reason why there are no ranks. The other arguments are those of `calibrate`.
+    ``names``, or the reason why there are no ranks. The other arguments are the same as in
+    `calibrate`.
     """
     outcomes: dict[int, Ranks | str] = {}
     seeds = np.random.SeedSequence(seed).spawn(replicates)

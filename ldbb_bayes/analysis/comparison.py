@@ -8,9 +8,9 @@ than the models have, and every test is predicted from the other tests. All mode
 readings, and have the same priors for the parameters that they share.
 
 The elpd (expected log predictive density) of a model states how well it predicts readings that were
-left out. Here it is the sum over the tests r of ln p(y_r | y_−r): the log density of test r given
-all other tests. β are the parameters (compliances, their slopes and geometric errors); φ are the
-hyper-parameters (the scales of the noise and of other effects).
+left out. Here the elpd is the sum, over the tests r, of ln p(y_r | y_−r): the log density of test r
+given all other tests. β are the parameters (compliances, their slopes and geometric errors); φ are
+the hyper-parameters (the scales of the noise and of other effects).
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ __all__ = [
 # of force, divided by the size of the compliance. The size is the estimate of the compliance or, if
 # ``slopes_of_estimate`` of the prior is false, the prior standard deviation of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# The readings reject an assumption about how circles differ if its log evidence is by this number
-# [nat] or more below the log evidence of the assumption that the models make.
+# The readings reject an assumption about how circles differ if its log evidence is at least this
+# number [nat] below the log evidence of the assumption that the models make.
 _REJECTED = 5.0
 # Evidences under an assumption about how circles differ are computed only roughly if the log
 # evidences of both models are low under this assumption. They are low if they are at least this
@@ -475,9 +475,10 @@ def compare(
 ) -> Comparison:
     """Compare models of one campaign by evidence and by how well they predict tests left out.
 
-    The evidence of a model is the density of the readings under it. The ratio of the evidences of
-    two models, the Bayes factor B, is recomputed under other priors of the slopes (changes of
-    compliance with force) and under other assumptions about how circles differ from one another.
+    The evidence of a model is the density of the readings under this model. The ratio of the
+    evidences of two models, the Bayes factor B, is recomputed under other priors of the slopes
+    (changes of compliance with force) and under other assumptions about how circles differ from one
+    another.
 
     Parameters
     ----------
@@ -673,7 +674,7 @@ def _models_by_slope_scale(
 
 
 def _change_of_slope_scale(scale: float) -> sensitivity.Change:
-    """Return a function that takes a model and returns it with another prior of the slopes.
+    """Return a function that takes a model and returns the model with another prior of slopes.
 
     Slopes are changes of compliance with force; ``scale`` is the scale of their prior.
     """
@@ -685,7 +686,7 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
 
 
 def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
-    """Return how many evidences of a comparison this process computes.
+    """Return the number of evidences that this process computes for a comparison.
 
     ``models`` is the number of models. Evidences under other assumptions about how circles differ
     are not counted.

@@ -2,9 +2,9 @@
 
 The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106, for a quantity η with
 tolerance limits ``lower`` and ``upper``, given the readings y. The decision follows ISO 14253-1.
-The quantity conforms where p is at least the confidence asked for. It does not conform where 1 − p
-is at least the confidence. In all other cases nothing is decided. For a normal posterior and one
-limit, a quantity conforms if its estimate lies inside the limit, at a distance of at least the
+The quantity conforms if p is at least the confidence that the user asks for. It does not conform if
+1 − p is at least this confidence. In all other cases nothing is decided. For a normal posterior and
+one limit, a quantity conforms if its estimate lies inside the limit, at a distance of at least the
 guard band.
 """
 
@@ -137,8 +137,8 @@ def assess_conformity(
         ``k_ratio`` of the stiffness by direction (see `stiffness`), and G, F_max and F_min of the
         machine's circular path. If there are several planes, the name of a quantity of a plane ends
         with the plane (``G_YZ``). A tolerance given as text must have a unit, as in ``60 nm/N``,
-        ``−20..40 µrad`` or ``≥ 18 N/µm``; a ratio has none. The limits of a `Tolerance` are in mm,
-        N and rad.
+        ``−20..40 µrad`` or ``≥ 18 N/µm``; a ratio has no unit. The limits of a `Tolerance` are in
+        mm, N and rad.
     force_N : float, optional
         Force at which compliances, stiffnesses and the circular path are stated [N], from a tenth
         of the smallest force tested to 1.5 times the largest. Default: the model's reference force,

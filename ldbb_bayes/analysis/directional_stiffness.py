@@ -67,8 +67,8 @@ _SMALLEST_SHARE = 0.1
 _WIDEST_DEG = 90.0
 # Radius of a very small circle [mm], whose compliance equals the compliance in the centre.
 _CENTRE_RADIUS_MM = 1e-6
-# Angles of the directions from which the compliance tensor of a plane is computed: along its first
-# axis, along its second axis, and midway between the two [rad].
+# Angles of the directions from which the compliance tensor of a plane is computed: along the first
+# axis of the plane, along its second axis, and midway between both axes [rad].
 _TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
 
 
@@ -98,10 +98,10 @@ class StatedValue(Result):
 class AxialDirection(Result):
     """A direction in a plane, as an angle from the plane's first axis, with its uncertainty.
 
-    A direction and its opposite are the same. The mean direction is half the angle of the complex
-    number exp(2iθ), averaged over posterior draws of the direction θ. Each end of the interval is
-    given as the equivalent angle nearest to the mean direction. An end can therefore lie below 0°
-    or above 180°.
+    A direction and its opposite are the same. The mean direction is half the angle of a complex
+    number: the mean of exp(2iθ) over posterior draws of the direction θ. Each end of the interval
+    is given as the equivalent angle nearest to the mean direction. An end can therefore lie below
+    0° or above 180°.
     """
 
     angle_deg: float  #: mean direction, from 0° to 180°

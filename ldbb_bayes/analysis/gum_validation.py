@@ -8,9 +8,10 @@ posterior if the model has this condition.
 
 The law of propagation and the distribution each give an interval. They agree within n significant
 digits of u if the lower ends of the two intervals differ by at most the numerical tolerance δ =
-10^l / 2, and if the upper ends do not differ by more than δ either. The exponent l follows from u:
-rounded to n digits, u is a whole number times 10^l (JCGM 101, 7.9.2 and 8.1). If the two intervals
-do not agree, JCGM 101 requires the interval of the distribution to be stated.
+10^l / 2, and if the upper ends do not differ by more than δ either. The exponent l follows from u,
+for which the posterior standard deviation is taken here: rounded to n digits, u is a whole number
+times 10^l (JCGM 101, 7.9.2 and 8.1). If the two intervals do not agree, JCGM 101 requires the
+interval of the distribution to be stated.
 """
 
 from __future__ import annotations
@@ -146,8 +147,8 @@ def validate_gum(
 
     The law of propagation is applied to the linear model, in which compliances may be negative. The
     scales of noise and of other effects have their posterior means, as in uncertainty budgets. The
-    interval is y ± k u with the k of a normal distribution. For an average over models, the law is
-    applied to the most probable model alone, because it needs a single model.
+    interval is y ± k u, with the coverage factor k of a normal distribution. For an average over
+    models, the law is applied to the most probable model alone, because it needs a single model.
 
     Parameters
     ----------
@@ -236,8 +237,8 @@ def numerical_tolerance(u: float, digits: int) -> float:
 def agreeing_digits(distance: float, u: float) -> int:
     """Return the number of significant digits of u within which two intervals agree, at most two.
 
-    u is a standard uncertainty. ``distance`` is the larger of two distances: that between the lower
-    ends of the intervals, and that between the upper ends.
+    u is a standard uncertainty. ``distance`` is the larger of two distances: between the lower ends
+    of the intervals, and between their upper ends.
     """
     for digits in range(_MOST_DIGITS, 0, -1):
         if distance <= numerical_tolerance(u, digits):

@@ -43,8 +43,8 @@ _NODES = 16
 # are computed from the same number of values of the hyper-parameters.
 _DRAWS = 1024
 # Least distance between an estimate and a tolerance limit, in present standard uncertainties. When
-# a circle is chosen, a smaller distance is replaced by this one. If the estimate were exactly at
-# the limit, no campaign would be long enough for a decision.
+# the next circle is chosen, a smaller distance is replaced by this distance. If the estimate were
+# exactly at the limit, no campaign would be long enough for a decision.
 _LEAST_DISTANCE = 0.2
 # Smallest standard uncertainty that may be the target of an aim, as a fraction of the present
 # standard uncertainty. Without this limit, the target of a goal in percent of a parameter would be
@@ -90,7 +90,7 @@ class ToleranceSoFar(Result):
 
 
 class Known(NamedTuple):
-    """Posterior of the p parameters given the circles run, in internal units (mm, N, rad)."""
+    """Posterior of the p parameters given the readings so far, in internal units (mm, N, rad)."""
 
     bound: BoundModel  # model bound to the circles run
     mean: Array  # posterior means, shape (p,)
@@ -102,10 +102,11 @@ class Known(NamedTuple):
 
 
 def known_from(nodes: Nodes, seed: int) -> Known:
-    """Return means, sds and draws of the parameters, and likely values of the hyper-parameters.
+    """Return the posterior of the parameters, and likely values of the hyper-parameters.
 
-    All are computed from ``nodes``, weighted values of the hyper-parameters that represent the
-    posterior given the circles run. ``seed`` is the seed of the random draws.
+    The posterior is given by means, standard deviations and draws. These are computed from
+    ``nodes``, weighted values of the hyper-parameters that represent the posterior given the
+    circles run. ``seed`` is the seed of the random draws.
     """
     rng = np.random.default_rng(seed)
     mean, sd = nodes.moments(components=_DRAWS)
@@ -185,13 +186,13 @@ class GoalState:
 def goal_states(
     goals: Mapping[str, Goal], known: Known, covariance: Array, confidence: float
 ) -> dict[str, GoalState]:
-    """Return every goal with the present estimate of its parameter and the aim that follows.
+    """Return every goal with the present estimate of its parameter, and as an aim.
 
     The keys of the result are the names of the goals' parameters.
 
-    ``known`` is the posterior given the circles run, and ``covariance``, shape (K, p, p), are the
-    covariances of the parameters at K values of the hyper-parameters. ``confidence`` is the least
-    probability at which a goal is treated as reached.
+    ``known`` is the posterior given the circles run. ``covariance``, shape (K, p, p), are the
+    present covariances of the parameters at K values of the hyper-parameters. ``confidence`` is the
+    least probability at which a goal is treated as reached.
     """
     states = {}
     for name, goal in goals.items():

@@ -31,8 +31,8 @@ __all__ = ["believed_scales", "fisher_information"]
 # probability. Scores are limited to this absolute value; the prior probability of each tail beyond
 # it is below 1e-9.
 _LARGEST_SCORE = 6.0
-# Step of the normal scores in the central differences that give the derivatives of variances with
-# respect to the normal scores.
+# Derivatives of variances with respect to the normal scores are computed by central differences
+# with this step of the scores.
 _STEP = 0.1
 # If a plan has more circles than this number, the analysis is assumed to know the true scales. The
 # average over likely scales would then differ little from the value at the true scales, but its
@@ -129,7 +129,8 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
 
     The parameters of interest and all other effects are integrated out: the readings have the
     covariance V = Σ_c s_c x_c x_cᵀ + σ² 1. Here x_c is the column of changes of the readings per
-    unit of effect c, s_c is the variance of this effect, and σ² is the variance of the white noise.
+    unit of effect c, s_c is the variance of this effect, σ² is the variance of the white noise, and
+    the last 1 is the identity matrix.
 
     Parameters
     ----------

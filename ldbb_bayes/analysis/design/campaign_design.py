@@ -522,7 +522,7 @@ def design(
 def _refuse_beside_goals(names: Sequence[str]) -> None:
     """Raise an `InputError` if there are arguments that cannot be combined with goals.
 
-    ``names`` are the names of the arguments given that cannot be combined with goals.
+    ``names`` are the names of the arguments of this kind that the caller gave.
     """
     require(
         not names,

@@ -1,10 +1,11 @@
 """Candidates for a design: tests that could be run, the model bound to them, and running orders.
 
-The pilot is the campaign or plan that a design starts from. The model keeps the pilot's reference
-force F0, range of force, and estimate Ĉ of the compliances about which it is linearised. A clocking
-is the pair of angles by which the two balls are turned. If the tests have different clockings, the
-model has separate terms for the form errors of the two balls. If all tests have the same clocking,
-the model has one common term for both balls instead, which is then equivalent.
+The pilot is the campaign or plan that a design starts from. The model takes its reference force F0,
+its range of force, and the estimate Ĉ of the compliances about which it is linearised, from the
+pilot. A clocking is the pair of angles by which the two balls are turned. If the tests have
+different clockings, the model has separate terms for the form errors of the two balls. If all tests
+have the same clocking, the model has one common term for both balls instead, which is then
+equivalent.
 """
 
 from __future__ import annotations

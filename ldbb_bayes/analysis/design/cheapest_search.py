@@ -43,9 +43,9 @@ _BEGIN_SHARE = 0.85
 # The factor by which the numbers of circles of a campaign are multiplied is found by bisection.
 # This is the number of bisection steps.
 _HALVINGS = 10
-# A full forecast of a campaign is made only if ln(u/u*) is at most this. Here u is the standard
-# uncertainty that the full forecast is expected to give for the parameter of a goal, and u* is the
-# largest standard uncertainty that the goal permits.
+# A full forecast of a campaign is made only if ln(u/u*) is at most this number. Here u is the
+# standard uncertainty that the full forecast is expected to give for the parameter of a goal, and
+# u* is the largest standard uncertainty that the goal permits.
 _NEAR = 0.03
 # Largest number of full forecasts in one family of campaigns.
 _MOST_FORECASTS = 8
@@ -53,8 +53,8 @@ _MOST_FORECASTS = 8
 # first shows whether a full forecast is worth while.
 _FEW_MACHINES = 16
 # The effort of a full forecast grows with the square of the number of circles. After the first
-# campaign is found, further campaigns are sought only while the sum of the squares for all full
-# forecasts is at most this.
+# campaign is found, further campaigns are sought only while the sum of these squares over all full
+# forecasts is at most this number.
 _MOST_EFFORT = 700
 
 
@@ -170,7 +170,7 @@ def find_cheapest(
     Parameters
     ----------
     families
-        Families of campaigns; those of one family have the same ball angles, radii and
+        Families of campaigns; the campaigns of one family have the same ball angles, radii and
         certificates.
     goals
         Goals; the keys are the names of the parameters.

@@ -103,7 +103,7 @@ class Variance:
         return np.asarray(inverse @ np.swapaxes(inverse, -1, -2) @ weight_root)
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the weighted variance in the best design, divided by that in this design.
+        """Return the weighted variance in the best design, divided by its value in this design.
 
         ``value`` and ``best`` are the negative weighted variances in this and in the best design.
         """
@@ -123,11 +123,12 @@ class LogBayesFactor:
     ``prior`` of an `Objective` with this criterion must therefore be scaled so that S without tests
     is the identity.
 
-    If the model with the parameters is true, and their root mean square is ``size`` prior standard
-    deviations, the mean of ln B is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)]. If the parameters are
-    zero, the mean of ln B is ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the difference of these two
-    means. Φ never decreases when tests are added. For one parameter, the design with the largest Φ
-    is T-optimum. As Φ is not concave, a search may end at a local maximum.
+    If the model with free parameters is true, and if the root mean square of the parameters is
+    ``size`` prior standard deviations, the mean of ln B is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 +
+    λ)]. If the parameters are zero, the mean of ln B is ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the
+    difference of these two means. Φ never decreases when tests are added. For one parameter, the
+    design with the largest Φ is T-optimum. As Φ is not concave, a search may end at a local
+    maximum.
     """
 
     concave: ClassVar[bool] = False
@@ -148,21 +149,21 @@ class LogBayesFactor:
         return np.asarray(0.25 * self.size**2 * (gain**2 / (1.0 + gain)).sum(axis=-1))
 
     def directions(self, root: Array) -> Array:
-        """Return Q, shape (..., s, s), with Q Qᵀ the derivative of the expected log Bayes factor Φ.
+        """Return Q, shape (..., s, s), where Q Qᵀ is the derivative of the log Bayes factor Φ.
 
-        The Bayes factor compares the model in which the s parameters of interest are free with the
-        model in which they are zero. The derivative is taken with respect to S, the precision of
-        these parameters in units of their prior, so that S without readings is the identity.
-        ``root`` is the Cholesky factor of S, shape (..., s, s). The columns of Q are the
-        eigenvectors of S, each times √(dΦ/dμ) at the eigenvalue μ of S. The leading dimensions
-        (...) run over designs or values of the hyper-parameters.
+        Φ is an expected value. The Bayes factor compares the model in which the s parameters of
+        interest are free with the model in which they are zero. The derivative is taken with
+        respect to S, the precision of these parameters in units of their prior, so that S without
+        readings is the identity. ``root`` is the Cholesky factor of S, shape (..., s, s). The
+        columns of Q are the eigenvectors of S, each times √(dΦ/dμ) at the eigenvalue μ of S. The
+        leading dimensions (...) run over designs or values of the hyper-parameters.
         """
         eigenvalues, vectors = np.linalg.eigh(_square(root))
         rate = 0.25 * self.size**2 * (1.0 - 1.0 / np.maximum(eigenvalues, 1.0) ** 2)
         return np.asarray(vectors * np.sqrt(rate)[..., None, :])
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the expected log Bayes factor of a design divided by that of the best design.
+        """Return the ratio of the expected log Bayes factors of a design and of the best design.
 
         ``value`` and ``best`` are these log Bayes factors.
         """

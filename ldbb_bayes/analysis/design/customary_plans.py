@@ -11,7 +11,8 @@ from ldbb_bayes.campaign.campaign import CircularTest, Direction
 
 __all__ = ["equal_steps", "published_forces"]
 
-# Forces of the seven circles of the published experiment [N] (paper, Table 4).
+# Forces of the seven circles of the published experiment [N] (Table 4 of the article on which the
+# model is based).
 _PUBLISHED_FORCES_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 
 

@@ -164,9 +164,9 @@ class GoalDesign(Result):
     goals: dict[str, StatedGoal]  #: goals; the keys are the names of the parameters
     probability: float  #: least share of the possible machines on which all goals are to be met
     costs: Costs  #: costs of circles, set-ups, turns of the balls and machine time
-    #: campaigns, the cheapest first, that reach all goals except those that are met already and
-    #: those in ``unreachable``; empty if all goals are met already, or if no campaign reaches the
-    #: goals, for example because machine time is too short
+    #: campaigns that reach the goals, the cheapest first. Goals that are met already, and goals in
+    #: ``unreachable``, are left out. Empty if all goals are met already, or if no campaign reaches
+    #: the goals, for example because machine time is too short.
     plans: tuple[GoalPlan, ...]
     #: goals that no number of circles reaches with the certificates that the instrument has, each
     #: with the reason; the keys are the names of the parameters
@@ -244,7 +244,7 @@ def design_for_goals(
 ) -> GoalDesign:
     """Return the cheapest campaigns that reach goals.
 
-    The arguments are those of `ldbb_bayes.design`.
+    The arguments are the same as in `ldbb_bayes.design`; ``stated`` are its ``goals``.
     """
     costs = costs or Costs()
     check_probability(probability, "probability")
@@ -275,7 +275,7 @@ def design_for_goals(
 
 
 def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
-    """Return both directions of travel, or no direction if a test of the pilot states none.
+    """Return both directions of travel, or none if a test of the pilot states no direction.
 
     The pilot is the campaign or plan that the design starts from. The model can include hysteresis
     only if the directions of all tests are known.
@@ -322,7 +322,7 @@ def _describe(
     offers: Sequence[CertificateOffer],
     probability: float,
 ) -> GoalDesign:
-    """Return the design for the goals that the readings so far do not meet.
+    """Return the design for the goals that the pilot's readings do not meet.
 
     ``needed`` are these goals. ``known`` are all goals, with the present estimates and
     uncertainties of their parameters. The keys of both dictionaries are the names of the
@@ -388,8 +388,8 @@ def _near_misses(
     """Return the goals that the campaign ``nearest`` meets on too few machines, with the reasons.
 
     Campaigns of one family have the same ball angles, radii and certificates. Of the largest
-    campaigns of all families, ``nearest`` comes nearest to the goals. If it meets every single goal
-    on enough machines, but not all goals together, all goals are returned.
+    campaigns of all families, ``nearest`` comes nearest to the goals. If ``nearest`` meets every
+    single goal on enough machines, but not all goals together, all goals are returned.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
     missed = [name for name in goals if forecasts[name].probability < probability]

@@ -1,7 +1,7 @@
 """Choice of the next circle of a campaign under way, and decision whether to stop.
 
-A campaign need not be planned as a whole: after each circle, the next one can be chosen. There are
-three kinds of aims: a small enough expanded uncertainty U (k = 2) of a parameter, a decision
+A campaign need not be planned as a whole: after each circle, the next circle can be chosen. There
+are three kinds of aims: a small enough expanded uncertainty U (k = 2) of a parameter, a decision
 whether compliance is constant or linear in force, and a decision whether a tolerance is kept. The
 campaign may stop as soon as every aim is reached with the probability that the user asks for. Model
 evidence and posterior do not depend on the reason why a campaign was stopped.
@@ -174,13 +174,15 @@ def next_circle(
         Whether a decision between constant and linear compliance is an aim. If there are neither
         goals nor tolerances, the decision is always an aim.
     forces_N : sequence of float
-        Force levels to choose from [N]. Default: nine in equal steps over the campaign's range.
+        Force levels to choose from [N]. Default: nine levels in equal steps over the campaign's
+        range.
     clockings_deg : sequence of pair of float
-        Angles of work ball and tool ball to choose from [°]. Default: those of the campaign.
+        Pairs of angles of work ball and tool ball to choose from [°]. Default: the pairs in the
+        campaign.
     radii_mm : sequence of float
-        Radii to choose from [mm]. Default: those of the campaign.
+        Radii to choose from [mm]. Default: the radii in the campaign.
     directions : sequence of {"CW", "CCW"}
-        Directions of travel to choose from. Default: those of the campaign.
+        Directions of travel to choose from. Default: the directions in the campaign.
     confidence : float
         Least probability at which an aim is treated as reached, between 0.5 and 1.
     seed : int
@@ -292,7 +294,7 @@ def _states_of_tolerances(
     before: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return the present decision on every tolerance, with the names of the quantities as keys.
+    """Return the present decision on every tolerance; the keys are names of quantities.
 
     ``before`` are the covariances of the parameters before the next circle. The decisions need
     posterior draws, which take time. Without tolerances, no draws are made.
@@ -306,7 +308,7 @@ def _states_of_tolerances(
 def _goals_so_far(
     goals: Mapping[str, GoalState], after: Array, floor: Array
 ) -> dict[str, GoalSoFar]:
-    """Return how far every goal is reached, with the names of the parameters as keys.
+    """Return how far every goal is reached; the keys are the names of the parameters.
 
     ``after``, shape (K, p, p), are the covariances of the p parameters after the best next circle,
     at K values of the hyper-parameters. ``floor``, of the same shape, are the covariances after

@@ -26,7 +26,7 @@ __all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 # A certificate is named only if, after very many circles, the uncertainty with the certificate is
 # less than this share of the uncertainty without the certificate.
 _WORTH_SHARE = 0.9
-# Number of runs of every possible circle that stands for very many runs.
+# Very many runs of a possible circle are computed as this number of runs.
 _VERY_MANY = 1e6
 _ALL_CERTIFICATES = "all certificates together"
 
@@ -38,14 +38,14 @@ class Obstacle(Result):
     #: expanded uncertainty (k = 2) that very many circles would leave, in the parameter's unit
     U_floor: float
     #: model term or parameter with the largest share of the variance after very many circles, such
-    #: as ``Mount``
+    #: as ``Mount`` (compliance of the mount)
     held_by: str
     share: float  #: share of the variance after very many circles that is due to ``held_by``
     #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str
-    #: expanded uncertainty (k = 2) that very many circles would leave with this certificate
+    #: expanded uncertainty (k = 2) that very many circles would leave with ``certificate``
     U_with_certificate: float
-    reached: bool  #: whether the goal can be reached with this certificate
+    reached: bool  #: whether the goal can be reached with ``certificate``
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class NearMiss(Result):
     #: share of the possible machines on which the largest campaign meets the goal
     probability: float
     #: model term or parameter with the largest share of the variance after very many circles, such
-    #: as ``Mount``
+    #: as ``Mount`` (compliance of the mount)
     held_by: str
     share: float  #: share of the variance after very many circles that is due to ``held_by``
     #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
@@ -100,7 +100,7 @@ def near_miss_of(
 
 
 def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
-    """Return the reasons why no number of circles reaches certain goals.
+    """Return the reason for each goal that no number of circles reaches.
 
     The keys are the names of the goals' parameters.
 

@@ -2,9 +2,9 @@
 
 A candidate is a test that could be run; a design has a count of tests for each candidate. The
 criterion Φ is the figure of merit to be made large. The search starts from several designs: the
-best fractions of the tests, rounded to whole numbers, and random designs. It replaces one test at a
-time by a better candidate until no replacement that it tries improves the design (coordinate
-exchange).
+best fractions of the tests, rounded to whole numbers, and random designs. In each design, the
+search replaces one test at a time by a better candidate, until no replacement that is tried
+improves the design (coordinate exchange).
 """
 
 from __future__ import annotations

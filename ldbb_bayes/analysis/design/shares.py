@@ -151,8 +151,8 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     tests
         Number N of tests. If the prior is flat, the best shares do not depend on N.
     tolerance
-        Largest relative excess of the largest sensitivity over the bound that is accepted. The
-        excess of the result is `Optimum.excess`.
+        Relative excess of the largest sensitivity over the bound at which the shares are accepted.
+        The excess of the result is `Optimum.excess`.
 
     Returns
     -------

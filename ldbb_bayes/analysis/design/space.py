@@ -191,8 +191,7 @@ class Space:
         """Return a table of tests with force, angles of the balls and radius, one row per test.
 
         The table also has columns for plane, direction and set-up. Each of these three columns is
-        included only if two of the candidate tests, or of the tests of compared designs, differ in
-        it.
+        included only if the property differs between candidate tests or tests of compared designs.
         """
         all_tests = (*self.tests, *self.compared_tests)
         columns = ["force_N", *_FIXED_COLUMNS]
