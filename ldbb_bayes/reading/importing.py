@@ -1,9 +1,8 @@
 """Import of foreign files as a campaign.
 
-Values that the files do not state are assumed, and each assumption is noted.
-
 Foreign files are tables in any format that this package did not write, such as spreadsheets and
-exports of instruments.
+exports of instruments. Values that the files do not state are assumed, and each assumption is
+noted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Statements of a line that is about several subjects, such as angles, travel and readings.
+"""Division of a line about several subjects, such as angles and readings, into statements.
 
 An example is the line ``Angles clockwise; run: CCW``.
 """
@@ -23,10 +23,11 @@ def divide_line(text: str) -> list[str]:
 
 
 def statements_of_line(text: str, is_mixed: Callable[[str], bool]) -> Iterator[str]:
-    """Yield the statements of a line, each about one subject if the marks in the line permit.
+    """Yield the statements of a line. If possible, each statement is about one subject.
 
-    A line about one subject is a single statement. Another line is divided at semicolons, bars,
-    tabs and full stops, and those of its parts that still are about several subjects at commas.
+    A line about one subject is a single statement. A line about several subjects is divided at
+    semicolons, bars, tabs and full stops. Parts that still are about several subjects are also
+    divided at commas.
 
     Parameters
     ----------

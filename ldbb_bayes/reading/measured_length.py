@@ -91,7 +91,10 @@ def leaves_length_open(text: str) -> bool:
 
 
 def names_diameter(name: str) -> bool:
-    """Return whether the name of a file or test has a word for diameter that no number follows."""
+    """Return whether a name has a word for diameter that is not followed by a number.
+
+    ``name`` is the name of a file or test.
+    """
     words = re.split(r"[\W_]+", name[:LONGEST_TEXT])
     for word, next_word in zip(words, [*words[1:], ""], strict=True):
         if measured_length(word) == "diameter" and not re.search(r"\d", word + next_word):

@@ -1,6 +1,7 @@
 """Statements on whether the deflection of the work ball's mount is still in the readings.
 
-An example is ``Mount deflection not removed``: the readings are then raw.
+Readings that contain this deflection are called raw; other readings are compensated. An example is
+the line ``Mount deflection not removed``, which means raw readings.
 """
 
 from __future__ import annotations
@@ -17,32 +18,33 @@ __all__ = ["check_mount_is_clear", "mount_state", "unread_mount"]
 _WORDS = WORDS["mount_statement"]
 # Regular expression for a word for the mount of the work ball.
 _MOUNT = re.compile(_WORDS["mount"], re.IGNORECASE)
-# Regular expression for a word for what was done with the deflection, such as "removed".
+# Regular expression for a word, such as "removed", which says that the deflection was removed.
 _REMOVED = re.compile(_WORDS["removed"], re.IGNORECASE)
 # Regular expression for a word which says that the deflection is in the readings.
 _CONTAINED = re.compile(_WORDS["contained"], re.IGNORECASE)
 # Regular expression for a negation.
 _NOT = re.compile(_WORDS["negation"], re.IGNORECASE)
-# Regular expression for a word which shows that a text with a word for the mount may say what was
-# done with its deflection, in a form that is not read.
+# Regular expression for other words for what was done with the deflection. A text with such a word
+# and a word for the mount is not understood.
 _DONE = re.compile(_WORDS["done"], re.IGNORECASE)
-# Regular expressions for words for a deflection, and for words which say that it is in the
-# readings.
+# Regular expressions: for words for a deflection, and for words which say that the deflection is in
+# the readings.
 _DEFLECTION = re.compile(_WORDS["deflection"], re.IGNORECASE)
 _IN_READINGS = re.compile(_WORDS["in_readings"], re.IGNORECASE)
 # Regular expression for words for raw readings.
 _RAW = re.compile(_WORDS["raw"], re.IGNORECASE)
-# Regular expression for the words that may stand beside the others.
+# Regular expression for further words that a statement may contain without a change of its meaning.
 _BESIDE = re.compile(_WORDS["beside"], re.IGNORECASE)
 # An error message shows at most this number of characters of a line.
 _LINE_SHOWN = 80
 
 
 def mount_state(statement: str) -> str:
-    """Return "raw" or "compensated" if a statement says what is done with the mount's deflection.
+    """Return "raw" or "compensated" if a statement says whether readings contain the deflection.
 
-    Raw readings contain the deflection of the mount. The result is empty for any other statement,
-    and for one with words that are not known: it may be about another correction.
+    Raw readings contain the deflection of the mount. The result is empty for any other statement.
+    It is also empty for a statement with unknown words, because such a statement may be about
+    another correction.
     """
     if _MOUNT.search(statement) is None:
         return ""
@@ -61,7 +63,7 @@ def mount_state(statement: str) -> str:
 
 
 def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> None:
-    """Raise an `InputError` for a line that says something else about the mount's deflection.
+    """Raise an `InputError` for an unclear line about the mount's deflection in the readings.
 
     Parameters
     ----------
@@ -82,9 +84,10 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
 
 
 def unread_mount(lines: Iterable[tuple[int | str, str]]) -> str:
-    """Return a note on the first line about the mount's deflection, or raw data, that is not read.
+    """Return a note on the first line that mentions the mount's deflection or raw data.
 
-    An example is ``Mount deflection 2.33 µm/bar``. The note is empty without such a line.
+    Such a line is not understood. An example is ``Mount deflection 2.33 µm/bar``. The note is empty
+    if there is no such line, or if an earlier line clearly says whether the readings are raw.
     """
     for line, text in lines:
         for statement in divide_line(text[:LONGEST_TEXT]):
@@ -97,7 +100,7 @@ def unread_mount(lines: Iterable[tuple[int | str, str]]) -> str:
 
 
 def _is_open(statement: str) -> bool:
-    """Return whether a statement is about the deflection of the mount, but is not understood."""
+    """Return whether a statement about the deflection of the mount is not understood."""
     if _MOUNT.search(statement) is None or mount_state(statement):
         return False
     if _DONE.search(statement):

@@ -1,7 +1,8 @@
-"""Numbers such as -999 that files write in place of a missing number.
+"""Placeholders: numbers such as -999 that stand in a file in place of a missing number.
 
-An instrument writes such a placeholder if it has lost its signal. A placeholder consists of nines,
-or is the largest number of a type of integer, and is far away from all other numbers of its column.
+An instrument writes a placeholder if it has lost its signal. A placeholder consists of nines, is
+the largest number of a type of integers, or is at least 1e10. It is also far away from all other
+numbers of its column.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ __all__ = ["placeholders_in"]
 
 # Regular expression for a number of at least three nines, such as -999, 99.99 or -9.999.
 _NINES = re.compile(r"[+\-−–]?(?=(?:[.,]?9){3})9+(?:[.,]9*0*)?")
-# Digits of the largest and smallest numbers of types of integers, such as 32767 for 16 bits with
-# sign, also where a decimal mark stands between the digits.
+# Digits of the largest and smallest numbers of types of integers, such as 32767 for integers of 16
+# bits with sign. In a placeholder, a decimal mark may stand between these digits.
 _LIMITS_OF_INTEGERS = {
     "32767",
     "32768",
@@ -32,20 +33,22 @@ _LIMITS_OF_INTEGERS = {
     "2147483648",
     "4294967295",
 }
-# A number at least as large as this is a placeholder if it is far away: no file holds such readings
-# or angles.
+# A number whose absolute value is at least this large is a placeholder if it is far away, because
+# readings and angles are never so large.
 _LARGEST_NUMBER = 1e10
-# A number is far away if its difference from the median of the other numbers is larger than their
-# largest difference from the median, times this factor.
+# Let d be the largest difference of the other numbers from their median. A number is far away if
+# its difference from this median is larger than d times this factor.
 _FAR = 5.0
-# The same factor for a number that the column repeats, as a file does with a placeholder.
+# This factor replaces ``_FAR`` for a number that appears several times in the column, as
+# placeholders often do.
 _FAR_IF_REPEATED = 1.5
-# Fewest numbers of a column that are no placeholders.
+# Placeholders are searched only in a column in which at least this many numbers do not have the
+# form of a placeholder.
 _FEWEST_NUMBERS = 3
 
 
 def placeholders_in(cells: Sequence[str], numbers: Array) -> NDArray[np.bool_]:
-    """Return whether each number of a column stands for a missing number, shape (n,).
+    """Return, for each number of a column, whether it stands for a missing number, shape (n,).
 
     Parameters
     ----------

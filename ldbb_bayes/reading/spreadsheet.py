@@ -24,21 +24,21 @@ from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
 
 __all__ = ["read_sheets"]
 
-# Translation of the wide characters of East Asian text, including the wide blank, to ASCII.
+# Table that replaces the wide characters of East Asian text, including the wide blank, by ASCII.
 _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x20}
 # First bytes of PDF files and pictures, which hold no table that can be read.
 _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
-# Characters that are seldom part of a cell.
+# Separators that seldom occur inside a cell.
 _SURE = (";", "\t", "|")
-# If a character of ``_SURE`` splits the lines with a score larger than this, the blank is not
-# considered as a separator.
+# If the score of a separator in ``_SURE`` (see `_separator_score`) is larger than this value, the
+# blank is not considered as a separator.
 _SURE_SCORE = 1.3
 # Number of lines that are used to compare the possible separators of cells.
 _SAMPLE_LINES = 200
-# A separator is preferred to a separator that is earlier in the order of preference only if its
-# score is larger by more than this.
+# A separator later in ``_SEPARATORS`` is preferred to an earlier separator only if its score is
+# larger by more than this value.
 _SCORE_MARGIN = 0.02
 
 
@@ -59,13 +59,14 @@ def read_sheets(
     encoding, separator
         Encoding and separator of a text file; None to determine them from its content.
     sheets
-        Names of the sheets to read from a workbook; without names, all sheets that are not empty.
+        Names of the sheets to read from a workbook. If no names are given, all sheets are read that
+        are neither empty nor hidden.
 
     Raises
     ------
     InputError
-        For a file that is neither a workbook nor a text, and for a name in ``sheets`` that no sheet
-        has.
+        If the file is neither a workbook nor a text, or if no sheet has one of the names in
+        ``sheets``.
     """
     raw = table_bytes(path)
     require(
@@ -99,9 +100,9 @@ def read_sheets(
 
 
 def _with_plain_cells(sheet: Sheet) -> Sheet:
-    """Return a sheet without wide characters, and without units behind numbers in its cells.
+    """Return a sheet with the wide characters replaced, and the units behind numbers removed.
 
-    The units are moved to ``cell_units`` of the sheet.
+    The removed units are stored in ``cell_units`` of the sheet.
     """
     rows = []
     for row in sheet.rows:
@@ -113,9 +114,9 @@ def _with_plain_cells(sheet: Sheet) -> Sheet:
 def _find_separator(lines: Sequence[str]) -> str:
     """Return the character that most probably separates the cells of a text file.
 
-    This character splits most lines into equally many cells, many of them numbers. The first third
-    of the lines, which may precede the table, is not considered. If no character splits the lines,
-    the comma is returned.
+    This character splits most lines into equally many cells, and many of these cells are numbers.
+    The first third of the lines is not considered, because it may precede the table. If no
+    character splits the lines, the comma is returned.
     """
     sample = [line for line in lines if line.strip()]
     sample = sample[len(sample) // 3 :][:_SAMPLE_LINES]
@@ -137,8 +138,8 @@ def _separator_score(sample: Sequence[str], separator: str) -> float:
     """Return a score from 0 to 2 that is large if ``separator`` probably separates the cells.
 
     The score is p (1 + q), where p is the share of the lines in ``sample`` that have the most
-    frequent number of cells, and q the share of numbers among the filled cells. It is zero if the
-    most frequent number of cells is one.
+    frequent number of cells, and q is the share of numbers among the filled cells. The score is
+    zero if most lines have only one cell.
     """
     widths = []
     n_filled = 0

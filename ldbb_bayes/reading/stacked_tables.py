@@ -1,4 +1,4 @@
-"""Several tables below each other in one sheet: pages of one table, or tables of several tests.
+"""Several tables below each other in one sheet: pages of one table, or one table per test.
 
 The header of the first table is repeated above each further table.
 """
@@ -19,8 +19,8 @@ from ldbb_bayes.reading.words import comparable
 
 __all__ = ["first_header", "split_tables"]
 
-# Regular expression for a cell that is empty or holds only the number of a printed page, as "Page 2
-# of 3".
+# Regular expression for a cell that is empty or holds only the number of a printed page, such as
+# "Page 2 of 3".
 _PAGE = re.compile(
     r"\W*(?:page|seite|blatt|pagina|página|стр\.?|第)?\W*\d*"
     r"\W*(?:of|von|de|di|/|из)?\W*\d*\W*(?:页|頁)?",
@@ -32,10 +32,10 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
     """Return the tables that stand below each other in a sheet, each as a separate sheet.
 
     A repeated header begins a further table in two cases: if a line such as ``Direction: CCW``
-    stands directly above the header, or if the first cell below the header is the same as in the
-    first table, such as 0°. Any other repeated header is removed, together with a page number above
-    it, and the table continues below the header. A line above the first table also applies to a
-    further table, unless the lines above the further table state the same field.
+    stands above this header, or if the first cell below it is the same as in the first table, such
+    as 0°. Any other repeated header is removed, together with a page number above it, and the table
+    continues below the header. A line above the first table also applies to a further table, unless
+    the lines above the further table state the same field.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -74,10 +74,10 @@ def _repeated_headers(rows: Sequence[Row], header: int) -> list[int]:
 
 
 def _end_of_numbers(rows: Sequence[Row], start: int, header: int) -> int:
-    """Return the index that follows the last row of numbers between two rows.
+    """Return the index of the row after the last row of numbers between two rows.
 
-    ``start`` is the index of the first row that is examined, and ``header`` the index of the header
-    at which the search ends. Without a row of numbers, the result is ``start``.
+    ``start`` is the index of the first row that is examined. The search ends at the header with the
+    index ``header``. If there is no row of numbers, the result is ``start``.
     """
     end = header
     while end > start and count_numbers(rows[end - 1].cells) < 2:
@@ -110,24 +110,24 @@ def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
 
 
 def _is_of_page(row: Row, lines_above_first: Sequence[Row]) -> bool:
-    """Return whether a line is a page number or repeats a line above the first table."""
+    """Return whether a row is a page number, or repeats a row above the first table."""
     if any(row.cells == other.cells for other in lines_above_first):
         return True
     return all(_PAGE.fullmatch(cell) is not None for cell in row.cells)
 
 
 def _lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) -> list[Row]:
-    """Return the lines above the first table that also hold for a further table.
+    """Return the lines above the first table that also apply to a further table.
 
-    A line does not hold if the lines above the further table (``lines``) state the same field.
-    ``first`` are all lines above the first table.
+    ``first`` are all lines above the first table, and ``lines`` are the lines above the further
+    table. A line of ``first`` does not apply if ``lines`` state the same field.
     """
     stated = _keys_of(sheet, lines)
     return [row for row in first if not _keys_of(sheet, [row]) & stated]
 
 
 def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
-    """Return the fields that rows of a sheet state, with the direction and the time of a test."""
+    """Return the names of the fields that rows state, including "direction" and "time"."""
     texts = list(sheet.texts(rows))
     keys = set(statements_in(texts))
     if directions_stated(texts):
@@ -139,7 +139,10 @@ def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
 
 
 def _named_sheets(sheet: Sheet, tables: Sequence[list[Row]]) -> list[Sheet]:
-    """Return a sheet for each table, named after the file or sheet and the table's direction.
+    """Return one sheet for each table.
+
+    A sheet is named after the file or sheet and the direction of travel that is stated above the
+    table.
 
     If the directions do not distinguish the tables, the numbers of the tables are used in place of
     the directions.

@@ -1,7 +1,7 @@
 """Start times of the tests of a campaign, from the dates and times that their files state.
 
-The times are used only if all tests have one, because only then do they tell the order of all
-tests and the pauses between them.
+The times are used only if every test has one. Only then are the order of all tests and the pauses
+between the tests known.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from ldbb_bayes.results import Array
 __all__ = ["take_start_times"]
 
 _DAY_S = 86_400.0
-# Times of day without dates that span more than this [s] are taken to run across midnight, provided
-# that the campaign then lasts at most ``_NIGHT_S``.
+# If times of day without dates span more than this [s], the campaign is assumed to have run across
+# midnight, provided that it then lasted at most ``_NIGHT_S``.
 _LONG_CAMPAIGN_S = 12 * 3_600.0
-# Longest campaign that may have run over midnight, if no dates are stated [s].
+# Longest duration of a campaign that is assumed to have run across midnight [s].
 _NIGHT_S = 6 * 3_600.0
 # Shortest time from one circle to the next [s]. Timestamps that are closer together are taken as
 # the times at which the files were written.
@@ -46,7 +46,7 @@ _OPTIONS_LISTED = "--order, time_s of a [[test]] in --layout, --no-drift"
 
 
 class _Start(NamedTuple):
-    """Date and time at which a test was run, as its file states them."""
+    """Date and time, stated in a file, at which a test was run."""
 
     title: str  # name of the test
     stamp: Timestamp
@@ -58,21 +58,21 @@ class _Times(NamedTuple):
 
     # time from the earliest start of all tests to the start of each test [s], shape (tests,)
     seconds: Array | None
-    # reason why the times are not known; for known times, a note on how an ambiguous date was read,
-    # or an empty text
+    # reason why the times are not known; if they are known, a note on how an ambiguous date was
+    # read, or an empty text
     reason: str
 
 
 def take_start_times(
     campaign: Mapping[str, Any], recordings: Sequence[Recording], log: AssumptionLog
 ) -> None:
-    """Set the field ``time_s`` of every test to its start time [s], counted from the first start.
+    """Set the field ``time_s`` of every test to the time from the first start to its start [s].
 
     Start times are the dates and times that columns, lines above the tables, and names of files
-    state. They are used only if they are known for all tests and no test states the field
-    ``time_s``; the times used are noted. If they are not used, the tests are assumed to have been
-    run in the order in which they are listed. This is noted with the reason, unless options state
-    another order or state that there is no drift.
+    state. They are used, and noted, only if they are known for all tests and no test states the
+    field ``time_s``. If start times are not known for all tests, the tests are assumed to have been
+    run in the order in which they are listed. This assumption is noted with the reason, unless
+    options state an order or state that there is no drift.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def _states_time(recording: Recording) -> bool:
 
 
 def _start_of(recording: Recording) -> _Start | None:
-    """Return the start of a test from its most reliable source; None if no source states a time.
+    """Return the start time of a test from the most reliable source; None if none states a time.
 
     Sources are columns, lines above the table, and names of test and file. A time of day without a
     date gets the date that another source states.
@@ -146,7 +146,7 @@ def _rank(start: _Start) -> Rank:
 
 
 def _statements(recording: Recording) -> list[_Start]:
-    """Return all dates and times that columns, lines and file names state for a test."""
+    """Return all dates and times that columns, lines and names state for a test."""
     title = recording.title
     starts = []
     for header, cell in recording.first_cells.items():
@@ -194,7 +194,7 @@ def _times_of(stamps: Sequence[Timestamp]) -> _Times:
 
 
 def _seconds_of_day(stamps: Sequence[Timestamp]) -> Array:
-    """Return the time of day of each timestamp [s], in UTC if all of them state a time zone."""
+    """Return the time of day of each timestamp [s], in UTC if all timestamps state a time zone."""
     seconds = np.array([stamp.seconds for stamp in stamps], dtype=float)
     zones = [stamp.zone_s for stamp in stamps]
     if None not in zones:
@@ -208,11 +208,11 @@ def _is_one_day(stamps: Sequence[Timestamp]) -> bool:
 
 
 def _across_midnight(seconds: Array) -> Array:
-    """Return times [s] since the earliest start from times of day for which no dates are stated.
+    """Return times [s] since the earliest start, computed from times of day without dates.
 
-    The times may run across midnight. This is assumed if the times span more than twelve hours, but
-    at most six hours after all times before the largest gap are moved to the next day. ``seconds``
-    are the times of day [s], shape (tests,).
+    The tests are assumed to have been run across midnight in one case: if the times span more than
+    twelve hours, but span at most six hours after all times before the largest gap are moved to the
+    next day. ``seconds`` are the times of day [s], shape (tests,).
     """
     span = np.ptp(seconds)
     if span > _LONG_CAMPAIGN_S:
@@ -229,8 +229,8 @@ def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     """Return the times [s] from the earliest start to each start, from timestamps with dates.
 
     Dates such as 03/04/2026 may have the day or the month first. If both orders are possible and
-    lead to different times, the order is used with which all tests lie within one day. If this
-    leaves no order or both orders, the times are not known. ``seconds`` are the times of day [s],
+    lead to different times, an order with which all tests lie within one day is used. If this holds
+    for both orders or for none, the times are not known. ``seconds`` are the times of day [s],
     shape (tests,).
     """
     readings: dict[str, Array] = {}
@@ -280,8 +280,8 @@ def _first_open(stamps: Sequence[Timestamp]) -> str:
 def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> None:
     """Add the start times of the tests, and the sources of these times, to the log.
 
-    It is also noted if the tests are listed in another order than that of their times, and if the
-    first and the last test are more than a day apart.
+    Two further notes are possible: that the tests are not listed in the order of their times, and
+    that the first and the last test are more than a day apart.
     """
     seconds = np.asarray(times.seconds)
     in_order = np.argsort(seconds, kind="stable").tolist()

@@ -1,7 +1,7 @@
 """Load, radius, feed and direction of a test, from all sources that state them.
 
-Values that a user or a column states are certain; a source that contradicts them is noted. Lines
-above a table and names of files are uncertain: the use of these values is noted, and an
+Values that the user or a column states are certain; a source that contradicts a certain value is
+noted. Values in lines above a table and in names of files are uncertain: their use is noted, and an
 `InputError` is raised if they contradict each other.
 """
 
@@ -31,17 +31,18 @@ __all__ = ["direction_of", "loads_of", "quantity_of"]
 
 # Two values of a quantity agree if their relative difference is at most this.
 _ROUNDED_IN_LINE = 1e-3
-# Two values of a quantity, one of them from the name of a file, sheet or test, agree if their
-# relative difference is at most this, because values in names are often rounded.
+# If one of two values of a quantity is from the name of a file, sheet or test, the values agree if
+# their relative difference is at most this. Values in names are often rounded.
 _ROUNDED_IN_NAME = 0.02
-# Relative tolerance within which the forces, or the pressures, in all rows of a test count as
-# equal.
+# The forces (or the pressures) in all rows of a test count as equal if they agree within this
+# relative tolerance.
 _CONSTANT = 1e-9
-# Largest deviation of a measured force or pressure from its mean within a test, as a share of the
-# mean.
+# Largest deviation that the forces (or the pressures) measured within a test may have from their
+# mean, as a share of the mean.
 _LARGEST_VARIATION = 0.02
-# A load that varies is taken as measured if it changes at least once in this number of rows. The
-# nominal loads of several tests below each other change less often.
+# A load (force or pressure) that varies is taken as measured if it changes, on average, at least
+# once in this number of rows. The nominal loads of several tests below each other change less
+# often.
 _ROWS_OF_CHANGE = 20
 # Number of digits to which the mean of a measured load is rounded.
 _DIGITS_OF_MEAN = 6
@@ -63,9 +64,9 @@ class _Evidence(NamedTuple):
 def quantity_of(recording: Recording, key: str, column_value: float | None = None) -> float | None:
     """Return a quantity of a test, such as its radius; None if nothing states it.
 
-    The quantity is in the unit at the end of its field's name, such as mm. Values that the user or
-    a column of the table states take precedence over those in lines above the table and in names of
-    files.
+    The quantity is in the unit with which the name of the field ends, such as mm. Values that the
+    user or a column of the table states take precedence over values in lines above the table and in
+    names of files.
 
     Parameters
     ----------
@@ -80,8 +81,8 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     Raises
     ------
     InputError
-        For lines and names that contradict each other if neither the user nor a column states the
-        quantity, and for a number such as 1,000 that can be read in two ways.
+        If neither the user nor a column states the quantity, and lines or names contradict each
+        other or state a number such as 1,000 that can be read in two ways.
     """
     certain = _certain_evidence(recording, key, column_value)
     uncertain = _uncertain_evidence(recording, key)
@@ -130,10 +131,10 @@ def _certain_evidence(
 ) -> list[_Evidence]:
     """Return the values that the user and a column of the table state for a quantity.
 
-    The value that takes precedence is first. For a radius this is the value of the column, and for
-    any other quantity the value of the user. ``key`` is the field of the quantity, such as
-    radius_mm; ``column_value`` is the value of its column, or None. ``recording`` is the test as
-    its file holds it.
+    The value that takes precedence is first. For a radius, the value of the column takes
+    precedence; for any other quantity, the value of the user does. ``key`` is the field of the
+    quantity, such as radius_mm; ``column_value`` is the value of its column, or None. ``recording``
+    is the test as its file holds it.
     """
     user_evidence = _evidence_if_stated(recording.stated_value(key), "as given")
     column_evidence = _evidence_if_stated(column_value, "its column")
@@ -153,13 +154,13 @@ def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
 
 
 def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
-    """Return the values that lines above the table and file names state for a quantity.
+    """Return the values that lines above the table and names state for a quantity.
 
     Such values are used only if neither the user nor a column states the quantity. ``key`` is the
-    field of the quantity, such as force_N. The list begins with the values in lines; those whose
-    number is uncertain are last among them. Values in the names of test, column, sheet and file
-    follow, and for a radius also the radii of arcs in G-code. ``recording`` is the test as its file
-    holds it.
+    field of the quantity, such as force_N. The list begins with the values in lines; values that
+    can be read in two ways are last among them. The values in the names of test, column, sheet and
+    file follow. For a radius, the radii of arcs in G-code are at the end. ``recording`` is the test
+    as its file holds it.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):
@@ -181,8 +182,8 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) -> list[_Evidence]:
     """Return the radii of arcs that G-code in lines above the table programs.
 
-    The list is empty if one of these radii agrees with a radius in ``evidence``: all other arcs are
-    then paths to the circle and away from it.
+    The list is empty if one of these radii agrees with a radius in ``evidence``, because all other
+    arcs are then paths to the circle and away from the circle.
     """
     programmed = []
     for statement in recording.statements.get("programmed_radius_mm", ()):
@@ -195,7 +196,7 @@ def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) ->
 
 
 def loads_of(recording: Recording) -> dict[str, float]:
-    """Return a dict with the stated loads of a test [N or bar].
+    """Return a dict with the stated force [N] and pressure [bar] of a test.
 
     The keys are ``force_N``, ``pressure_bar`` or both. ``recording`` is the test as its file holds
     it.
@@ -203,8 +204,8 @@ def loads_of(recording: Recording) -> dict[str, float]:
     Raises
     ------
     InputError
-        If no load is stated, if sources contradict each other, or if the column of a load is not
-        constant.
+        If neither is stated, if sources contradict each other, or if the values in the column of
+        forces or pressures differ too much.
     """
     is_stated = any(recording.stated_value(key) is not None for key in LOAD_ROLES)
     loads = {}
@@ -228,10 +229,10 @@ def loads_of(recording: Recording) -> dict[str, float]:
 def _constant_load(recording: Recording, key: str) -> float | None:
     """Return the force [N] or pressure [bar] of a test from its column; None without such a column.
 
-    If the load was measured in every row, so that it varies a little, the result is its mean, which
-    is noted. Raise an `InputError` if the load differs more between the rows of the test, or if it
-    changes as the nominal loads of several tests do. ``key`` is force_N or pressure_bar.
-    ``recording`` is the test as its file holds it.
+    If the values in the column vary as measured values do (see `_is_measured`), the result is their
+    mean, which is noted. Raise an `InputError` if the values are not equal and do not vary as
+    measured values do. ``key`` is force_N or pressure_bar. ``recording`` is the test as its file
+    holds it.
     """
     role = LOAD_ROLES[key]
     unit = UNITS_SHOWN[key]
@@ -257,10 +258,10 @@ def _constant_load(recording: Recording, key: str) -> float | None:
 
 
 def _is_measured(values: Array) -> bool:
-    """Return whether loads [N or bar] of the rows of a test, shape (n,), vary as measured ones do.
+    """Return whether the loads of the rows of a test, shape (n,), vary as measured loads do.
 
-    Such loads stay near their mean and change often. Nominal loads of several tests below each
-    other change only where the next test begins.
+    Loads are forces [N] or pressures [bar]. Measured loads stay near their mean and change often.
+    The nominal loads of several tests below each other change only where the next test begins.
     """
     mean = float(values.mean())
     largest_deviation = float(np.abs(values - mean).max())
@@ -270,7 +271,7 @@ def _is_measured(values: Array) -> bool:
 
 
 class _StatedSenses(NamedTuple):
-    """Directions of travel that a source outside the table states, CW and CCW."""
+    """Directions of travel, CW and CCW, that a source outside the table states."""
 
     senses: set[str]
     source: str
@@ -280,8 +281,8 @@ def _directions_above(recording: Recording) -> _StatedSenses:
     """Return the directions from the first source outside the table that states a direction.
 
     The sources are, in this order, lines above the table together with names of files, G-code in
-    these lines, and sheets without a table. If G-code or such sheets state both directions, the two
-    directions belong to different circles and are not used.
+    these lines, and sheets without a table. If G-code or sheets without a table state both
+    directions, the two directions belong to different circles and are not used.
     """
     lines_above = recording.heading.lines_above
     names = [name for name in recording.names() if not name_is_about_angles(name)]
@@ -301,11 +302,11 @@ def _directions_above(recording: Recording) -> _StatedSenses:
 def direction_of(recording: Recording) -> str | None:
     """Return the direction of travel of a test, CW or CCW; None if nothing states it.
 
-    The first source that states a direction is used, in this order: the user, the column of
+    The first source that states a direction is used. The order is: the user, the column of
     directions, lines above the table and names of files, G-code in these lines, sheets without a
-    table. Raise an `InputError` if this source states both directions, or if a word in the column
-    means neither. G-code and sheets without a table are not used if they state both directions.
-    ``recording`` is the test as its file holds it.
+    table. Raise an `InputError` if the source used states both directions, or if the column has a
+    word that means neither of them. G-code and sheets without a table are not used if they state
+    both directions. ``recording`` is the test as its file holds it.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

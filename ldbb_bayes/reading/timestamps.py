@@ -21,8 +21,8 @@ __all__ = ["Rank", "Timestamp", "epoch_stamp", "stamp_in_name", "stamps_in"]
 # such as "start".
 _WORDS = {kind: re.compile(words, re.IGNORECASE) for kind, words in WORDS["stamps"].items()}
 _MONTH = WORDS["parts"]["month"]
-# Regular expression for a date. The year has four digits; after points or slashes it may also have
-# two digits.
+# Regular expression for a date. The year has four digits; if it follows a point or a slash, it may
+# also have two digits.
 _DATE = (
     r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?"
     rf"|\d\d?\.\s?(?:\d\d?\.|{_MONTH})\s?(?:\d{{4}}|\d\d)(?!\d)"
@@ -70,13 +70,13 @@ class Rank(IntEnum):
 
 @dataclass(frozen=True)
 class Timestamp:
-    """Date, time of day, or both, as a file states them for a test."""
+    """Date, time of day, or both, that a file states for a test."""
 
     rank: Rank
     text: str  #: the timestamp as the file writes it
     #: date if the day stands before the month; None without a date, or if there is no such date
     day_first: date | None = None
-    #: date if the month stands before the day; equal to ``day_first`` if the text can be read only
+    #: date if the month stands before the day; equal to ``day_first`` if the date can be read only
     #: in one way; None without a date, or if there is no such date
     month_first: date | None = None
     seconds: float | None = None  #: seconds since midnight; None for a date alone
@@ -89,19 +89,19 @@ class Timestamp:
 
 
 def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
-    """Return those timestamps of a line that may be the time of a test, in the order of the line.
+    """Return the timestamps in a line that may be the time of a test, in their order.
 
     A timestamp is a date, a time of day, or both. A timestamp is returned if the words before it
     say that the test was run, started or recorded at this time. A timestamp without words before it
-    is returned if it has both date and time. Durations are left out, and so are the times of other
-    events, such as a calibration or the end of the test.
+    is returned if it has both a date and a time of day. Durations, and the times of other events
+    such as a calibration or the end of the test, are left out.
 
     Parameters
     ----------
     text
         The line. For a cell of a table, it is ``header: cell``.
     rank
-        Kind of the statement; None to determine the kind from the words of the line.
+        Kind of the statement. If None, the kind is determined from the words of the line.
     """
     stamps = []
     end = 0
@@ -122,8 +122,8 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
 def _rank_of(words: str) -> Rank | None:
     """Return the kind of a timestamp from the words before it.
 
-    The result is None if the timestamp is not the time of a test. ``words`` is the text before the
-    timestamp, from the previous timestamp or else from the beginning of the line.
+    The result is None if the timestamp is not the time of a test. ``words`` is the text between the
+    previous timestamp, or else the beginning of the line, and the timestamp.
     """
     if _WORDS["other"].search(words):
         return None
@@ -191,7 +191,8 @@ def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
 class _Dates(NamedTuple):
     """The two dates that a text may mean.
 
-    They differ only for a form such as 03/04/2026, in which the day or the month may stand first.
+    The two dates differ only for a text such as 03/04/2026, in which the day or the month may stand
+    first.
     """
 
     day_first: date | None  # date if the day stands before the month; None if there is no such date
@@ -249,7 +250,7 @@ def _seconds_of(parts: dict[str, str]) -> float | None:
 
 
 def _zone_of(text: str) -> float | None:
-    """Return the difference of a time zone from UTC [s]; None for an empty text."""
+    """Return local time minus UTC [s] for the text of a time zone; None for an empty text."""
     if not text:
         return None
     offset = re.search(r"([+-])(\d\d):?(\d\d)", text)
@@ -260,7 +261,7 @@ def _zone_of(text: str) -> float | None:
 
 
 def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
-    """Return the timestamp in the first name that contains a timestamp; None if no name does.
+    """Return the timestamp in the first name that contains one; None if no name contains one.
 
     ``names`` are the names of a test and its file, such as ``2026-11-20_14-03-12 36N``.
     """
@@ -277,7 +278,7 @@ def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
 
 
 def epoch_stamp(header: str, text: str) -> Timestamp | None:
-    """Return the timestamp that a number of seconds or milliseconds since 1970 means.
+    """Return the timestamp for a cell with the number of seconds or milliseconds since 1970.
 
     Return None for any other text.
 

@@ -37,14 +37,14 @@ __all__ = ["Trace", "trace_of"]
 # Readings are taken as distances between the balls if their median differs from the nominal radius
 # by less than this [mm]. A bar cannot measure larger deviations from the radius.
 _LARGEST_DEVIATION_MM = 1.5
-# Readings seem to be distances between the balls, not deviations from the radius, if their median
-# is larger than this [mm] and their scatter is small.
+# Readings are probably distances between the balls, and not deviations from the radius, if their
+# median is larger than this [mm] and their scatter is small.
 _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation from the median is below this
 # share of the median.
 _SMALLEST_SCATTER = 0.01
-# Placeholders for the assumed unit of angles (degrees) and of readings (micrometres). They are
-# passed where the user or the file states the unit; the stated unit is then used.
+# Units (degrees and micrometres) that are passed as assumed units if no unit is assumed. The user
+# or the file then states the unit, and the stated unit is used.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
 # Fewest readings in one turn of a test whose table has times instead of angles. If a turn has
@@ -60,10 +60,10 @@ _LIST_SHOWN = 200
 
 
 class Trace(NamedTuple):
-    """Angles and readings of one test, and its direction of travel."""
+    """Angles, readings and direction of travel of one test."""
 
-    #: angles from the plane's first axis, counter-clockwise [deg]; they continue beyond 360°, shape
-    #: (n,)
+    #: angles [deg], shape (n,), counted counter-clockwise from the plane's first axis; they
+    #: continue beyond 360°
     angle_deg: Array
     #: readings: actual distance between the balls minus radius [µm], shape (n,)
     reading_um: Array
@@ -71,7 +71,7 @@ class Trace(NamedTuple):
 
 
 class _Log(NamedTuple):
-    """Angles of a test whose table has times instead of angles, and its direction of travel."""
+    """Angles and direction of travel of a test whose table has times instead of angles."""
 
     angle_deg: Array  # angles of the m readings on the circle [deg], shape (m,)
     on_circle: NDArray[np.bool_]  # whether each of all n readings is on the circle, shape (n,)
@@ -81,9 +81,9 @@ class _Log(NamedTuple):
 def trace_of(recording: Recording, direction: str | None) -> Trace:
     """Return angles [deg], readings [µm] and direction of travel of a test.
 
-    Several laps are averaged if the layout states so; if it does not, all laps are kept. If the
-    table has times instead of angles, the readings in the run-in and run-out are left out, and a
-    direction that nothing states is taken as CCW.
+    Several laps are averaged if the layout says so; otherwise all laps are kept. If the table has
+    times instead of angles, the readings in the run-in and run-out are left out, and the direction
+    is assumed to be CCW if nothing states it.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def trace_of(recording: Recording, direction: str | None) -> Trace:
     Raises
     ------
     InputError
-        For missing columns, for times without a stated feed or in the wrong order, for readings
-        that can be neither deviations nor distances, and for laps that cannot be averaged.
+        If a column is missing, if times are in the wrong order or the feed for them is not stated,
+        if readings can be neither deviations nor distances, or if laps cannot be averaged.
     """
     readings = recording.numbers.get("reading")
     if "angle" not in recording.numbers and "time" in recording.numbers:
@@ -161,8 +161,9 @@ def _plane_of(recording: Recording) -> str:
 def _start_of_circle(recording: Recording) -> float:
     """Return the angle [deg] at which the circle of a test with times instead of angles starts.
 
-    The angle is the value that is stated for ``start_deg``. If none is stated, it is the angle of
-    the axis that a line names for the start of the circle. If no line names an axis, it is zero.
+    The angle is the value that is stated for ``start_deg``. If no value is stated, it is the angle
+    of the axis at which the circle starts according to a line. If no line names such an axis, the
+    angle is zero.
     """
     if quantity_of(recording, "start_deg") is None:
         at_axis = start_at_axis(recording, _plane_of(recording))
@@ -174,9 +175,10 @@ def _start_of_circle(recording: Recording) -> float:
 def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
     """Return the angles of a test whose table has times instead of angles.
 
-    The angles are computed from times, feed and radius. Only readings on the circle are kept,
-    without run-in and run-out. ``direction`` is the stated direction of travel, CW or CCW; for
-    None, CCW is assumed. ``recording`` is the test as its file holds it.
+    The angles are computed from times, feed and radius. Only angles of readings on the circle are
+    returned; readings in the run-in and run-out are left out. ``direction`` is the stated direction
+    of travel, CW or CCW. If it is None, CCW is assumed. ``recording`` is the test as its file holds
+    it.
     """
     feed = quantity_of(recording, "feed_mm_per_min")
     if feed is None or not feed > 0.0:
@@ -212,10 +214,10 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
 
 def _check_no_direction(recording: Recording) -> None:
-    """Raise an error if a line states the direction of travel in words that are not understood.
+    """Raise an error if lines may state the direction of travel, but are not understood.
 
-    Blocks of G-code for circles in both directions are such words too. The angles of a table with
-    times depend on the direction.
+    Blocks of G-code for circles in both directions also cause the error. The direction must be
+    clear, because the angles of a table with times depend on it.
     """
     lines = [*recording.lines_of_all_tests, *recording.heading.lines_above]
     words = ""
@@ -280,13 +282,14 @@ def _deviations(recording: Recording, raw: Array) -> Array:
 def _zero_of(recording: Recording, reading_um: Array) -> str:
     """Return the kind of a test's readings: "deviation" or "distance".
 
-    Readings are deviations from the nominal radius or distances between the balls. The kind is
-    stated by the user or else found from the median of the readings. Raise an `InputError` if the
-    readings seem to be distances on a circle of another radius, or contradict what the user states.
-    ``recording`` is the test as its file holds it; ``reading_um`` are its readings.
+    Readings are deviations from the nominal radius or distances between the balls. The user states
+    the kind, or else it is found from the median of the readings. Raise an `InputError` if the
+    readings seem to be distances on a circle of another radius, or if they contradict what the user
+    states. ``recording`` is the test as its file holds it; ``reading_um`` are its readings.
     """
     radius_mm = recording.radius_mm
-    # Distances between the balls on a circle of another radius must not be taken for deviations.
+    # ``is_far`` is true for distances on a circle of any radius. On a circle of another radius,
+    # they must not be mistaken for deviations.
     median_mm = float(np.median(reading_um)) * 1e-3
     scatter_mm = float(np.median(np.abs(reading_um - 1e3 * median_mm))) * 1e-3
     is_near = abs(median_mm - radius_mm) < _LARGEST_DEVIATION_MM
@@ -318,11 +321,11 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
 
 
 def _handle_laps(recording: Recording, trace: Trace) -> Trace:
-    """Return angles and readings of a test, with several laps averaged if the layout states so.
+    """Return angles and readings of a test. Laps are averaged if the layout says so.
 
-    If the layout does not state so, all laps (turns) are kept. This is noted, unless the layout
-    states that laps are kept. ``recording`` is the test as its file holds it; ``trace`` holds its
-    angles and readings.
+    A lap is one turn of the bar. If the layout does not say that laps are averaged, all laps are
+    kept. This is noted, unless the layout says that laps are kept. ``recording`` is the test as its
+    file holds it; ``trace`` holds its angles and readings.
     """
     angle = trace.angle_deg
     if len(angle) < 2:
@@ -343,10 +346,11 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
 
 
 def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
-    """Note that the stated direction of travel contradicts the order of the angles.
+    """Add a note if the stated direction of travel contradicts the order of the angles.
 
-    The angles of one lap may have been sorted. Angles that go on over several laps have not, so
-    that an `InputError` is raised, unless the layout states in which sense angles are counted.
+    The angles of a single lap may have been sorted, so that their order does not show the
+    direction. Angles that continue over several laps cannot have been sorted. For them, an
+    `InputError` is raised instead, unless the layout states in which sense angles are counted.
     ``n_laps`` is the number of laps.
     """
     run = direction_of_travel(trace.angle_deg)

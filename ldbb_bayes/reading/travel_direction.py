@@ -1,4 +1,4 @@
-"""Direction of travel of the machine, CW or CCW, as lines above a table and names state it.
+"""Direction of travel of the machine, CW or CCW, in lines above a table and in names.
 
 Examples are the line ``Measured clockwise``, and the words G2 (clockwise) and G3 of G-code.
 """
@@ -29,23 +29,23 @@ _SENSE = re.compile(
     rf"(?<![a-zA-Z])({_WORDS['clock_hand']}|ccw|cw|{_WORDS['in_words']})(?![a-z])",
     re.IGNORECASE,
 )
-# Regular expression for a word of G-code for a circle: G2 or G02 (clockwise), G3 or G03. The word
-# for the grade of a ball, as in "ball G3", is no such word.
+# Regular expression for a word of G-code for a circle: G2 or G02 (clockwise), G3 or G03. The
+# expression does not match the grade of a ball, as in "ball G3".
 _ARC = re.compile(
     r"(?<![^\W_])(?<!ball[ _-])(?<!balls[ _-])(?<!kugel[ _-])(?<!kugeln[ _-])(?<!grade[ _-])"
     r"G0?(?P<sense>[23])(?![^\W_]|[.,]\d)",
     re.IGNORECASE,
 )
-# Regular expression for words which show that G2 or G3 in a line is no circle, but a grade of balls
-# or the name of a product.
+# Regular expression for words which show that G2 or G3 in a line does not mean a circle, but a
+# grade of balls or the name of a product.
 _OTHER_ARC = re.compile(_WORDS["other_arc"], re.IGNORECASE)
 _SENSES_OF_ARCS = {"2": "CW", "3": "CCW"}
 # Regular expression for a word for "direction", with the text that follows it.
 NAMES_DIRECTION = re.compile(_WORDS["after"], re.IGNORECASE)
-# Regular expression for words which show that a direction is not that of the machine's travel, as
-# in "direction of the force".
+# Regular expression for words which show that a direction is not the direction of travel, as in
+# "direction of the force".
 _OTHER_DIRECTION = re.compile(_WORDS["other"], re.IGNORECASE)
-# Regular expression for a direction that is missing, such as a dash.
+# Regular expression for a text, such as a dash, that stands in place of a missing direction.
 _MISSING = re.compile(r"[\s:=;,|()\[\]\-–—.]*(?:n/?a|none)?[\s;,|)\].]*", re.IGNORECASE)
 # Regular expression for words which show that a line is about the sense in which angles are
 # counted.
@@ -56,8 +56,8 @@ _SIDES = {
     "CW": re.compile(rf"[\s:=;,|]*(?:{_WORDS['right']})(?!\w|\sto\b|\snach\b)", re.IGNORECASE),
     "CCW": re.compile(rf"[\s:=;,|]*(?:{_WORDS['left']})(?!\w|\sto\b|\snach\b)", re.IGNORECASE),
 }
-# Regular expression for words for a turn to the left or right, and for a travel that is positive,
-# reversed or the like. They may mean the direction of travel.
+# Regular expression for words that may state the direction of travel: words for a turn to the left
+# or right, and words such as "positive" or "reversed" for the travel.
 _TURNED = re.compile(f"{_WORDS['turned']}|{_WORDS['stated']}", re.IGNORECASE)
 # Regular expression for words which show that a line is about angles.
 _ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
@@ -121,15 +121,16 @@ def directions_stated(
 
     In a line, a direction is accepted if it follows a word such as "direction", if the line also
     has a word such as "run" or "measured", or if the line is nothing but the direction. The words
-    G2 and G3 are accepted anywhere, but not in blocks of G-code that program an arc, because only
-    some of these arcs are the measured circle.
+    G2 and G3 are accepted anywhere in a line. They are not accepted in blocks of G-code that
+    program an arc, because not all of these arcs are the measured circle.
 
     Parameters
     ----------
     lines
         Numbers (or places) and texts of the lines.
     names
-        Names of test, column, sheet and file; only the first that contains a direction is used.
+        Names of test, column, sheet and file; only the first name that contains a direction is
+        used.
     """
     directions: set[str] = set()
     for name in names:
@@ -187,8 +188,8 @@ def _direction_after(text: str) -> set[str]:
 def _senses_of_arcs(text: str) -> set[str]:
     """Return the directions, CW and CCW, that the words G2 and G3 in a text mean.
 
-    The result is empty for a block of G-code that programs an arc, for a line that is nothing but
-    such a word, which is such a block too, and for words that are grades of balls.
+    The result is empty for a block of G-code that programs an arc. A line that consists only of G2
+    or G3 also counts as such a block. The result is also empty if the words are grades of balls.
     """
     is_block = _ARC.fullmatch(text.strip()) is not None or programs_arc(text)
     if is_block or _OTHER_ARC.search(text):
@@ -197,7 +198,7 @@ def _senses_of_arcs(text: str) -> set[str]:
 
 
 def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection | None:
-    """Return the first line that may state a direction but is not understood.
+    """Return the first line that may state a direction of travel but is not understood.
 
     Such a line has a word for direction or a word such as "clockwise", but it does not state the
     direction of travel and is not about angles. Return None if there is no such line.
@@ -218,7 +219,7 @@ def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection 
 
 
 def _may_state_direction(text: str) -> bool:
-    """Return whether a line has words for a direction of travel, but not for that of angles."""
+    """Return whether a line may state a direction of travel, and is not about angles."""
     if _is_about_angles(text):
         return False
     match = NAMES_DIRECTION.search(text)

@@ -1,4 +1,4 @@
-"""Columns of a foreign table that hold, in each row, the unit of a number in another column."""
+"""Columns of units in a foreign table: each cell is the unit of a number in the same row."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ __all__ = ["unit_columns"]
 _PLAIN_UNITS = frozenset(
     {"um", "mm", "cm", "nm", "inch", "mil", "uinch", "deg", "rad", "gon", "kN"}
 )
-# Largest factor of a unit, such as 10 in 10 nm, in a column of units without a header.
+# Largest factor that a unit in a column of units without a header may have, such as 10 in 10 nm.
 _LARGEST_FACTOR = 10.0
 
 
 def unit_columns(
     headers: Sequence[str], cells: Sequence[Sequence[str]], numeric: Sequence[int]
 ) -> dict[int, int]:
-    """Return a dict with the column of units for each column of numbers that has such a column.
+    """Return a dict with the column of units that belongs to each column of numbers.
 
-    The keys are the indices of the columns of numbers, and the values those of the columns of
-    units. A column holds units if its header says so, or if it holds nothing but units. The units
-    belong to the nearest column of numbers to the left that has no units yet, or else to the right.
+    The keys are the indices of the columns of numbers, and the values are the indices of the
+    columns of units. Columns of numbers without units are left out. A column holds units if the
+    header says so, or if every cell is a unit. The units belong to the nearest column of numbers to
+    the left that has no units yet. If there is none, they belong to the nearest such column to the
+    right.
 
     Parameters
     ----------
@@ -57,9 +59,10 @@ def _holds_units(header: str, cells: Sequence[str]) -> bool:
 def _is_plain_unit(text: str, is_nameless: bool) -> bool:
     """Return whether a cell holds nothing but a unit.
 
-    ``is_nameless`` states that the column has no header. If so, a word for counts, a unit with a
-    factor sign in front, as in x 10 µm, and a unit with a factor of at most 10, such as 10 nm, are
-    also units. A number with a larger factor, such as 100 mm, is a length.
+    ``is_nameless`` is true if the column has no header. Three further texts are then taken as
+    units: a word for counts, a unit with the factor sign x in front, as in x 10 µm, and a unit with
+    a factor of at most 10, as in 10 nm. A text with a larger number, such as 100 mm, is a length
+    and not a unit.
     """
     if is_nameless and (COUNT.fullmatch(text) or has_factor(text)):
         return True

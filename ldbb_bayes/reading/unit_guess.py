@@ -1,8 +1,8 @@
-"""Units that are assumed for readings and angles if neither the files nor the user state them.
+"""Units that are assumed for readings and angles if nothing states these units.
 
 One unit is assumed for all tests of a campaign. A unit of the readings fits if a bar can measure
-deviations of the resulting size, and if a machine can be as stiff or as soft as the readings then
-show.
+deviations as large as the readings in this unit, and if a machine can be as stiff or as soft as the
+readings in this unit would mean.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ _SMALL_SCATTER = 0.01
 _TEXT_SHOWN = 60
 # Largest deviation from the radius that a bar can measure [µm].
 _LARGEST_DEVIATION_UM = 1500.0
-# Smallest ratio of the largest reading to the largest force [µm/N]: no machine is stiffer.
+# Smallest possible ratio of the largest reading to the largest force [µm/N]: no machine is stiffer.
 _STIFFEST_UM_PER_N = 0.003
-# Largest change of the readings with the force [µm/N]: no machine is softer.
+# Largest possible change of the readings with the force [µm/N]: no machine is softer.
 _SOFTEST_UM_PER_N = 1.0
 # If the largest force of all tests is below this number, forces without a unit are not taken as
 # newtons, because loaded bars exert larger forces.
@@ -56,13 +56,14 @@ _LARGEST_SPAN_RAD = 7.0
 _COUNTS = re.compile(
     r"(?<![^\W\d_])counts?(?![^\W_])|(?<!\d)(?:0[.,]\d+|10)[ _]?[uµμn]m", re.IGNORECASE
 )
-# Size of a full turn in each unit of angle that is tried besides degrees and radians.
+# Size of a full turn in further units of angle. If angles fit one of these units, the user is
+# asked.
 _OTHER_TURNS = {"gon": 400.0, "mrad": 2e3 * np.pi, "arcmin": 21_600.0}
 _TURN_DEG = 360.0
-# Angles count as whole turns if their range differs from whole turns by at most this number of
-# steps from one angle to the next.
+# Angles are taken to cover whole turns if the covered angle differs from whole turns by at most
+# this number of steps, where a step is the difference of successive angles.
 _STEPS_OF_TURN = 1.5
-# Largest step from one angle to the next on a circle [deg].
+# Largest possible step from one angle of a circle to the next [deg].
 _LARGEST_STEP_DEG = 45.0
 
 
@@ -75,17 +76,18 @@ class _ReadingSize(NamedTuple):
 
 
 def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
-    """Assume units for the readings and angles whose units neither files nor user state.
+    """Assume units for readings and angles whose units neither the files nor the user state.
 
     Readings that are distances between the balls are in mm. All other readings without a stated
     unit get the same unit, and so do all angles without a stated unit. The units are put into
-    ``assumed_units`` of the recordings. Forces whose unit is not stated are in newtons; their size
-    is checked. ``campaign`` are the fields of the campaign that options or files state.
+    ``assumed_units`` of the recordings. Forces without a stated unit are taken as newtons; an error
+    is raised if they are too small. ``campaign`` are the fields of the campaign that options or
+    files state.
 
     Raises
     ------
     OpenQuestionError
-        If several units fit or none does, if forces are too small to be in newtons, and if a header
+        If several units fit or none fits, if forces are too small to be in newtons, or if a header
         or line says that readings are multiplied by a number.
     """
     for recording in recordings:
@@ -111,7 +113,7 @@ def _lacks_unit(recording: Recording, role: str) -> bool:
 def _check_unit_of_forces(recordings: Sequence[Recording]) -> None:
     """Raise an error if forces whose unit is not stated are too small to be in newtons.
 
-    ``recordings`` are the tests with such forces.
+    ``recordings`` are the tests with forces whose unit is not stated.
     """
     largest = max((float(np.abs(entry.numbers["force"]).max()) for entry in recordings), default=0)
     if recordings and largest < _SMALLEST_LOAD_N:
@@ -137,10 +139,10 @@ def _may_be_distance(recording: Recording) -> bool:
 
 
 def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
-    """Assume for the readings the only usual unit, µm or mm, that fits their size.
+    """Assume the unit of the readings, µm or mm, if only one of the two fits their size.
 
-    The unit is recorded with its reason. Raise an `OpenQuestionError` if both units fit or none
-    does, if a line mentions a scale or another unit, or if the readings may be distances between
+    The unit is recorded with its reason. Raise an `OpenQuestionError` if both units fit or neither
+    fits, if a line mentions a scale or another unit, or if the readings may be distances between
     the balls. If all readings are zero, no unit is assumed.
     """
     size = _size_of(recordings, campaign)
@@ -195,7 +197,8 @@ def _check_factors(recording: Recording) -> None:
     column = recording.heading.roles["reading"]
     header = recording.heading.headers[column]
     unit = recording.heading.units[column]
-    # If the unit itself has a factor, the code that reads the unit raises an error for this factor.
+    # A factor in the unit itself is left to the code that reads the unit, which raises an error for
+    # the factor.
     is_unit_plain = re.search(r"\d", unit) is None
     if is_unit_plain and header_has_factor(header) and not may_be_diameter(header):
         raise _unread_factor(recording, f"the header {header[:_TEXT_SHOWN]!r}")
@@ -218,7 +221,7 @@ def _unread_factor(recording: Recording, shown: str) -> OpenQuestionError:
 
 
 def _mentions_other(line: int | str, text: str, unit: str) -> bool:
-    """Return whether a line mentions another unit of readings than ``unit``.
+    """Return whether a line mentions a unit of readings that differs from ``unit``.
 
     The result is False for a line that states a value of any field.
     """
@@ -228,10 +231,10 @@ def _mentions_other(line: int | str, text: str, unit: str) -> bool:
 
 
 def _check_mentions(recording: Recording, unit: str) -> str:
-    """Return a note on the line or name that mentions ``unit``, the unit that fits the readings.
+    """Return a note on a line or name that mentions ``unit``, the unit that fits the readings.
 
-    The note is empty if there is no such line or name. Raise an error if a line or name mentions
-    another unit of readings.
+    The note is empty if no line or name mentions ``unit``. Raise an error if a line or name
+    mentions another unit of readings.
     """
     note = ""
     mentions = []
@@ -299,7 +302,7 @@ def _fits(size: _ReadingSize, um_per_unit: float) -> bool:
 
 
 def _assume_angle_unit(recordings: Sequence[Recording]) -> None:
-    """Assume degrees or radians for the angles from the range that they span.
+    """Assume degrees or radians for the angles, depending on the range that the angles span.
 
     The unit is recorded with its reason. Raise an `OpenQuestionError` if the ranges of the tests
     suggest different units, or if the angles of the first test fit another unit.

@@ -51,7 +51,7 @@ _STATED_IN = {
 }
 # Regular expression for one unit in the part of a line that states units.
 _UNIT = re.compile(r"[^\s;,|:=()\[\]/]+")
-# Regular expression for words for a share of a unit, such as thousandths.
+# Regular expression for a word for a fraction of a unit, such as thousandths.
 _SHARE = re.compile(rf"(?<!\w)(?:{_WORDS['share']})(?!\w)", re.IGNORECASE)
 # Regular expression for a line that is nothing but a label and a unit, such as "Units - mm".
 _BARE_LINE = re.compile(
@@ -59,16 +59,17 @@ _BARE_LINE = re.compile(
     r"(?P<unit>(?:[\d.,]+\s)?[^\s;|()\[\]]+)[\])\s;,|\t]*",
     re.IGNORECASE,
 )
-# Regular expression for a line that is a unit, alone or in brackets behind a word for readings.
+# Regular expression for a line that is nothing but a unit. The unit may be in brackets behind a
+# word for readings.
 _UNIT_ALONE = re.compile(
     rf"\W*(?:{_WORDS['bracketed']})\s*[\[(](?P<bracketed>[^\])]+)[\])]\W*|\W*"
     r"(?P<unit>(?:(?:0[.,]0*1|1/10+)\s?)?[^\W\d]+)\W*",
     re.IGNORECASE,
 )
-# Regular expression for the word "in" beside a sign, as in "+ = in", where it means inward and not
-# inches.
+# Regular expression for the word "in" beside a sign, as in "+ = in". The word then means inward and
+# not inches.
 _SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*", re.IGNORECASE)
-# Regular expression for a unit of readings that is no length.
+# Regular expression for a unit that is stated for readings, but is no unit of length, such as V.
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 # Regular expression for words which say that readings are multiplied or divided by a number.
 _MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)
@@ -100,8 +101,8 @@ _SCALES = (
     ),
 )
 _SCALE = re.compile(rf"(?<!\w)(?:{_WORDS['scale']})(?!\w)", re.IGNORECASE)
-# Units that are also ordinary words, such as "in". They are not taken as units if the text has
-# another unit for the same role of a column.
+# Units that are also ordinary words, such as "in". Such a word is not taken as a unit if the text
+# has another unit for the same role of a column.
 _ALSO_WORDS = ("in",)
 
 
@@ -110,8 +111,8 @@ def units_stated(text: str) -> dict[str, str]:
 
     The keys are ``reading_unit``, ``angle_unit`` and so on. The key ``reading_scale`` holds the
     size of one count, such as ``0.1 um``. A unit that is not known is returned as written, and
-    several units for one role of a column (angle, reading, …) are returned as one text. Both lead
-    to an error only if the table itself does not state the unit.
+    several units for one role of a column (angle, reading, …) are returned as one text. In both
+    cases, an error is raised later, but only if the table itself does not state the unit.
     """
     text = text[:LONGEST_TEXT]
     stated = {}
@@ -156,10 +157,11 @@ def _units_of_bare_line(text: str) -> dict[str, str]:
 
 
 def _unit_alone(text: str) -> str:
-    """Return the unit of readings that a line consists of: ``mm``, ``[mm]`` or ``Readings [mm]``.
+    """Return the unit of a line that only states the unit of readings, such as ``Readings [mm]``.
 
-    A unit with a factor that this package does not read, as in ``x 10 um``, and a unit that is no
-    length, such as V, are returned as written. The result is empty for any other line.
+    Other examples are the lines ``mm`` and ``[mm]``. A unit with a factor that this package does
+    not read, as in ``x 10 um``, and a unit that is no length, such as V, are returned as written.
+    The result is empty for any other line.
     """
     if has_factor(text):
         return text.strip()
@@ -224,8 +226,8 @@ def _unit_after_in(unit: str, text: str, role: str) -> str:
 def _scaled_units(unit: str, role: str) -> dict[str, str]:
     """Return a dict with a unit that has a factor, such as 10 nm.
 
-    Its key is that of the unit's role: ``reading_unit`` for 10 nm. If ``role`` is not empty and the
-    unit does not belong to this role of a column, the dict is empty.
+    The key names the role of a column to which the unit belongs: it is ``reading_unit`` for 10 nm.
+    If ``role`` is not empty and the unit does not belong to this role, the dict is empty.
     """
     name = unit.split()[-1]
     roles = [role] if role else list(UNITS)
@@ -248,7 +250,7 @@ def _role_of_label(label: str) -> str | None:
     """Return the role of a column whose unit a label announces, such as force for ``Force unit``.
 
     The result is an empty string for a label such as ``Units``, which announces the units of all
-    roles, and None for a label with words for something other than a role.
+    roles. The result is None for a label with other words than words for a role or a unit.
     """
     words = []
     for word in _LABEL_WORD.findall(comparable(label)):
@@ -267,8 +269,8 @@ def _units_of_roles(text: str, role: str) -> dict[str, str]:
 
     The keys are ``reading_unit``, ``angle_unit`` and so on. If ``role`` is not empty, only units
     for this role of a column are returned. Several units for one role are joined by "and". If the
-    text has no such unit, the dict holds the whole text as the unit of ``role``, or of the
-    readings.
+    text has no known unit for these roles, the dict holds the whole text as the unit of ``role``,
+    or as the unit of readings if ``role`` is empty.
     """
     roles = [role] if role else list(UNITS)
     names: dict[str, list[str]] = {}
@@ -316,7 +318,7 @@ def header_has_factor(header: str) -> bool:
 
 
 def unit_mentioned(text: str) -> str:
-    """Return the first unit of readings that a text mentions without a number before the unit.
+    """Return the first unit of readings in a text that has no number in front.
 
     The result is empty if the text mentions no such unit. Examples are ``Columns: deg, mm`` and the
     name ``300N_mm``. If the text has a unit with a factor that this package does not read, as in
@@ -337,7 +339,7 @@ def unit_mentioned(text: str) -> str:
 
 
 def unknown_unit_in(line: str) -> str:
-    """Return the unknown unit in a line of a label and a unit, such as V in ``Units (V)``.
+    """Return the unknown unit in a line that is a label and a unit, such as V in ``Units (V)``.
 
     The result is empty for any other line.
     """

@@ -26,9 +26,11 @@ __all__ = [
     "unit_named",
 ]
 
-# Number of characters at the beginning of a line that are examined; the rest is ignored.
+# Number of characters that are examined at the beginning of a line; all further characters are
+# ignored.
 LONGEST_TEXT = 300
-# Number of characters at the beginning of a column's header that are examined; the rest is ignored.
+# Number of characters that are examined at the beginning of a column's header; all further
+# characters are ignored.
 LONGEST_NAME = 200
 # Longest unit [characters]; a longer text is no unit.
 _LONGEST_UNIT = 40
@@ -54,16 +56,16 @@ def _role_words() -> dict[str, list[str]]:
     return role_words
 
 
-# Words that column headers use for each role; the keys are the roles, such as angle. If a header
-# fits several roles, the first of these roles in the order of the keys is used.
+# Words that column headers use for each role; the keys are the roles, such as angle. A header may
+# have words of several roles; of these roles, the one that is first among the keys is used.
 ROLES: Mapping[str, Sequence[str]] = _role_words()
-# Regular expression for words for quantities that are neither load nor radius of a test, such as a
-# maximum or an ambient pressure.
+# Regular expression for words for other quantities, such as a maximum or an ambient pressure, which
+# must not be mistaken for the load or the radius of a test.
 OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
 
 
 def comparable(text: str) -> str:
-    """Return a text in a form for comparison, in which spelling variants are equal.
+    """Return a text in a form for comparison: texts that differ only in spelling become equal.
 
     The form has one sign for micro, no capitals, and no blank, dot or colon at either end.
     """
@@ -84,9 +86,9 @@ def _unit_sizes() -> dict[str, dict[str, float]]:
 
 
 def _units_by_word() -> dict[str, str]:
-    """Return a dict with this package's names of units; its keys are the units as files write them.
+    """Return a dict with the name that this package uses for each unit in a file.
 
-    The keys are in the form for comparison (see `comparable`).
+    The keys are the spellings of units in files, in the form for comparison (see `comparable`).
     """
     units_by_word: dict[str, str] = {}
     for units in WORDS["units"].values():
@@ -104,7 +106,7 @@ _UNITS_BY_WORD = _units_by_word()
 
 
 def unit_named(text: str) -> str:
-    """Return this package's name of the unit that a text names.
+    """Return the name that this package uses for the unit that a text names.
 
     Return an empty text if the text names no known unit.
     """
@@ -114,10 +116,11 @@ def unit_named(text: str) -> str:
 
 
 def scaled_unit(text: str) -> str:
-    """Return this package's name of a unit that may have a factor: ``0.1 um`` for ``0,1 µm``.
+    """Return the name that this package uses for a unit: ``um`` for ``µm``.
 
-    Readings in counts of 0.1 µm have the unit ``0.1 um``; ``1/1000 mm`` becomes
-    ``0.001 mm``. Return an empty text if the text names no known unit, or if the factor is zero.
+    The unit may have a factor: the result is ``0.1 um`` for ``0,1 µm`` (the unit of readings in
+    counts of 0.1 µm), and ``0.001 mm`` for ``1/1000 mm``. Return an empty text if the text names no
+    known unit, or if the factor is zero.
     """
     unit = unit_named(text)
     match = _SCALED_UNIT.fullmatch(text.strip())

@@ -29,10 +29,10 @@ _MEGABYTE = 2**20
 _LARGEST_UNPACKED = 256 * _MEGABYTE
 # Largest ratio of unpacked to packed size of a workbook.
 _LARGEST_RATIO = 200.0
-# A workbook may unpack to this many bytes in addition to ``_LARGEST_RATIO`` times its size, because
-# small files may be packed more tightly.
+# A workbook may unpack to this number of bytes in addition to ``_LARGEST_RATIO`` times its size,
+# because the ratio of sizes may be larger for small files.
 _SMALL_ARCHIVE = _MEGABYTE
-# Regular expression for a cell with a very high row or column number: a table that extends to this
+# Regular expression for a cell with a very high row or column number. A table that extends to this
 # cell does not fit into memory.
 _DISTANT_CELL = re.compile(rb'\br="([A-Z]{3,}\d+|[A-Z]+\d{6,})"')
 # Size [bytes] of one sector of a compound file, the format of XLS. A complete file consists of
@@ -55,13 +55,14 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     raw
         Content of the file.
     wanted
-        Names of the sheets to return; without names, all sheets that are not hidden are returned.
+        Names of the sheets to return. If no names are given, all sheets that are not hidden are
+        returned, or all sheets if every sheet is hidden.
 
     Raises
     ------
     InputError
-        For a workbook that is damaged, empty, too large or protected by a password, and for a
-        wanted name that no sheet has.
+        If the workbook is damaged, empty, too large or protected by a password, or if no sheet has
+        one of the wanted names.
     """
     if raw.startswith(ARCHIVE_SIGNATURE):
         _check_archive(path, raw)
@@ -106,11 +107,12 @@ def _sheets_of(
     wanted: Sequence[str],
     parts: Mapping[str, SheetParts],
 ) -> list[Sheet]:
-    """Return the wanted sheets of a workbook that are not empty, without hidden rows.
+    """Return the wanted sheets of a workbook without hidden rows; empty sheets are left out.
 
-    ``wanted`` are the names of these sheets. If there are none, all sheets that are not hidden are
-    returned, or all sheets if every sheet is hidden. ``parts`` holds the hidden rows, units in
-    number formats and formulas without a value of each sheet; its keys are the names of the sheets.
+    ``wanted`` are the names of the wanted sheets. If no names are given, all sheets that are not
+    hidden are returned, or all sheets if every sheet is hidden. ``parts`` holds, for each sheet,
+    the hidden rows, the units in number formats, and the formulas without a value. The keys of
+    ``parts`` are the names of the sheets.
     """
     check_known(f"{path}: sheet", wanted, book.sheet_names)
     hidden = _hidden_sheets(book)
@@ -158,7 +160,7 @@ def _rows_of(sheet: python_calamine.CalamineSheet, hidden_lines: Collection[int]
 
 
 def _cell_text(value: object) -> str:
-    """Return the value of a cell as text; a whole number has no decimal point."""
+    """Return the value of a cell as text. A whole number is written without a decimal point."""
     if isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_WHOLE:
         return f"{value:.0f}"
     return str(value).strip()
@@ -167,9 +169,9 @@ def _cell_text(value: object) -> str:
 def _check_archive(path: Path, raw: bytes) -> None:
     """Raise an `InputError` for a zipped workbook that is damaged or would not fit into memory.
 
-    XLSX and ODS files are zipped. A workbook would not fit if it unpacks to too many bytes or, in
-    XLSX, has a cell with a very high row or column number. ``raw`` is the content of the file at
-    ``path``, a ZIP archive.
+    XLSX and ODS files are zipped. A workbook would not fit if it unpacks to too many bytes, or if
+    it is an XLSX file with a very high row or column number. ``raw`` is the content of the file at
+    ``path``, which is a ZIP archive.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:

@@ -1,6 +1,7 @@
-"""Contents of an XLSX workbook that the values of its cells do not show.
+"""Contents of an XLSX workbook other than the values of cells.
 
-These are units in the number formats of cells, hidden rows, and formulas without a stored value.
+The contents are units in the number formats of cells, hidden rows, and formulas without a stored
+value.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ __all__ = ["SheetParts", "parts_of_sheets"]
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 _RELATIONS = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}"
 _PACKAGE = "{http://schemas.openxmlformats.org/package/2006/relationships}"
-# Texts in a number format: in quotes, or a single character after a backslash.
+# Regular expression for texts in a number format. A text is in quotes, or is a single character
+# after a backslash.
 _TEXT_IN_FORMAT = re.compile(r'"([^"]*)"|\\(.)')
 _CELL_NAME = re.compile(r"([A-Z]+)(\d+)")
 _LETTERS = 26
@@ -30,7 +32,7 @@ _LARGEST_PART = 64 * 2**20
 
 @dataclass
 class SheetParts:
-    """Contents of one sheet of a workbook that the values of its cells do not show."""
+    """Contents of one sheet of a workbook other than the values of cells."""
 
     #: units in the number formats of cells; each key is a pair of line number and index of the
     #: column
@@ -41,7 +43,7 @@ class SheetParts:
 
 
 def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
-    """Return a dict with hidden rows, units and formulas without a value for each XLSX sheet.
+    """Return a dict with the hidden rows, units and formulas without a value of each sheet.
 
     The keys are the names of the sheets. The dict is empty for a workbook of another format, and
     for a workbook whose contents cannot be read. ``raw`` is the content of the file.
@@ -65,7 +67,7 @@ def _root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
 
 
 def _paths_of_sheets(archive: zipfile.ZipFile) -> dict[str, str]:
-    """Return a dict with the paths of the sheets inside the workbook; its keys are sheet names."""
+    """Return a dict with the paths of the sheets inside the workbook; the keys are sheet names."""
     targets = {}
     for relation in _root(archive, "xl/_rels/workbook.xml.rels").iter(f"{_PACKAGE}Relationship"):
         target = relation.get("Target", "")
@@ -148,7 +150,7 @@ def _elements(stream: IO[bytes]) -> Iterator[ElementTree.Element]:
 
 
 def _place_of(name: str) -> tuple[int, int] | None:
-    """Return the line number and the column index of a cell from its name, such as B2.
+    """Return the line number and the column index of the cell with a name such as B2.
 
     Return None if the text is not the name of a cell.
     """

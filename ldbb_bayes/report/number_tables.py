@@ -206,8 +206,8 @@ def _averaged(findings: Findings) -> pd.DataFrame:
     """Return a table of the estimates averaged over models, which the certificate states.
 
     The table has no slopes (coefficients of the change of compliance with force). In some of the
-    averaged models a slope is exactly zero. Its mean and U therefore do not describe its
-    distribution.
+    averaged models, a slope is exactly zero. The mean and U of a slope therefore do not describe
+    its distribution.
     """
     averaged = findings.numbers
     summary = summarize(averaged, prob=findings.prob)

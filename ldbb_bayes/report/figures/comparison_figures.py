@@ -51,13 +51,13 @@ class _Assumption(NamedTuple):
 def evidence(comparison: Comparison) -> Figure:
     """Draw the log Bayes factor ln B of two models under several assumptions.
 
-    ln B is that of the second model over the first. Each row is for one assumption. Some
-    assumptions are about the width of the prior of the slopes (changes of compliance with force),
-    others about how circles differ from one another. Bars on the dots are 95 % intervals of the
-    numerical error. The numbers at the right are the log evidence for each assumption about
-    circles, minus the log evidence for the assumption that the models make. The scale is linear.
-    The scale is broken if assumptions that the readings reject give values far from all other
-    values.
+    ln B is positive if the readings favour the second model over the first. Each row is for one
+    assumption. Some assumptions are about the width of the prior of the slopes (changes of
+    compliance with force), others about how circles differ from one another. Bars on the dots are
+    95 % intervals of the numerical error. The numbers at the right are the log evidence for each
+    assumption about circles, minus the log evidence for the assumption that the models make. The
+    scale is linear. The scale is broken if assumptions that the readings reject give values far
+    from all other values.
 
     Parameters
     ----------
