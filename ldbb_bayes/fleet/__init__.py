@@ -1,4 +1,4 @@
-"""Analysis of many campaigns: batches of fits, the trend of a machine, populations of machines."""
+"""Analyses of many campaigns: batches of fits, trends of one machine, populations of machines."""
 
 import lazy_loader
 

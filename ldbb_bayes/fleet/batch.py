@@ -1,4 +1,4 @@
-"""Separate fits of many campaigns, with the results of all campaigns in one table."""
+"""Separate fits of many campaigns, whose results are written into one table."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 
 __all__ = ["Batch", "run_batch"]
 
-# Largest number of failed campaigns, and largest number of doubtful campaigns, that the result of a
-# batch lists. Further campaigns are only counted.
+# Largest number of failed campaigns that the result of a batch lists, and largest number of
+# campaigns in doubt that it lists. Further campaigns are only counted.
 _LONGEST_NAMED = 10_000
 
 
 @dataclass(frozen=True)
 class Batch(Result):
-    """Result of a finished batch: where its table is, and how many campaigns were fitted.
+    """Result of a finished batch: the place of its table, and the numbers of campaigns.
 
     Examples
     --------
@@ -75,8 +75,8 @@ class Batch(Result):
     #: with its file path (key ``campaign``) and a sentence that says how far the fit can be trusted
     #: (key ``verdict``); at most 10 000 campaigns
     doubts: tuple[dict[str, str], ...]
-    #: number of campaigns that this run of the batch tried to fit; earlier runs tried the remaining
-    #: campaigns
+    #: number of campaigns that this run of the batch tried to fit; earlier runs tried to fit the
+    #: remaining campaigns
     fitted: int
     seconds: float  #: duration of this run of the batch [s]
     resumed: bool  #: whether this run continued an earlier run of the same batch
@@ -108,26 +108,27 @@ def run_batch(
 ) -> Batch:
     """Fit every campaign separately and write the results as the rows of one table.
 
-    The row of a campaign that cannot be fitted states the reason. Every row is saved as soon as it
-    is computed. If a batch is stopped for any reason (Ctrl-C, kill -9, a full disk), the same call
-    with ``resume=True`` fits the remaining campaigns. The table is then the same as that of an
-    uninterrupted batch.
+    If a campaign cannot be fitted, its row states the reason. Every row is saved as soon as it is
+    computed. If a batch is stopped for any reason (Ctrl-C, kill -9, a full disk), the same call
+    with ``resume=True`` fits the remaining campaigns. The table is then the same as if the batch
+    had not been stopped.
 
     Parameters
     ----------
     campaigns : iterable of path
-        Campaign folders, campaign.toml files, tidy CSV files, folders of campaigns, and lists of
-        campaigns: ``@FILE`` or a .txt file with one path per line.
+        Paths of campaign folders, campaign.toml files, tidy CSV files, folders of campaigns, and
+        lists of campaigns. A list is ``@FILE`` or a .txt file, with one path per line.
     out : path
-        Folder for the rows and the table; it is made if missing.
+        Folder for the rows and the table. The folder is made if it does not exist.
     model : HybridModel, optional
         Model of the fits. Default: the default model with compliance linear in force.
     sampler : {"independent", "joint"}
         Method of drawing from the posterior; see `sample`.
     executor : Executor, or callable that starts one, optional
-        Executor that runs the fits. Default: this process fits one campaign after the other. A
-        function that starts an executor, such as ``process_executor``, is called after this run has
-        locked ``out``, and the lock is kept until the workers have ended.
+        Executor that runs the fits. Default: this process fits one campaign after the other. If a
+        function is given that starts an executor, such as ``process_executor``, the function is
+        called after this run has locked the folder ``out``, and the folder stays locked until the
+        workers of the executor have ended.
     seed : int
         Seed of the random draws, a whole number from 0 to 2^63 − 1.
     ess : float
@@ -143,8 +144,9 @@ def run_batch(
         Fields of `Instrument` for all campaigns; they replace the fields in campaign.toml. The keys
         are the names of the fields.
     tolerances : mapping of str to str, optional
-        Limits of quantities for all campaigns, see `assess_conformity`; they replace the limits in
-        campaign.toml. The keys are the names of the quantities.
+        Tolerances of quantities for all campaigns, as texts such as "60 nm/N" (see
+        `assess_conformity`); they replace the tolerances in campaign.toml. The keys are the names
+        of the quantities.
     resume : bool
         Whether to continue an earlier run in ``out``. If there is no earlier run, a new batch
         begins.
@@ -153,21 +155,22 @@ def run_batch(
     force : bool
         Whether to replace an earlier batch in ``out``.
     progress : callable, optional
-        Function that is called with three numbers: those of finished campaigns, of all campaigns,
-        and of failed campaigns.
+        Function that is called with three arguments: the number of finished campaigns, the number
+        of all campaigns, and the number of failed campaigns.
 
     Returns
     -------
     Batch
-        The finished batch: its table, and the numbers of campaigns fitted, failed and in doubt.
+        The finished batch: the place of its table, and the numbers of campaigns that were fitted,
+        that failed and that are in doubt.
 
     Raises
     ------
     InputError
-        If there are no campaigns, an option is out of range, pyarrow is not installed, or ``out``
-        cannot be written. Also if ``out`` holds a batch and neither ``resume`` nor ``force`` is
-        true. Also if ``resume`` is true and the batch in ``out`` has other campaigns, options or
-        versions.
+        If there are no campaigns, an option is out of range, pyarrow is not installed, or the
+        folder ``out`` cannot be written. Also if the folder ``out`` holds a batch and neither
+        ``resume`` nor ``force`` is true. Also if ``resume`` is true and the batch in the folder has
+        other campaigns, options or versions of software.
 
     Examples
     --------
@@ -256,9 +259,9 @@ def _number(paths: Iterable[str]) -> list[Job]:
 
 
 def _canonical_toml(model: HybridModel) -> str:
-    """Return the TOML text of a model, with the terms (effects that it contains) in a fixed order.
+    """Return the TOML text of a model, with the model's terms (effects) in a fixed order.
 
-    Models that differ only in the order in which their terms were given have the same text.
+    Two models that differ only in the order in which their terms were given have the same text.
     """
     return model_to_toml(model_from_toml(model_to_toml(model)))
 
@@ -269,8 +272,8 @@ def _started(
 ) -> Iterator[Executor | None]:
     """Yield the executor that runs the fits of a batch, or None if the fits run in this process.
 
-    If ``executor`` is a function, it is called to start an executor, which is stopped when the
-    ``with`` block ends.
+    If ``executor`` is a function, the function is called to start an executor, and this executor is
+    stopped when the ``with`` block ends.
     """
     if callable(executor):
         with executor() as started:
@@ -288,11 +291,11 @@ def _fit_campaigns(
 ) -> int:
     """Fit the campaigns of a batch that have no row yet, and return the number of these campaigns.
 
-    The rows are kept in the ``journal``, a database in the folder of the batch, in which each new
-    row is saved. If ``retry`` is true, campaigns that failed in an earlier run are fitted again as
-    well. ``executor`` runs the fits in other processes; if it is None, the fits run in this
-    process. ``progress`` is called with three numbers: those of finished campaigns, of all
-    campaigns and of failed campaigns.
+    Each row is saved in the ``journal``, a database in the folder of the batch, as soon as it is
+    computed. If ``retry`` is true, campaigns that failed in an earlier run are fitted again.
+    ``executor`` runs the fits; if ``executor`` is None, the fits run in this process. ``progress``
+    is called with three arguments: the number of finished campaigns, the number of all campaigns
+    and the number of failed campaigns.
     """
     jobs = _pending_jobs(journal, retry)
     (campaigns,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
@@ -336,10 +339,10 @@ def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
 
 
 def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
-    """Return the number of campaigns of a batch for each state of a fit, such as "doubtful".
+    """Return the number of campaigns in each state of a fit, such as "doubtful".
 
     The state says how far the fit of a campaign can be trusted. The keys of the result are the
-    states. A campaign that could not be fitted is counted under the key "failed". ``journal`` is
+    states. Campaigns that could not be fitted are counted under the key "failed". ``journal`` is
     the database with the rows of the batch.
     """
     query = "SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1"
@@ -352,9 +355,9 @@ def _named_campaigns(
     """Return one dictionary for each campaign whose fit has one of the given states.
 
     ``states`` are the given states, such as "doubtful"; "failed" stands for campaigns that could
-    not be fitted. A dictionary holds the file path of the campaign (key ``campaign``) and the
-    campaign's value in one column of the batch's table. The name of this column, such as
-    ``reason``, is ``column`` and is also the key of the value. ``journal`` is the database with the
+    not be fitted. A dictionary has two entries. The key ``campaign`` gives the file path of the
+    campaign. The second key is ``column``, the name of a column of the batch's table such as
+    "reason"; it gives the campaign's value in this column. ``journal`` is the database with the
     rows of the batch. At most 10 000 dictionaries are returned.
     """
     marks = ", ".join("?" * len(states))

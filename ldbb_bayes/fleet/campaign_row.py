@@ -37,9 +37,10 @@ from ldbb_bayes.report.fit_tables import words_of_fit
 __all__ = ["Job", "Settings", "failed_row", "fit_row"]
 
 # Error allowed in each of the two log evidences from which a campaign's Bayes factor is computed
-# [nat]. A tenth of a nat changes no decision between constant and linear compliance.
+# [nat]. The error of the log Bayes factor is then at most a tenth of a nat, which changes no
+# decision between constant and linear compliance.
 _EVIDENCE_TOLERANCE = 0.05
-# Largest length of the text in a row that states why a campaign could not be fitted [characters].
+# Largest number of characters of the text in a row that states why a campaign could not be fitted.
 _LONGEST_REASON = 1200
 # Attributes of `Campaign` that are copied into columns of a batch's table with the same names.
 _CAMPAIGN_COLUMNS = ("name", "sha256", "machine_id", "date", "topology", "readings")
@@ -58,16 +59,16 @@ class Settings:
     #: fields of `Campaign` for campaigns that are read from tidy CSV files, which cannot state
     #: these fields; the keys are the names of the fields
     table: Mapping[str, Any] = field(default_factory=dict)
-    #: fields of `Instrument` from certificates; the keys are the names of the fields. These fields
-    #: replace the fields that the campaigns themselves state.
+    #: fields of `Instrument` that certificates state; the keys are the names of the fields. The
+    #: values replace the values that the campaigns state for the same fields.
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    #: tolerances as texts; the keys are the names of the quantities. These tolerances replace those
-    #: that the campaigns themselves state.
+    #: tolerances as texts; the keys are the names of the quantities. They replace the tolerances
+    #: that the campaigns state for the same quantities.
     tolerances: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def model(self) -> HybridModel:
-        """Model of the fits, made from its TOML text ``model_toml``."""
+        """Model of the fits, read from the TOML text ``model_toml``."""
         return _cached_model(self.model_toml)
 
 
@@ -75,9 +76,10 @@ _cached_model = lru_cache(maxsize=4)(model_from_toml)
 
 
 class Job(NamedTuple):
-    """One campaign to be fitted: its number in the batch, from 0, and its file path.
+    """One campaign to be fitted: its number in the batch, counted from 0, and its file path.
 
-    ``path`` is the file path as the user gave it, ``absolute_path`` the same path in absolute form.
+    ``path`` is the file path in the user's spelling, and ``absolute_path`` is the same path in
+    absolute form.
     """
 
     number: int
@@ -98,9 +100,9 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
     -------
     Dictionary of the values in the row; the keys are names of columns. The entry ``parameters``
     holds the unit, moments and credible interval of each parameter, and the entry ``stiffness``
-    those of each stiffness by direction. The entry ``conformity`` holds the probability and
-    decision of each quantity with a tolerance. The row of a campaign that cannot be fitted has
-    status "failed" and a reason.
+    holds the same numbers for each stiffness by direction. The entry ``conformity`` holds, for each
+    quantity with a tolerance, the probability of conformity and the decision. The row of a campaign
+    that cannot be fitted has the status "failed" and states the reason.
     """
     origin: dict[str, Any] = {}
     try:
@@ -140,8 +142,8 @@ def _read(settings: Settings, path: str) -> Campaign:
 def _reason(error: Exception, job: Job) -> str:
     """Return one line of text that states why a campaign could not be fitted.
 
-    ``error`` is the error that the fit raised. In the text, the file path of the campaign is
-    written as the user gave it.
+    ``error`` is the error that the fit raised. In the text, the file path of the campaign is in the
+    user's spelling.
     """
     reason = plain_reason(error)
     if reason is None:
@@ -167,7 +169,7 @@ def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
 
 
 def _origin_columns(campaign: Campaign) -> dict[str, Any]:
-    """Return the columns of a row that describe the campaign: machine, date, tests, forces.
+    """Return the values of a row that describe the campaign, such as machine, date and forces.
 
     The keys of the result are the names of the columns in the table of a batch.
     """
@@ -186,7 +188,7 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     """Fit a campaign, and return the values of its row in the table of a batch.
 
     The keys of the result are the names of the table's columns. Besides the results of the fit, the
-    row holds further quantities: the Bayes factor of linear over constant compliance, the
+    row may hold further quantities: the Bayes factor of linear over constant compliance, the
     sufficient statistics, the stiffness by direction and the conformity with tolerances. If one of
     these further quantities cannot be computed, a warning in the row names this quantity.
     """
@@ -221,10 +223,10 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
 def _functions_of_further_columns(
     settings: Settings, campaign: Campaign, density: HyperPosterior, fitted: FittedModel
 ) -> dict[str, Callable[[], dict[str, Any]]]:
-    """Return functions that compute quantities of a campaign besides its parameters.
+    """Return the functions that compute further quantities of a campaign from its fit.
 
-    The keys of the result are the names of these quantities. Each function returns a dictionary of
-    values in the campaign's row of the batch's table.
+    The keys of the result are the names of these quantities. Each function returns a dictionary
+    with values of the campaign's row in the batch's table.
 
     The Bayes factor and the sufficient statistics are computed only if the priors are not flat. For
     the Bayes factor, the settings must also request it, the compliances of the model must depend on
@@ -262,10 +264,11 @@ def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
 def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     """Return a dictionary with the stiffness by direction at the reference force.
 
-    The entry ``stiffness`` of the dictionary holds the unit and numbers of each quantity; the keys
-    are the names of the quantities. If a stiffness has only a lower limit, its other numbers are
-    None. If the readings do not determine a direction, all numbers of this direction are None. If
-    the reference force is zero, the dictionary is empty.
+    The dictionary has one entry, ``stiffness``: a dictionary with the unit and the numbers of each
+    quantity, whose keys are the names of the quantities. If the readings give only a lower limit of
+    a stiffness, all other numbers of this stiffness are None. If the readings do not determine a
+    direction, all numbers of this direction are None. If the reference force is zero, the
+    dictionary returned is empty.
     """
     reference_N = fitted.draws.bound.setting.reference_force_N
     if not reference_N > 0.0:
@@ -284,11 +287,10 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
 
 
 def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
-    """Return the numbers in a row of `DirectionalStiffness.table`, with None if not determined.
+    """Return the numbers of one quantity from its row of `DirectionalStiffness.table`.
 
-    If the readings do not determine the quantity of the row, all numbers are None, with one
-    exception: the lower end of the interval of a stiffness is kept, because it is the stiffness's
-    lower limit.
+    If the readings do not determine the quantity, its numbers are None, with one exception: the
+    lower end of the interval of a stiffness is kept, because it is a lower limit of the stiffness.
     """
     numbers: dict[str, float | None] = {name: row[name] for name in PARAMETER_COLUMNS}
     if not row["is_determined"]:
@@ -310,7 +312,7 @@ def _parameter_numbers(fitted: FittedModel, prob: float) -> dict[str, dict[str, 
 
     Hyper-parameters are the scales of the noise and of other effects. The keys of the result are
     the names of the parameters and hyper-parameters. ``prob`` is the probability of the credible
-    interval.
+    intervals.
     """
     bound = fitted.draws.bound
     units = {parameter.name: parameter.unit for parameter in bound.parameters}

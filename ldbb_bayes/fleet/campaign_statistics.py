@@ -1,8 +1,8 @@
 """Sufficient statistics of one campaign: moments of its parameters and of instrument errors.
 
-Analyses of many campaigns need no other numbers of a campaign. Parameters are compliances,
-their slopes and geometric errors; instrument errors (of the mount, the force gain) are nuisance
-coefficients, that is, effects that are modelled but not of interest.
+Analyses of many campaigns need no other results of a campaign's fit. Parameters are compliances,
+their changes with force (slopes) and geometric errors. Instrument errors are errors of the mount's
+deflection and of the force; they are modelled but not of interest (nuisance coefficients).
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from ldbb_bayes.results import Array
 __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"]
 
 # Number of nodes for which the parameters' moments are computed in one block. Nodes are values of
-# the hyper-parameters, the scales of the noise and of other effects. Given a node, all other
-# unknowns have a Gaussian distribution.
+# the hyper-parameters (the scales of the noise and of other effects). Given the hyper-parameters,
+# all other unknowns have a Gaussian distribution.
 _NODES_AT_ONCE = 256
-# Moments of the parameters are averages over this number of nodes (values of the hyper-parameters),
-# which are selected in proportion to their weights. The error of a mean is then a small share of
-# the parameter's standard uncertainty.
+# Moments of the parameters are averages over this number of nodes (values of the hyper-parameters).
+# The nodes are selected with probabilities proportional to their weights. The numerical error of a
+# mean is then a small share of the parameter's standard uncertainty.
 _NODES = 512
-# Nodes (values of the hyper-parameters) are selected systematically, beginning at a random place.
-# This is the seed of the random number that determines the place.
+# Seed of the random number with which the systematic selection of nodes (values of the
+# hyper-parameters) begins.
 _SEED = 0
 
 
@@ -37,9 +37,10 @@ _SEED = 0
 class SufficientStatistics:
     """Posterior moments of a campaign's parameters and of the errors of its instrument.
 
-    There are q quantities: first the parameters (compliances, slopes, geometric errors), then the
-    errors of the instrument (such as mount and force gain), which may be the same in several
-    campaigns. All values are in internal units (mm, N, rad).
+    There are q quantities: first the parameters (compliances, their changes with force, geometric
+    errors), then the errors of the instrument (of the mount's deflection and of the force). The
+    errors of the instrument have the same values in all campaigns with this instrument. All moments
+    are in internal units (mm, N, rad).
     """
 
     names: tuple[str, ...]
@@ -54,9 +55,8 @@ class SufficientStatistics:
     def columns(self) -> dict[str, list[Any]]:
         """Return the statistics as a dictionary of lists.
 
-        The keys of the result are the names of the columns in a batch's table.
-
-        The list of the covariance matrix contains only the lower triangle, row by row.
+        The keys of the result are the names of the columns in a batch's table. The list for the
+        covariance matrix contains only the lower triangle of the matrix, row by row.
         """
         lists: dict[str, list[Any]] = {}
         for name, value in vars(self).items():
@@ -73,8 +73,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     Parameters
     ----------
     posterior : posterior density of the campaign's hyper-parameters (scales of the noise and of
-        other effects). This density must allow negative compliances, and its priors must not be
-        flat.
+        other effects), for a model in which compliances may be negative and priors are not flat.
     """
     bound = posterior.bound
     chosen = _choose_coefficients(bound)
@@ -106,7 +105,8 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 class _ChosenCoefficients(NamedTuple):
     """The q coefficients whose posterior moments are computed: parameters, then instrument errors.
 
-    Instrument errors, such as those of mount and force gain, may be the same in several campaigns.
+    Instrument errors are the errors of the mount's deflection and of the force. They have the same
+    values in all campaigns with one instrument.
     """
 
     #: indices of the q coefficients in the vector of all coefficients that are common to the tests
@@ -122,11 +122,11 @@ class _ChosenCoefficients(NamedTuple):
 
 
 def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
-    """Return the coefficients that campaigns may share: parameters, then instrument errors.
+    """Return the coefficients whose moments are needed: parameters, then instrument errors.
 
     Instrument errors are nuisance coefficients, that is, effects that are modelled but not of
-    interest. In the bound model (a model applied to one campaign) all nuisance coefficients come
-    before the parameters.
+    interest. In the vector of all coefficients of the bound model (a model applied to one
+    campaign), the nuisance coefficients come before the parameters.
     """
     nuisance_sds: list[tuple[str, float]] = []
     for term in bound.nuisance_columns:
@@ -158,13 +158,14 @@ def mixture_covariance(
 ) -> tuple[Array, Array]:
     """Return the mean (q,) and covariance (q, q) of a weighted mixture of k distributions.
 
-    Each distribution is that of a vector of q elements.
+    All distributions are those of vectors with q elements.
 
     Parameters
     ----------
     weight : weights of the k distributions, which sum to one, shape (k,).
     mean : means of the distributions, shape (k, q).
-    covariance : covariances of the distributions, shape (k, q, q); None if all of them are zero.
+    covariance : covariances of the distributions, shape (k, q, q). None means that all covariances
+        are zero.
     """
     centre = weight @ mean
     deviation = mean - centre

@@ -2,11 +2,11 @@
 
 c_t = c + Δ e_j 1[t ≥ k] + w_t, t = 1..n
 
-c_t are the machine's p parameters in campaign t of n; c is their level before any change. From
-campaign k on, parameter j differs by the step Δ. The unit vector of that parameter is e_j. The
-factor 1[t ≥ k] is one from campaign k on and zero before. w_t is the machine's scatter from
-campaign to campaign, with the standard deviation r. b are the s errors of the instrument, the same
-in all campaigns. In units of the prior's sd:
+c_t are the machine's p parameters in campaign t of n campaigns. c are the levels of the parameters
+before any change. From campaign k on, parameter j differs from its level by the step Δ; e_j is the
+unit vector of parameter j. The factor 1[t ≥ k] is one from campaign k on and zero before. w_t is
+the machine's scatter from campaign to campaign, with the standard deviation r. b are the s errors
+of the instrument; they are the same in all campaigns. In units of the prior standard deviations:
 
 c ~ N(0, I), b ~ N(0, I), w_t ~ N(0, r² I), r ~ HalfNormal(repeatability), Δ ~ N(0, change_scale²)
 
@@ -14,11 +14,11 @@ At most one step occurs. If a step occurs, all p (n − 1) pairs of a parameter 
 from 2 to n are equally probable a priori. A hypothesis states a value of r, and either the
 parameter j and the campaign k of a step, or that there is no step. Under each hypothesis all
 distributions are Gaussian: w_t is integrated out in each campaign, and the posterior follows from
-sums over t ≥ k and one small linear system. The likelihood of a campaign has a precision matrix
-(inverse covariance) Λ of (c, b), which may be singular.
+sums over t ≥ k and one small linear system. The likelihood of a campaign is a Gaussian function of
+(c, b), whose precision matrix Λ (inverse covariance) may be singular.
 
-In the shapes of arrays, r has another meaning: it is the number of nodes (values) of the scatter.
-n is the number of campaigns, p that of parameters, s that of instrument errors, and q = p + s.
+In the shapes of arrays, r is not the scatter, but the number of values of the scatter. n is the
+number of campaigns, p the number of parameters, s the number of instrument errors, and q = p + s.
 """
 
 from __future__ import annotations
@@ -43,25 +43,27 @@ __all__ = [
 ]
 
 # The scatter r is the standard deviation of a machine's parameters from campaign to campaign. It is
-# integrated out as a sum over nodes (values of r). ``_LOWEST_RATIO`` and ``_HIGHEST_RATIO`` are the
-# lowest and the highest node divided by the scale of the prior of r. ``_LOG_STEP`` is the step of
-# ln r between nodes. The prior density beyond the highest node is negligible.
+# integrated out by a sum over nodes (values of r). ``_LOWEST_RATIO`` is the lowest node divided by
+# the scale of the prior of r, and ``_HIGHEST_RATIO`` is the highest node divided by this scale.
+# ``_LOG_STEP`` is the largest step of ln r between nodes. The prior density above the highest node
+# is negligible.
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
-# A hypothesis states which parameter of a machine changed by a step and just before which campaign,
-# or that no parameter changed. Quantiles are computed without those hypotheses whose probability,
-# divided by the probability of the most probable hypothesis, is at most this number.
+# Hypotheses differ in the parameter that changed by a step, in the campaign just before which it
+# changed, and in the scatter; one kind of hypothesis is that no parameter changed. A hypothesis is
+# left out of the computation of quantiles if its probability, divided by the probability of the
+# most probable hypothesis, is at most this number.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 
 def scatter_rule(repeatability: float) -> tuple[Array, Array]:
-    """Return nodes of the scatter r and their prior weights, each of shape (number of nodes,).
+    """Return the nodes of the scatter r and the prior weights of the nodes, shape (nodes,) each.
 
-    The scatter r is the standard deviation of a machine's parameters from campaign to campaign;
-    nodes are the values used for integration over r. The weights are those of the trapezoidal rule
-    in ln r. The weight of the lowest node includes the prior probability of all smaller values of
-    r.
+    The scatter r is the standard deviation of a machine's parameters from campaign to campaign.
+    Nodes are the values of r by which r is integrated out. The weights are those of the trapezoidal
+    rule in ln r; they sum to one. The weight of the lowest node includes the prior probability of
+    all smaller values of r.
 
     Parameters
     ----------
@@ -83,18 +85,18 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
     assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
-    or that no parameter changed. c are the levels of the p parameters before the step Δ, b the
-    errors of the instrument; q is the number of all elements of c and b.
+    or that no parameter changed. c are the levels of the p parameters before the step, b are the
+    errors of the instrument, and Δ is the step; c and b together have q elements.
 
     The Gaussians have the shape (r, n, p, q + 1). The indices 0 to n − 2 of the second array axis
-    mean a step just before the campaigns 2 to n; its last index, n − 1, means no step. Values are
-    in units of the parameters' prior sd. The attribute ``log_integral`` is the log evidence of each
-    hypothesis, up to a constant that all hypotheses share.
+    mean a step just before the campaigns 2 to n; the index n − 1 means no step. Values are in units
+    of the prior sds. The attribute ``log_integral`` is the log evidence of each hypothesis, up to a
+    constant that all hypotheses share.
 
     Parameters
     ----------
-    carried : likelihoods of the n campaigns in order of time for each value of the scatter, shape
-        (r, n, q). The scatter of the parameters in each campaign is integrated out (see
+    carried : likelihoods of the n campaigns in order of time, for each of the r values of the
+        scatter, shape (r, n, q). The scatter w_t of each campaign is integrated out (see
         `deviating`).
     parameters : number p of parameters.
     change_scale : prior standard deviation of the step Δ.
@@ -120,8 +122,8 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 def _sum_from_here_on(series: Array) -> Array:
     """Return for each campaign the sum of the values of this campaign and of all later campaigns.
 
-    ``series`` holds the values. Its second axis, and that of the result, counts the campaigns in
-    order of time.
+    ``series`` holds the values. The campaigns, in order of time, are counted along the second axis
+    of ``series`` and of the result.
     """
     return np.asarray(np.cumsum(series[:, ::-1], axis=1)[:, ::-1])
 
@@ -129,13 +131,13 @@ def _sum_from_here_on(series: Array) -> Array:
 def hypothesis_probabilities(
     log_evidence: Array, scatter_weight: Array, change_probability: float
 ) -> Array:
-    """Return the posterior probability of every hypothesis of a step, shape (r, n, p).
+    """Return the posterior probability of every hypothesis, shape (r, n, p).
 
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
     assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
     or that no parameter changed. The indices 0 to n − 2 of the second array axis mean a step just
-    before the campaigns 2 to n. Its last index, n − 1, means no step; the probability of no step is
-    divided equally among the p parameters. All probabilities together sum to one.
+    before the campaigns 2 to n. The index n − 1 means no step; the probability of no step is
+    divided equally among the p parameters. The sum of all probabilities is one.
 
     Parameters
     ----------
@@ -154,10 +156,11 @@ def hypothesis_probabilities(
 def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
     """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
 
-    Mean and covariance are those of the mixture of all hypotheses, weighted by their probabilities.
-    A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
-    assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
-    or that no parameter changed. Mean and covariance are in units of the errors' prior sd.
+    Mean and covariance are those of the mixture of all hypotheses, in which each hypothesis has its
+    probability as weight. A hypothesis assumes one of r values of the machine's scatter from
+    campaign to campaign. It also assumes that one of the p parameters changed by a step just before
+    one of the campaigns 2 to n, or that no parameter changed. Mean and covariance are in units of
+    the errors' prior sds.
 
     Parameters
     ----------
@@ -176,11 +179,11 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 
 
 class Levels(NamedTuple):
-    """Values of p parameters of a machine at the last campaign, in units of their prior sd.
+    """Values of p parameters of a machine at the last campaign, in units of their prior sds.
 
-    It is uncertain whether a parameter has changed, which parameter this is, and just before which
-    campaign. The values are those of the mixture of all possibilities, weighted by their
-    probabilities.
+    It is uncertain whether a parameter has changed, which parameter has changed, and just before
+    which campaign. The values are therefore those of the mixture of all these possibilities, in
+    which each possibility has its probability as weight.
     """
 
     #: posterior means of the p parameters at the last campaign, in units of their prior sd, shape
@@ -197,10 +200,10 @@ class Levels(NamedTuple):
 def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 0.95) -> Levels:
     """Return every parameter's value at the last campaign: its first level plus any step.
 
-    The result is that of the mixture of all hypotheses, weighted by their probabilities. A
-    hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
-    assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
-    or that no parameter changed.
+    The values are those of the mixture of all hypotheses, in which each hypothesis has its
+    probability as weight. A hypothesis assumes one of r values of the machine's scatter from
+    campaign to campaign. It also assumes that one of the p parameters changed by a step just before
+    one of the campaigns 2 to n, or that no parameter changed.
 
     Parameters
     ----------

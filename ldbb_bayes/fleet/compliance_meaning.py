@@ -20,13 +20,12 @@ __all__ = ["Meaning", "same_meaning", "stands_for"]
 # A fitted compliance stands for a weighted sum of the compliances of single joints. Its meaning is
 # this sum: the keys are the labels of the joints' compliances, and the values are their weights.
 Meaning = Mapping[str, float]
-# A fitted compliance stands for a weighted sum of joints' compliances. This is the number of
-# significant digits to which the weights are rounded.
+# Number of significant digits to which the weights in the sum are rounded.
 _DIGITS = 7
-# A fitted compliance stands for a weighted sum of joints' compliances. Two weighted sums are
-# treated as the same if they differ by no more than this number, in units of the compliance's
-# default prior sd. The limit is a quarter of the default prior standard deviation of a step change
-# of the compliance (see `find_trend`).
+# Two weighted sums of joints' compliances are treated as the same if the standard deviation of
+# their difference is at most this share of the fitted compliance's default prior sd. The limit is a
+# quarter of the default prior standard deviation of a step change of the compliance (see
+# `find_trend`).
 _NEGLIGIBLE = 0.05
 
 
@@ -41,8 +40,9 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 
     Returns
     -------
-    Mapping from the label of each fitted compliance, such as C_XXX, to its sum. A sum is a mapping
-    from the labels of the joints' compliances to their weights.
+    Weighted sums; the keys are the labels of the fitted compliances, such as C_XXX. A sum is a
+    dictionary with the weights of the joints' compliances; its keys are the labels of these
+    compliances.
     """
     circles = dict.fromkeys(test.circle for test in campaign.scope)
     compliances = kept_compliances(campaign.machine(), *circles)
@@ -65,10 +65,10 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
     """Return whether a compliance stands for the same sum of joint compliances in two campaigns.
 
-    Two weighted sums are treated as the same if they differ by at most 5 % of the compliance's
-    default prior sd. For this comparison, the compliances of joints are taken as independent, each
-    with its default prior sd. A work ball mounted a millimetre higher, for example, changes a sum
-    by less.
+    The compliances of joints are taken as independent, each with its default prior sd. Two weighted
+    sums are treated as the same if the standard deviation of their difference is at most 5 % of the
+    fitted compliance's default prior sd. If the work ball is mounted a millimetre higher, for
+    example, a sum changes by less than this limit.
 
     Parameters
     ----------

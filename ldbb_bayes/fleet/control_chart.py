@@ -1,4 +1,4 @@
-"""Control chart of one machine over time: a panel per parameter, campaigns in order of time."""
+"""Control chart of one machine: a panel for each parameter, with the campaigns in order of time."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["draw_control_chart"]
 
-# A control chart marks a possible change of a parameter just before a campaign by a vertical line
-# if the probability of the change exceeds this value.
+# If the probability that a parameter changed just before a campaign exceeds this value, the control
+# chart marks the possible change by a vertical line.
 _VISIBLE_PROBABILITY = 0.05
 # Largest number of campaigns whose dates label the horizontal axis of a control chart.
 _LABELLED_CAMPAIGNS = 6
 # Layout of a control chart. ``_COLUMNS`` is the largest number of panels side by side,
-# ``_PANEL_HEIGHT`` the height of a panel [inch], and ``_MARGIN`` the height of the part of the
-# figure without panels [inch].
+# ``_PANEL_HEIGHT`` is the height of a panel [inch], and ``_MARGIN`` is the height of the part of
+# the figure without panels [inch].
 _COLUMNS = 2
 _PANEL_HEIGHT = 2.0
 _MARGIN = 0.9
@@ -81,14 +81,14 @@ def draw_control_chart(trend: Trend) -> Figure:
 
 
 class _PanelData(NamedTuple):
-    """Values for n campaigns in one panel of a control chart, in the unit of the panel's axis."""
+    """Values of one parameter for n campaigns, in the unit of the axis of the parameter's panel."""
 
     place: Array  #: positions of the n campaigns on the panel's horizontal axis, 1 to n
     #: estimate of the parameter from each of n campaigns alone, in the unit of the panel's axis,
     #: shape (n,)
     estimate: Array
-    #: lower and upper ends of the credible intervals of the estimates from n campaigns, shape (2,
-    #: n)
+    #: lower and upper ends of the credible interval of the parameter from each of n campaigns
+    #: alone, shape (2, n)
     interval: Array
     #: lower and upper control limits of the estimates from n campaigns, shape (2, n); NaN at the
     #: first campaign
@@ -102,14 +102,14 @@ class _PanelData(NamedTuple):
     def edges(self) -> Array:
         """Positions on the panel's horizontal axis that separate the n campaigns, shape (n + 1,).
 
-        The positions are midway between neighbouring campaigns. The first and the last position are
-        the ends of the axis.
+        The first and the last position are the ends of the axis. All other positions are midway
+        between neighbouring campaigns.
         """
         return np.append(self.place - 0.5, self.place[-1] + 0.5)
 
 
 def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
-    """Return the values in the panel of a parameter, given its rows in `Trend.estimates`.
+    """Return the values in a parameter's panel, given the parameter's rows of `Trend.estimates`.
 
     ``factor`` converts values from the internal unit (mm, N, rad) to the unit of the panel's axis.
     """
@@ -147,9 +147,9 @@ def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
 
 
 def _draw_limits(axes: Axes, data: _PanelData) -> None:
-    """Shade the range between the control limits of the parameter in a panel of a control chart.
+    """Shade the range between the control limits in a panel of a control chart.
 
-    Every campaign except the first has control limits.
+    All campaigns except the first have control limits.
     """
     steps = [np.append(limit, limit[-1]) for limit in data.limits]
     label = f"limits from those before, {100 * LIMITS:g} %"
@@ -175,10 +175,10 @@ def _draw_points(
 def _vertical_range(data: _PanelData) -> tuple[float, float]:
     """Return the lower and upper end of the vertical axis of a panel of a control chart.
 
-    The axis shows all credible intervals of the panel's estimates. Control limits outside the range
-    of these intervals extend the axis on each side, by at most half of this range. If all intervals
-    consist of the same single value, the range is taken to be the absolute value of this number, or
-    1 if the number is zero.
+    The axis covers the range of all credible intervals of the panel, with a small margin. Control
+    limits outside this range extend the axis on each side, by at most half of the range. If the
+    range is zero, because all intervals consist of the same single value, it is replaced by the
+    absolute value of this number, or by 1 if the number is zero.
     """
     low = float(data.interval[0].min())
     high = float(data.interval[1].max())
@@ -197,8 +197,9 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
 def _panel_title(trend: Trend, name: str, factor: float) -> str:
     """Return the title of a parameter's panel: the probability of a change of the parameter.
 
-    If the estimates from all campaigns have an uncertainty in common, a second line states this
-    uncertainty. ``factor`` converts the internal unit of the parameter to the unit shown.
+    If errors of the instrument make the estimates from all campaigns uncertain together, a second
+    line states this common uncertainty. ``factor`` converts values from the internal unit of the
+    parameter to the unit shown.
     """
     parameter = trend.parameters[name]
     probability = probability_words(parameter.probability)

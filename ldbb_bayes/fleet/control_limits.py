@@ -1,10 +1,9 @@
 """Points and limits of a control chart.
 
-A point is the estimate of a parameter from one campaign alone. Its limits are the ends of the
-interval in which this estimate should lie according to the earlier campaigns. In the shapes of
-arrays, n is the number of campaigns, p that of parameters and s that of instrument errors. q stands
-for the sum of p and s, and r for the number of nodes (values) of the machine's scatter from
-campaign to campaign.
+A point is the estimate of a parameter from one campaign alone. The limits of a point are the ends
+of the interval in which the estimate should lie according to the earlier campaigns. In the shapes
+of arrays, n is the number of campaigns, p the number of parameters, s the number of instrument
+errors, and q = p + s. r is the number of values of the machine's scatter from campaign to campaign.
 """
 
 from __future__ import annotations
@@ -22,19 +21,20 @@ from ldbb_bayes.results import Array
 __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 
 # Probability that the estimate of a parameter from one campaign lies within its control limits if
-# the machine does not change. A normal distribution has this probability within three standard
-# deviations.
+# the machine does not change. It is the probability that a normally distributed value lies within
+# three standard deviations of its mean.
 LIMITS = 0.997
-# Smallest standard deviation of the distribution that earlier campaigns predict for an estimate.
-# This limit prevents divisions by zero.
+# Least standard deviation of the distribution that earlier campaigns predict for an estimate;
+# smaller standard deviations are replaced by this number, to prevent divisions by zero.
 _SMALLEST_SD = 1e-300
 
 
 class ChartPoints(NamedTuple):
     """Points and limits of a control chart for n campaigns in order of time and p parameters.
 
-    A point is the estimate of a parameter from one campaign alone. The errors of the instrument are
-    fixed at their posterior mean. All values are in units of the parameters' prior sd.
+    A point is the estimate of a parameter from one campaign alone. For these estimates, the errors
+    of the instrument are fixed at their posterior means. All values are in units of the parameters'
+    prior sds.
     """
 
     #: estimate of each of p parameters from each of n campaigns alone, in units of the parameters'
@@ -62,19 +62,19 @@ def chart_points(
 ) -> ChartPoints:
     """Return the points of a control chart, and the limits of each point.
 
-    A point is the estimate of a parameter from one campaign alone. Its limits are computed from the
-    earlier campaigns: they are the ends of the interval in which the point should lie. The
+    A point is the estimate of a parameter from one campaign alone. The limits of a point are the
+    ends of the interval in which the point should lie according to the earlier campaigns. The
     machine's scatter is the standard deviation of its parameters from campaign to campaign. In the
-    shapes of arrays, n is the number of campaigns, q that of parameters and instrument errors, s
-    that of instrument errors, and r that of values of the scatter. All values are in units of the
-    prior sd.
+    shapes of arrays, n is the number of campaigns, q the number of parameters and instrument
+    errors, s the number of instrument errors, and r the number of values of the scatter. All values
+    are in units of the prior sds.
 
     Parameters
     ----------
-    series : likelihoods of parameters and instrument errors from the campaigns in order of time,
-        shape (n, q).
-    carried : the same likelihoods for each value of the scatter, with the deviations due to the
-        scatter integrated out, shape (r, n, q).
+    series : likelihoods of the parameters and instrument errors from the n campaigns in order of
+        time, shape (n, q).
+    carried : the same likelihoods, with the machine's scatter integrated out, for each value of
+        the scatter, shape (r, n, q).
     scatter, scatter_weight : values of the scatter and their prior probabilities, each of shape
         (r,).
     instrument : posterior mean (s,) and covariance (s, s) of the errors of the instrument.
@@ -116,13 +116,13 @@ def chart_points(
 
 
 def _history(carried: Gaussian) -> Gaussian:
-    """Return the distribution of parameters and instrument errors given the earlier campaigns.
+    """Return the distributions of parameters and instrument errors given the earlier campaigns.
 
     ``carried``, shape (r, n, q), holds the likelihoods of q parameters and instrument errors from n
     campaigns in order of time, for each of r values of the machine's scatter from campaign to
     campaign. The result has the shape (r, n − 1, q): one Gaussian of the q quantities for each
-    value of the scatter and each campaign except the first. The Gaussian follows from all earlier
-    campaigns and the prior N(0, I).
+    value of the scatter and each campaign except the first. This Gaussian follows from the prior
+    N(0, I) and from all campaigns before that campaign.
     """
     precision = np.cumsum(carried.precision[:, :-1], axis=1)
     shift = np.cumsum(carried.shift[:, :-1], axis=1)

@@ -33,9 +33,9 @@ __all__ = [
     "write_dataset",
 ]
 
-# Names of files in the folder of a batch. ``JOURNAL`` is the journal, a database of the rows
-# computed so far. ``DATASET`` is the finished table, and ``PART`` the table while it is being
-# written.
+# Names of files in the folder of a batch. ``JOURNAL`` names the journal, a database of the rows
+# computed so far. ``DATASET`` names the finished table, and ``PART`` names the table while it is
+# being written.
 JOURNAL = "batch.sqlite"
 DATASET = "campaigns.parquet"
 PART = f".{DATASET}.part"
@@ -47,10 +47,10 @@ _METADATA_KEY = b"ldbb_bayes"
 # C_XXX.mean.
 PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
 # Pattern of the names of stiffness quantities in a batch's table. In a plane, the quantities are
-# the least and the greatest stiffness, their ratio, their directions, the principal axis, and the
-# difference between the direct compliances of the two axes. If there are several planes, the plane
-# follows the name, as in k_min_YZ. The principal stiffnesses of a machine tested in three planes
-# are k_1, k_2 and k_3.
+# the least and the greatest stiffness, the ratio of the two, their directions, the principal axis,
+# and the difference between the direct compliances of the two axes. If there are several planes,
+# the plane follows the name, as in k_min_YZ. The principal stiffnesses of a machine tested in three
+# planes are k_1, k_2 and k_3.
 STIFFNESS_NAME = re.compile(
     r"(k_min|k_max|k_ratio|softest_direction|stiffest_direction|principal_axis|C_..._minus_C_...)"
     r"(_[XYZ]{2})?|k_[123]"
@@ -61,8 +61,8 @@ _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
 # Number of rows in one row group of the Parquet file with a batch's table. The rows of a group are
 # written together.
 _ROWS_PER_GROUP = 1024
-# The message about an unreadable file quotes the error message of the library that could not read
-# the file. This is the largest number of characters quoted.
+# Largest number of characters that the message about an unreadable file quotes from the error
+# message of the library that could not read the file.
 _LONGEST_REASON = 120
 # Contents of columns.toml: the names of the columns of a batch's table, and the Arrow types of the
 # columns.
@@ -73,7 +73,7 @@ _TABLE: Mapping[str, Any] = tomllib.loads(
 # columns describe a campaign and its fit.
 COLUMN_TYPES: Mapping[str, str] = _TABLE["columns"]
 # Arrow types of the last columns of a batch's table; the keys are the names of the columns. These
-# columns hold a campaign's sufficient statistics (means, covariance).
+# columns hold a campaign's sufficient statistics: posterior moments and prior moments.
 STATISTICS_TYPES: Mapping[str, str] = _TABLE["gaussian"]
 # Names of the columns of a batch's table that the analyses of many campaigns (trend of one machine,
 # population of machines) need.
@@ -97,8 +97,8 @@ def write_dataset(
 
     Parameters
     ----------
-    rows : function that returns, on each call, a new iterator over all rows; `fit_row` describes a
-        row.
+    rows : function that returns, on each call, a new iterator over all rows; `fit_row` describes
+        the content of a row.
     target : Parquet file to write.
     about : information on the batch for the metadata of the file.
 
@@ -133,9 +133,9 @@ def write_dataset(
 def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.Schema:
     """Return the Arrow schema of a batch's table: names, types and units of columns, and metadata.
 
-    ``rows`` are the rows of the table. There are columns for each parameter, each stiffness by
-    direction and each quantity with a tolerance that occurs in any row. ``about`` is information on
-    the batch for the metadata.
+    ``rows`` are the rows of the table. There are columns for all parameters, all stiffnesses by
+    direction and all quantities with a tolerance that occur in at least one row. ``about`` is
+    information on the batch for the metadata.
     """
     import pyarrow as pa  # imported here, because pyarrow need not be installed
 
@@ -180,9 +180,9 @@ def _flatten(row: dict[str, Any]) -> dict[str, Any]:
     """Return a campaign's row in which each number of each parameter has a separate column.
 
     In the given row, the entry ``parameters`` holds the numbers of each parameter, and the entry
-    ``stiffness`` those of each stiffness by direction. The entry ``conformity`` holds the
-    probability and decision of each quantity with a tolerance. The columns of the result are
-    called, for example, C_XXX.mean and C_XXX.decision.
+    ``stiffness`` holds the numbers of each stiffness by direction. The entry ``conformity`` holds
+    the probability of conformity and the decision for each quantity with a tolerance. In the
+    result, the columns have names such as C_XXX.mean and C_XXX.decision.
     """
     flat = dict(row)
     for name, numbers in _numbers_of(row).items():
@@ -216,23 +216,24 @@ def read_batch(
     """Return the rows of one batch or of several batches as one table.
 
     The columns are: campaign, name, sha256, machine_id, date, status ("done" or "failed"), reason,
-    topology, planes, compliances (JSON text that states each fitted compliance as a sum of joint
-    compliances), tolerances (JSON), tests, readings, force_min_N, force_max_N, reference_force_N,
+    topology, planes, compliances (JSON text that states the weighted sum of joint compliances for
+    each fitted compliance), tolerances (JSON text), tests (number of tests), readings (number of
+    readings), force_min_N, force_max_N, reference_force_N,
     degree, terms, model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits,
     warnings, log_prob_truncation [nat] (log probability that no compliance is negative), rmse_um,
     log_bayes_factor (linear over constant compliance) and log_bayes_factor_error [nat].
 
-    Every parameter and hyper-parameter (scale of the noise or of another effect) has NAME.mean,
-    NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high in internal units (mm, N, rad), which
-    ``attrs["units"]`` states. Every quantity with a tolerance has NAME.probability (of conformance)
-    and NAME.decision. Stiffnesses by direction at the reference force have the same five columns as
-    parameters. Their names are k_min, k_max, k_ratio, softest_direction [deg], stiffest_direction
-    [deg], principal_axis [deg] and C_XXX_minus_C_YYY, followed by the plane if there are several
-    planes (k_min_YZ). If three planes were tested, there are also k_1, k_2 and k_3; see
-    `stiffness`. Columns ``gaussian_…`` hold the posterior and prior moments of parameters and
-    instrument errors, which `find_trend` and `fit_population` use. These posterior moments are
-    computed without the condition that no compliance is negative. Of the covariance matrix, the
-    lower triangle is listed row by row.
+    Every parameter and hyper-parameter (scale of the noise or of another effect) has five columns:
+    NAME.mean, NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high, in internal units (mm, N, rad)
+    that ``attrs["units"]`` states. Stiffnesses by direction at the reference force have the same
+    five columns. Their names are k_min, k_max, k_ratio, softest_direction [deg], stiffest_direction
+    [deg], principal_axis [deg] and C_XXX_minus_C_YYY. If there are several planes, the plane
+    follows the name (k_min_YZ). If three planes were tested, there are also k_1, k_2 and k_3; see
+    `stiffness`. Every quantity with a tolerance has the columns NAME.probability (of conformity)
+    and NAME.decision. Columns ``gaussian_…`` hold the posterior and prior moments of parameters and
+    instrument errors that `find_trend` and `fit_population` use. These posterior moments are
+    computed without the condition that no compliance is negative. The column of the covariance
+    matrix lists its lower triangle row by row.
 
     Parameters
     ----------
@@ -244,8 +245,8 @@ def read_batch(
     Returns
     -------
     DataFrame
-        One row per campaign, in the order of the batch. Values that a campaign does not have are
-        missing values.
+        One row per campaign, in the order of the batch. If a campaign does not have a value, the
+        value is missing (NaN or None).
 
     Raises
     ------
@@ -269,11 +270,11 @@ def read_batch(
 def read_fleet(
     path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
 ) -> pd.DataFrame:
-    """Return the columns that a trend or a population needs, for the campaigns of batches.
+    """Return, for the campaigns of batches, the columns that a trend or a population needs.
 
-    These are the columns `FLEET_COLUMNS`, and the columns of the stiffnesses by direction if the
-    batches have these columns. ``path`` has the same meaning as for `read_batch`, and the same
-    errors are raised.
+    These columns are the columns `FLEET_COLUMNS` and, if the batches have them, the columns of the
+    stiffnesses by direction. ``path`` has the same meaning as in `read_batch`, and the same errors
+    are raised.
     """
     return _read(path, FLEET_COLUMNS, STIFFNESS_NAME)
 
@@ -349,7 +350,7 @@ def _columns_of_quantities(schema: pa.Schema, names: re.Pattern[str]) -> list[st
 
 
 class _Dataset(NamedTuple):
-    """Requested columns of the table of a batch, and the schema of all its columns."""
+    """Requested columns of the table of a batch, and the schema of all columns of the table."""
 
     table: pa.Table
     schema: pa.Schema
@@ -358,7 +359,7 @@ class _Dataset(NamedTuple):
 def _read_table(
     path: Path, columns: Sequence[str] | None, further: re.Pattern[str] | None
 ) -> _Dataset:
-    """Return the requested columns of a batch's table, and the schema of all its columns.
+    """Return the requested columns of a batch's table, and the schema of all columns of the table.
 
     Raise an `InputError` if the file is not the table of a batch. ``columns`` are the names of the
     requested columns; None requests all columns. Columns that the table does not have are left out.

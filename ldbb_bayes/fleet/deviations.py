@@ -1,14 +1,16 @@
 """Gaussian likelihoods of campaigns or machines whose parameters deviate from a common level.
 
-Each campaign or machine has a likelihood g(c + w, b), w ~ N(0, diag s²). Here c is the common level
-of the parameters, b are the errors of the instrument, w is the deviation of this campaign or
-machine, and s are the standard deviations of w. All values are in units of the prior sd.
+Each campaign or machine has a likelihood g(c + w, b), with w ~ N(0, diag s²). Here c is the common
+level of the parameters, b are the errors of the instrument, w is the deviation of this campaign or
+machine from the level, and s are the standard deviations of the elements of w. All values are in
+units of the prior sds.
 
 As a function of x = (c + w, b), ln g = −½ xᵀ Λ x + ηᵀ x + const. Λ is the precision matrix (inverse
-covariance matrix) and may be singular; η, the shift, is Λ times the estimate. Λ_c are the rows of Λ
-for the parameters, Λ_cc is its block for the parameters alone. In the shapes of arrays, c is not
-the level but the number of parameters. k is the number of values of s, n that of campaigns or
-machines, and q that of parameters and instrument errors.
+covariance matrix) and may be singular. η, the shift, is Λ times the estimate of x. Λ_c are the rows
+of Λ that belong to the parameters, and Λ_cc is the block of Λ whose rows and columns belong to the
+parameters. In the shapes of arrays, c is not the level but the number of parameters. k is the
+number of values of s, n the number of campaigns or machines, and q the number of parameters and
+instrument errors.
 """
 
 from __future__ import annotations
@@ -29,10 +31,11 @@ def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> A
 
     w are the deviations of a campaign's or machine's c parameters from their common level, with the
     standard deviations s. The matrix consists of Lᵀ and L⁻¹ s (Λ_c, η_c) side by side; in the
-    formulae s stands for diag s. L is the Cholesky factor of I + s Λ_cc s = L Lᵀ, the precision
-    matrix (inverse covariance) of w / s. A likelihood has the precision matrix Λ and the shift η,
-    which is Λ times the estimate. Λ_c are the rows of Λ for the parameters, Λ_cc is its block for
-    them alone, and η_c is the part of η for them.
+    formulae s stands for diag s. L is the Cholesky factor of I + s Λ_cc s = L Lᵀ, which is the
+    precision matrix (inverse covariance) of w / s. A likelihood has the precision matrix Λ and the
+    shift η, which is Λ times the estimate. Λ_c are the rows of Λ that belong to the parameters,
+    Λ_cc is the block of Λ whose rows and columns belong to the parameters, and η_c are the elements
+    of η that belong to the parameters.
 
     Parameters
     ----------
@@ -68,13 +71,14 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 
     g is the likelihood of a campaign or machine. c is the common level of the parameters, b are the
     errors of the instrument, and w are the deviations of this campaign or machine from the level,
-    with the standard deviations s. The result has the shape (k, n, q): n campaigns or machines,
-    each for k values of s.
+    with the standard deviations s. The result has the shape (k, n, q): one likelihood of q
+    quantities for each of k values of s and each of n campaigns or machines.
 
     Parameters
     ----------
-    likelihood : likelihoods g of q parameters and instrument errors, shape (n, q).
-    spread : k values of the standard deviations s of the parameters, shape (k, number of
+    likelihood : likelihoods g of q parameters and instrument errors from n campaigns or machines,
+        shape (n, q).
+    spread : k values of the standard deviations s, one for each parameter, shape (k, number of
         parameters).
     """
     c = spread.shape[1]
@@ -92,11 +96,12 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 class Estimates(NamedTuple):
     """Estimates t of the parameters c from each of n campaigns or machines alone.
 
-    t = S η_c with the posterior covariance S = (I + Λ_cc)⁻¹ for the prior c ~ N(0, I). Given c and
-    the errors b of the instrument, t ~ N(H (c, b), S Λ_cc S) with the sensitivity H = S Λ_c. Λ is
-    the precision matrix (inverse covariance) of the likelihood, η its shift (Λ times the estimate).
-    Λ_c are the rows of Λ for the parameters, Λ_cc is its block for them alone, and η_c is the part
-    of η for them.
+    t = S η_c, where S = (I + Λ_cc)⁻¹ is the posterior covariance for the prior c ~ N(0, I). Given c
+    and the errors b of the instrument, t ~ N(H (c, b), S Λ_cc S) with the sensitivity H = S Λ_c. Λ
+    is the precision matrix (inverse covariance) of the likelihood, and η is the shift of the
+    likelihood, Λ times the estimate of (c, b). Λ_c are the rows of Λ that belong to the parameters,
+    Λ_cc is the block of Λ whose rows and columns belong to the parameters, and η_c are the elements
+    of η that belong to the parameters.
     """
 
     #: posterior covariance of the c parameters, given the errors of the instrument, from each of n
@@ -105,23 +110,24 @@ class Estimates(NamedTuple):
     #: derivatives of the estimates from each of n campaigns or machines with respect to the q true
     #: parameters and instrument errors, shape (n, c, q)
     response: Array
-    #: estimates of the c parameters from each of n campaigns or machines alone, if the errors of
-    #: the instrument are zero, shape (n, c)
+    #: estimates of the c parameters from each of n campaigns or machines alone, for an instrument
+    #: without errors, shape (n, c)
     value: Array
 
 
 def estimate_separately(likelihood: Gaussian, parameters: int) -> Estimates:
     """Return estimates of the parameters from each campaign or machine alone.
 
-    An estimate is the posterior mean of the parameters c from the likelihood of one campaign or
-    machine and the prior c ~ N(0, I), as a function of the errors b of the instrument. All values
-    are in units of the prior sd.
+    An estimate is the posterior mean of the parameters c for the likelihood of one campaign or
+    machine and the prior c ~ N(0, I), computed as if the instrument had no errors. `Estimates` also
+    holds the sensitivity of the estimate to the true parameters and to the true errors of the
+    instrument. All values are in units of the prior sds.
 
     Parameters
     ----------
     likelihood
-        Likelihoods of n campaigns or machines for q quantities, shape (n, q): parameters, then
-        errors of the instrument.
+        Likelihoods from n campaigns or machines, shape (n, q). The q quantities are the parameters,
+        then the errors of the instrument.
     parameters
         Number of parameters.
     """

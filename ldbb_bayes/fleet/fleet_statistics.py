@@ -2,17 +2,19 @@
 
 ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const
 
-y_i are the readings of campaign i. c_i are the chosen parameters of its machine; the compliances of
-all campaigns are given for one reference force. b are the errors of the instrument (mount, force
-gain) that all campaigns share. Λ_i is a precision matrix (inverse of a covariance matrix), η_i the
-shift, that is, Λ_i times the estimate.
+y_i are the readings of campaign i. c_i are the parameters chosen for analysis, of the machine in
+campaign i; the compliances of all campaigns are given for one reference force. b are the errors of
+the instrument (of the mount's deflection and of the force), which are the same in all campaigns.
+Λ_i is a precision matrix (inverse of a covariance matrix), and η_i is the shift, that is, Λ_i times
+the estimate.
 
-All other unknowns are integrated out in each campaign separately, as if they were independent of
-the other campaigns. These unknowns are slopes, geometric errors not chosen, ball form, bar length,
-and the hyper-parameters (scales of the noise and of other effects). If campaigns have the machine
-or the bar in common, this treatment overstates the uncertainty of changes and differences. It
-understates the uncertainty of levels and of a population's mean: ball form and bar length are the
-same in all campaigns and do not average out.
+All other unknowns are integrated out in each campaign separately, as if their values in different
+campaigns were independent. These unknowns are the changes of compliances with force (slopes), the
+geometric errors that are not chosen, the form of the balls, the length of the bar, and the
+hyper-parameters (scales of the noise and of other effects). If campaigns have the machine or the
+bar in common, this treatment overstates the uncertainty of changes and differences. It understates
+the uncertainty of levels and of a population's mean, because ball form and bar length are the same
+in all campaigns and do not average out.
 """
 
 from __future__ import annotations
@@ -46,12 +48,13 @@ _SLOPE = re.compile(r"(C_.+)_([12])")
 
 @dataclass(frozen=True, eq=False)
 class FleetStatistics:
-    """Gaussian likelihoods of n campaigns: each the posterior of a fit, divided by its prior.
+    """Gaussian likelihoods of n campaigns.
 
-    The likelihoods are functions of the c parameters to analyse and of s errors of the instrument,
-    such as those of mount and force gain. A likelihood has a precision matrix Λ (inverse
-    covariance) and a shift η (Λ times the estimate). If the model of a campaign lacks an instrument
-    error, its Λ and η have zeros for that error.
+    The likelihood of a campaign is the posterior of the campaign's fit divided by the prior of this
+    fit. It is a function of the c parameters to analyse and of s errors of the instrument, such as
+    the error of the mount's deflection. A likelihood has a precision matrix Λ (inverse covariance)
+    and a shift η (Λ times the estimate). If the model of a campaign lacks an instrument error, Λ
+    and η of this campaign have zeros for that error.
     """
 
     campaigns: tuple[str, ...]
@@ -59,8 +62,8 @@ class FleetStatistics:
     dates: tuple[datetime | None, ...]
     parameters: tuple[str, ...]  #: names of the c parameters to analyse, such as C_XXX
     units: tuple[str, ...]  #: internal unit (of mm, N and rad) of each of the c parameters
-    #: names of the s instrument errors that all campaigns share; empty if the campaigns used
-    #: different instruments
+    #: names of the s instrument errors whose values are the same in all campaigns; empty if the
+    #: campaigns used different instruments
     instrument: tuple[str, ...]
     #: reference sds of the c parameters (see `reference_sd`), then prior sds of the s instrument
     #: errors, in internal units (mm, N, rad), shape (c + s,)
@@ -82,10 +85,10 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """List with one caveat if compliances are extrapolated in force; otherwise an empty list.
+        """List with one caveat if compliances are extrapolated to the reference force, else empty.
 
-        Compliances are extrapolated if the reference force is outside the range of the tests'
-        forces in at least one campaign.
+        Compliances are extrapolated if, in at least one campaign, the reference force is outside
+        the range of the tested forces.
         """
         lowest, highest = self.forces_N
         if lowest <= self.reference_force_N <= highest:
@@ -104,19 +107,20 @@ def fleet_statistics(
 
     Parameters
     ----------
-    rows : rows, in the table of a batch, of the campaigns to use; see `choose`.
-    parameters : names of the parameters to analyse; default: all constant compliances (those at the
-        reference force).
-    reference_force_N : force for which the compliances are given; default: the median of the
+    rows : rows of a batch's table for the campaigns to use; see `choose`.
+    parameters : names of the parameters to analyse; default: all compliances at the reference
+        force.
+    reference_force_N : force for which the compliances are given [N]; default: the median of the
         reference forces of the campaigns.
-    one_instrument : whether all campaigns used the same bar. If true, errors of mount and force
-        gain do not average out. If false, each campaign has its own, independent errors.
+    one_instrument : whether all campaigns used the same bar. If true, the errors of the mount's
+        deflection and of the force are the same in all campaigns and do not average out. If false,
+        the errors of different campaigns are independent.
 
     Raises
     ------
     InputError
-        If the machines differ in their joints, compliances of the same name differ in meaning, or
-        an option is out of range.
+        If the machines differ in their joints, if a compliance stands for different sums of joint
+        compliances in different campaigns, or if an option is out of range.
     """
     topology = _common_topology(rows)
     chosen = _choose_parameters(rows, parameters)
@@ -155,7 +159,7 @@ def fleet_statistics(
 def _common_topology(rows: pd.DataFrame) -> str:
     """Return the topology (chain of joints) that the machines of all campaigns have.
 
-    Raise an `InputError` if their topologies differ. ``rows`` are rows of the table of a batch.
+    Raise an `InputError` if machines differ in topology. ``rows`` are rows of the table of a batch.
     """
     topology, *others = sorted(set(rows["topology"]))
     if others:
@@ -167,10 +171,11 @@ def _common_topology(rows: pd.DataFrame) -> str:
 
 
 def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of the parameters to analyse; every campaign must have all of them.
+    """Return the names of the parameters to analyse.
 
-    ``parameters`` are the names that the user gives. By default all compliances at the reference
-    force are chosen. ``rows`` are rows of the table of a batch.
+    ``parameters`` are the names that the user gives; None means all compliances at the reference
+    force. Raise an `InputError` if a campaign does not have one of these parameters. ``rows`` are
+    rows of the table of a batch.
     """
     common_names = _common_parameters(rows)
     if parameters is None:
@@ -206,9 +211,9 @@ def _common_parameters(rows: pd.DataFrame) -> list[str]:
 def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
     """Return the names of the instrument errors in the model of at least one campaign.
 
-    Instrument errors, such as those of mount and force gain, may be the same in several campaigns.
-    The names are sorted by the kind of the term (effect in the model) to which they belong.
-    ``rows`` are rows of the table of a batch.
+    Instrument errors are errors of the mount's deflection and of the force; they are the same in
+    all campaigns with one instrument. The names are sorted by the kind of the model term to which
+    the errors belong. ``rows`` are rows of the table of a batch.
     """
     names = set[str]().union(*rows["gaussian_names"])
     errors = [name for name in sorted(names) if Term.owner(name) is not Term]
@@ -229,10 +234,10 @@ def _reference_force(rows: pd.DataFrame, reference_force_N: float | None) -> flo
 
 
 def _machine_names(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Return the name of each campaign's machine, which is the machine_id that the campaign states.
+    """Return the name of each campaign's machine: the machine_id that the campaign states.
 
-    If a campaign states no machine_id, the file path of the campaign is the name of its machine.
-    ``rows`` are rows of the table of a batch.
+    If a campaign states no machine_id, the file path of the campaign serves as the name of the
+    machine. ``rows`` are rows of the table of a batch.
     """
     names = []
     for machine_id, campaign in zip(rows["machine_id"], rows["campaign"], strict=True):
@@ -245,16 +250,17 @@ def reference_sd(
 ) -> Array:
     """Return the reference sd of every parameter, shape (c,), in internal units (mm, N, rad).
 
-    The reference sd is that of the parameter's default prior or, if larger, the median of the sds
-    of the parameter's priors in the fits. Priors in the fits may be wider than the default because
-    a compliance stands for the compliances of several joints, or because the user knows of more
-    compliant machines. Priors in the fits whose mean is not zero are left out, because they state
-    how well a parameter is known, not how large it may be.
+    The reference sd of a parameter is the larger of two values: the sd of the parameter's default
+    prior, and the median of the sds of the parameter's priors in the fits of the campaigns. Priors
+    in the fits may be wider than the default, because a compliance stands for the compliances of
+    several joints, or because the user knows of more compliant machines. Priors in the fits whose
+    mean is not zero are left out, because they state how well a parameter is known, not how large
+    the parameter may be.
 
     Parameters
     ----------
     names, units : names and internal units of the c parameters.
-    prior_mean, prior_sd : prior means and sds of the parameters in n fits, each of shape (n, c).
+    prior_mean, prior_sd : prior means and prior sds of the parameters in n fits, shape (n, c) each.
     """
     prior = Prior.first()
     kind_by_unit = {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
@@ -272,14 +278,14 @@ def reference_sd(
 
 
 class _Likelihood(NamedTuple):
-    """Likelihood of q quantities from one campaign, and the prior of the campaign's fit.
+    """Likelihood of q quantities from one campaign, and their prior in the campaign's fit.
 
     The quantities are parameters of the machine and errors of the instrument.
     """
 
     #: precision matrix Λ (inverse covariance) of the likelihood of q quantities, shape (q, q)
     precision: Array
-    #: shift η of the likelihood of q quantities: its precision matrix times the estimate, shape
+    #: shift η of the likelihood of q quantities: the precision matrix times the estimate, shape
     #: (q,)
     shift: Array
     #: prior means, in the campaign's fit, of the q parameters and instrument errors, shape (q,)
@@ -290,17 +296,19 @@ class _Likelihood(NamedTuple):
 
 
 def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> _Likelihood:
-    """Return the likelihood of a campaign: the Gaussian posterior of its fit, divided by the prior.
+    """Return the likelihood of a campaign: the Gaussian posterior of its fit divided by the prior.
 
     Parameters
     ----------
     row
-        Row of the campaign in the table of a batch, with its posterior moments and priors.
+        Row of the campaign in the table of a batch, with the posterior moments and the priors of
+        the campaign's fit.
     wanted
         Names of the q quantities: parameters and instrument errors. For quantities that the
         campaign does not have, the likelihood contains zeros.
     force_N
-        Common reference force [N], to which compliances are extrapolated along their slopes.
+        Reference force common to all campaigns [N]. Compliances are converted to this force with
+        the help of their changes with force.
     """
     names = list(row["gaussian_names"])
     mean = np.array(row["gaussian_mean"], dtype=float)
@@ -333,13 +341,14 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
 def _divide_out_prior(
     *, mean: Array, covariance: Array, prior_mean: Array, prior_covariance: Array
 ) -> tuple[Array, Array]:
-    """Return precision (q, q) and shift (q,) of a likelihood: a posterior divided by its prior.
+    """Return the precision (q, q) and the shift (q,) of a likelihood.
 
-    Likelihood, posterior and prior are Gaussian functions of q quantities. Posterior and prior are
-    given by their means, shape (q,), and covariances, shape (q, q). The precision (inverse
-    covariance) of the likelihood is that of the posterior minus that of the prior. Negative
-    eigenvalues of this difference are set to zero: in the directions of their eigenvectors the
-    readings add nothing to the prior. The shift is the precision times the estimate.
+    The likelihood is a posterior divided by its prior; all three are Gaussian functions of q
+    quantities. The posterior and the prior are given by their means, shape (q,), and their
+    covariances, shape (q, q). The precision (inverse covariance) of the likelihood is the precision
+    of the posterior minus the precision of the prior. Negative eigenvalues of this difference are
+    set to zero, because in the directions of the corresponding eigenvectors the readings add
+    nothing to the prior. The shift is the precision times the estimate.
     """
     scale = np.sqrt(np.diag(prior_covariance))
     squared_scale = scale[:, None] * scale
@@ -367,8 +376,9 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
     """Return the matrix that converts a campaign's quantities to another reference force.
 
     The rows of the matrix belong to the quantities ``wanted``, and the columns to the quantities
-    ``names`` that the campaign has. The reference force changes by ``force_change_N``. A compliance
-    then changes by its slope times this change, plus its curvature times the square of this change.
+    ``names`` that the campaign has. The new reference force is the old reference force plus
+    ``force_change_N``. A compliance at the new force is the compliance at the old force, plus its
+    slope times ``force_change_N``, plus its curvature times the square of ``force_change_N``.
     ``wanted`` must not contain slopes and curvatures, because slopes also depend on the reference
     force.
     """
@@ -384,9 +394,9 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
     """Return the weighted sum of joint compliances that every chosen compliance stands for.
 
     The keys of the result are the names of the compliances. ``rows`` are rows of the table of a
-    batch, which states the sums of each campaign. Raise an `InputError` if the sums of a compliance
-    differ between campaigns. A campaign that does not state a sum is assumed to agree with the
-    campaigns that state it.
+    batch, in which each campaign states its sums. Raise an `InputError` if two campaigns state
+    different sums for the same compliance. If a campaign states no sum for a compliance, the sum is
+    assumed to be that of the other campaigns.
     """
     meanings: dict[str, Meaning] = {}
     first_campaigns: dict[str, str] = {}

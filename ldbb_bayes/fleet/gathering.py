@@ -1,4 +1,4 @@
-"""Search for the campaigns of a batch in the folders, files and lists that the user gives."""
+"""Search for the campaigns of a batch in the folders, files and lists given by the user."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ _LARGEST_LIST = 2**30
 
 
 def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
-    """Return the file paths of the campaigns for which the given paths stand, each campaign once.
+    """Return the file paths of the campaigns that are found at the given paths, each path once.
 
     Parameters
     ----------
-    given : paths of folders, files and lists. A campaign folder, a campaign.toml or a tidy CSV
-        stands for itself. Any other folder stands for its direct subfolders that hold a
-        campaign.toml, sorted by name. ``@FILE`` or a .txt file stands for the paths in it, one per
-        line; lines that begin with # are comments. A path that does not exist is kept; the row of
-        this campaign in the table of the batch states that the path does not exist.
+    given : paths of folders, files and lists. The path of a campaign folder, of a campaign.toml or
+        of a tidy CSV file stands for this one campaign. Any other folder stands for its direct
+        subfolders that hold a campaign.toml, sorted by name. ``@FILE`` or a .txt file stands for
+        the paths that the file lists, one per line; lines that begin with # are comments. A path
+        that does not exist is kept, and its row in the table of the batch will state that it does
+        not exist.
 
     Returns
     -------
-    File paths in the order and spelling given.
+    File paths of the campaigns, in the user's order and spelling.
 
     Raises
     ------
     InputError
-        If no campaign exists, a file path cannot be written on one line, or a list or folder cannot
-        be read.
+        If none of the campaigns exists, a file path cannot be written on one line, or a list or
+        folder cannot be read.
     """
     entries = [given] if isinstance(given, str | os.PathLike) else given
     path_by_folder: dict[str, str] = {}
@@ -88,10 +89,11 @@ def _read_list(file: Path) -> list[str]:
 
 
 def _expand_folder(path: str) -> list[str]:
-    """Return the sorted file paths of the campaigns directly in a folder of campaigns.
+    """Return the sorted file paths of the campaign folders that lie directly in a folder.
 
-    If the path is not a folder, is itself the folder of a campaign, or contains no campaigns, the
-    list contains only this path, unchanged. Raise an `InputError` if the folder cannot be read.
+    If ``path`` is not a folder, if it is itself the folder of a campaign, or if it contains no
+    campaign folders, the list returned contains only ``path``. Raise an `InputError` if the folder
+    cannot be read.
     """
     if not os.path.isdir(path) or _has_toml(path):
         return [path]

@@ -24,7 +24,7 @@ class Summary(Result):
 def name_intervals(record: Any, prob: float) -> Any:
     """Return a record in which keys of credible intervals state the probability, such as ci95.
 
-    In every key of the record, the word ``interval`` is replaced by ``ci`` and the probability in
+    In every key of the record, ``interval`` is replaced by ``ci`` followed by the probability in
     per cent.
 
     Parameters

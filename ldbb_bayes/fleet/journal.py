@@ -1,7 +1,7 @@
-"""The journal of a batch: an SQLite database in which every row is saved as soon as it is computed.
+"""Journal of a batch: an SQLite database in which every row is saved as soon as it is computed.
 
-With the journal, a batch that was stopped can continue with the remaining campaigns. The journal
-also prevents two runs from writing into the same folder.
+From the journal, a batch that was stopped can continue with the remaining campaigns. A lock on the
+journal also prevents two runs from writing into the same folder.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ from ldbb_bayes.parallel import versions
 
 __all__ = ["batch_identity", "begin_batch", "open_journal", "save_row"]
 
-# Name of the text file, in the folder of a batch, that lists the file paths of all campaigns of the
-# batch.
+# Name of the text file in the folder of a batch that lists the file paths of all campaigns.
 _LIST = "campaigns.txt"
 # Names of all files that the folder of a batch may hold: the journal (an SQLite database of the
 # rows), SQLite's temporary files for this database, the list of campaigns, and the finished and the
@@ -58,8 +57,8 @@ def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
 
     Parameters
     ----------
-    out : folder of the batch, which is made if necessary. A folder made here is removed again if no
-        batch begins in it.
+    out : folder of the batch. If it does not exist, it is made; it is removed again if no batch
+        begins in it.
 
     Raises
     ------
@@ -120,7 +119,7 @@ def _holds_batch(journal: sqlite3.Connection) -> bool:
 
 
 def batch_identity(settings: Settings) -> dict[str, Any]:
-    """Return the options and versions in which two runs must agree to belong to the same batch.
+    """Return the options and versions that must be the same in all runs of one batch.
 
     Parameters
     ----------
@@ -128,8 +127,8 @@ def batch_identity(settings: Settings) -> dict[str, Any]:
 
     Returns
     -------
-    Options and versions of software. The keys are the names that a message states if two runs
-    differ.
+    Options, and versions of software. The keys are the names that the error message uses if an
+    option or a version differs between two runs.
     """
     identity: dict[str, Any] = {"model": model_sha256(settings.model)[:12]}
     for name in ("sampler", "seed", "ess", "prob", "compare"):
@@ -156,7 +155,7 @@ def begin_batch(
     resume: bool,
     force: bool,
 ) -> bool:
-    """Record a new batch in the journal, or check that the batch recorded there can be continued.
+    """Record a new batch in the journal, or check that the recorded batch can be continued.
 
     Parameters
     ----------
@@ -175,8 +174,8 @@ def begin_batch(
     ------
     InputError
         If the folder holds a batch and neither ``resume`` nor ``force`` is true. Also if ``resume``
-        is true and the batch in the folder has other campaigns, options or versions. Also if the
-        folder holds a table without a journal and ``force`` is false.
+        is true and the batch in the folder has other campaigns, options or versions of software.
+        Also if the folder holds a table but its journal records no batch, and ``force`` is false.
     """
     saved = journal.execute("SELECT record FROM batch").fetchone()
     has_table = (out / DATASET).exists()
@@ -239,7 +238,7 @@ def _check_same_campaigns(journal: sqlite3.Connection, out: Path, jobs: Sequence
 
 
 def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -> None:
-    """Save the row of a campaign in the journal, in a separate transaction.
+    """Save the row of a campaign in the journal, in a transaction of its own.
 
     Parameters
     ----------
@@ -256,9 +255,9 @@ def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -
 def _plain(value: Any) -> Any:
     """Return a value of a campaign's row in a form that can be stored as JSON and Parquet.
 
-    The value may be nested. Numbers that are not finite become None (null in JSON), tuples become
-    lists. File names may contain characters that UTF-8 cannot encode; these characters become
-    question marks.
+    The value may be nested. Numbers that are not finite become None (null in JSON), and tuples
+    become lists. Characters that UTF-8 cannot encode, which file names may contain, become question
+    marks.
     """
     if isinstance(value, Mapping):
         return {name: _plain(entry) for name, entry in value.items()}

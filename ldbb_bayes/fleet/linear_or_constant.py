@@ -1,11 +1,11 @@
 """Bayes factor of linear over constant compliance, from the nodes of one fit.
 
-φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted values
+φ are the hyper-parameters (the scales of the noise and of other effects). Nodes are weighted values
 of φ. T is the condition that no compliance is negative (truncation). The log evidence of a model
-with truncation is ln Z + ln P(T | y) − ln P(T). Z is the density of the readings y if compliances
-may be negative, P(T | y) and P(T) are the posterior and the prior probability of T. The models of
-linear and of constant compliance have the same φ; one set of nodes can therefore be used for both
-models.
+with truncation is ln Z + ln P(T | y) − ln P(T). Z is the density of the readings y under the model
+without truncation; P(T | y) and P(T) are the posterior and the prior probability of T under that
+model. The model of linear compliance and the model of constant compliance have the same
+hyper-parameters φ; one set of nodes can therefore be used for both models.
 """
 
 from __future__ import annotations
@@ -37,10 +37,11 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
     Parameters
     ----------
     density : posterior density of the hyper-parameters (scales of the noise and of other effects)
-        under the model of a fit, in which compliances depend on force. If the dependence is linear,
-        the nodes (weighted values of the hyper-parameters) of this fit are used for both models.
+        under the model of a fit, in which compliances depend on force. If compliances are linear in
+        force and the nodes (weighted values of the hyper-parameters) of this fit are precise
+        enough, these nodes are used for both models. Otherwise both evidences are computed anew.
     tolerance : error allowed in each of the two log evidences [nat]. The error of the result is the
-        sum of the errors of both log evidences.
+        sum of the errors of the two log evidences.
     """
     model = density.bound.model
     plain = density.plain
@@ -63,13 +64,13 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
 
 
 def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float) -> _LogEvidence:
-    """Return the log evidence of a model, computed with nodes from a fit without truncation.
+    """Return the log evidence of a model with truncation, from nodes of the model without it.
 
-    Truncation is the condition that no compliance is negative. Nodes are weighted values of the
-    hyper-parameters.
-
-    ``truncated`` is the posterior density of the hyper-parameters under truncation; ``tolerance``
-    is the error allowed in the log probability that no compliance is negative [nat].
+    Truncation is the condition that no compliance is negative. ``nodes`` are weighted values of the
+    hyper-parameters that represent their posterior without truncation. ``truncated`` is the
+    posterior density of the hyper-parameters with truncation. ``tolerance`` is the error allowed in
+    the log probability that no compliance is negative [nat]. If the nodes do not give this
+    probability precisely enough, the evidence is computed with nodes of ``truncated``.
     """
     bound = truncated.bound
     value = nodes.evidence.log_value

@@ -1,14 +1,15 @@
 """Detection of machines that do not belong to the population of the other machines.
 
-Every machine is left out in turn and compared with what the other machines predict for it. The
-prediction is averaged over random draws of the spreads s (standard deviations of the machines about
-the population's mean); all other unknowns are integrated out exactly. Outlying tests within one
-campaign are found in another way, see `outlying_tests`.
+Every machine is left out in turn, and its parameters are compared with the prediction from the
+other machines. The prediction is averaged over random draws of the spreads s (standard deviations
+of the machines about the population's mean); all other unknowns are integrated out exactly. The
+module `outlying_tests` finds outlying tests within one campaign by another method.
 
-In the shapes of arrays, n is the number of machines, c that of parameters, q that of parameters and
-instrument errors, and k that of random draws of s. μ is the mean of the population, b are the
-errors of the instrument. The precision of a Gaussian is its inverse covariance; its shift is the
-precision times the mean. z is a difference divided by its standard deviation.
+In the shapes of arrays, n is the number of machines, c the number of parameters, q the number of
+parameters and instrument errors, and k the number of random draws of s. μ is the mean of the
+population, and b are the errors of the instrument. The precision of a Gaussian is its inverse
+covariance; its shift is the precision times the mean. z is the difference between a parameter and
+its prediction, divided by the standard deviation of this difference.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Spreads are the standard deviations of machines about the mean of their population. Random draws
-# of the spreads from the posterior given all machines are weighted to leave out one machine. If the
-# weights cannot be trusted, this number of new draws is made from the posterior given the other
-# machines.
-_DRAWS_WITHOUT = 512
 # Spreads are the standard deviations of machines about the mean of their population. To leave out
-# one machine, new random draws of the spreads are made from the posterior given the other machines.
-# New draws are made for at most this number of machines, the most outlying machines first.
+# one machine, random draws of the spreads given all machines are weighted so that they represent
+# the posterior given the other machines. If the weights cannot be trusted, this number of new draws
+# is made from the posterior given the other machines.
+_DRAWS_WITHOUT = 512
+# Largest number of machines for which the spreads (standard deviations of machines about the mean
+# of their population) are drawn anew from the posterior given the other machines. The most outlying
+# machines come first.
 _MOST_REDRAWN = 200
 # Smallest p-value of a machine's parameter. Smaller p-values are replaced by this number, because
 # the corresponding quantile of the normal distribution would not be finite.
@@ -52,23 +53,23 @@ _SMALLEST_P = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class JudgedMachines:
-    """Comparison of c parameters of each of n machines with those of the other machines.
+    """Comparison of each of n machines, in c parameters, with the other machines.
 
     The comparison shows which machines do not belong to the population of the other machines.
     """
 
-    #: p-value of each of n machines, corrected for the numbers of parameters (Bonferroni) and of
-    #: machines (Holm), shape (n,). If all machines belong to one population, the probability that
-    #: any machine has a p-value of at most p is itself at most p.
+    #: p-value of each of n machines, corrected for the number of parameters (Bonferroni) and for
+    #: the number of machines (Holm), shape (n,). If all machines belong to one population, the
+    #: probability that any machine has a p-value of at most p is itself at most p.
     p_value: Array
     #: two-sided p-value of each of c parameters of n machines, not corrected for the number of
     #: comparisons, shape (n, c)
     parameter_p_value: Array
-    #: deviation of each of c parameters of n machines from what the other machines predict, as the
-    #: quantile of the normal distribution that has the same two-sided p-value; positive above the
-    #: prediction; shape (n, c)
+    #: deviation of each of c parameters of n machines from the prediction of the other machines,
+    #: shape (n, c). A deviation is stated as the quantile of the standard normal distribution that
+    #: has the same two-sided p-value; it is positive if the parameter is above the prediction.
     z: Array
-    #: whether the p-values of each of n machines cannot be trusted, because the weights of the
+    #: for each of n machines, whether its p-values cannot be trusted, because the weights of the
     #: random draws of the spreads (standard deviations from machine to machine) are unreliable
     #: (Pareto's k̂ is too high), shape (n,)
     doubtful: Array
@@ -82,17 +83,17 @@ def judge_machines(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> JudgedMachines:
-    """Return a comparison of every machine with what the other machines predict for it.
+    """Return a comparison of every machine with the prediction from the other machines.
 
     The spreads s are the standard deviations of the machines' parameters about the mean μ of the
-    population. Random draws of s are made from their posterior given all machines. For each
-    machine, these draws are weighted to represent the posterior given the other machines. If the
-    weights cannot be trusted, new draws are made from the posterior given the other machines. New
-    draws are made for at most 200 machines, the most outlying machines first.
+    population. Random draws of s are made from the posterior of s given all machines. For each
+    machine, these draws are weighted so that they represent the posterior given the other machines.
+    If the weights cannot be trusted, new draws are made from the posterior given the other
+    machines. New draws are made for at most 200 machines, the most outlying machines first.
 
     Parameters
     ----------
-    density : posterior density of ln s with all machines.
+    density : posterior density of ln s given all machines.
     spreads : random draws of s from this density.
     shared : Gaussian of the mean μ and of the errors b of the instrument, given each draw of s and
         all machines; see `shared_quantities`.
@@ -133,26 +134,26 @@ class _LeftOut(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: ln p(y_m | y_−m, s), the log density of the readings of machine m given those of all other
-    #: machines, up to a constant, for each of n machines and k random draws of the spreads s
-    #: (standard deviations from machine to machine), shape (k, n)
+    #: ln p(y_m | y_−m, s), the log density of the readings y_m of machine m given the readings y_−m
+    #: of all other machines, up to a constant, for k random draws of the spreads s (standard
+    #: deviations from machine to machine) and n machines, shape (k, n)
     log_density: Array
-    #: difference of each of c parameters from what the other machines predict for it, divided by
-    #: the standard deviation of this difference, for n machines and k random draws of the spreads
-    #: (standard deviations from machine to machine), shape (c, k, n)
+    #: difference between each of c parameters and its prediction from the other machines, divided
+    #: by the standard deviation of this difference, for k random draws of the spreads (standard
+    #: deviations from machine to machine) and n machines, shape (c, k, n)
     z: Array
 
 
 def _leave_out_each(
     likelihood: Gaussian, separate: Estimates, spread: Array, shared: Gaussian
 ) -> _LeftOut:
-    """Return a comparison of each of n machines with all others, for k draws of the spreads.
+    """Return a comparison of each of n machines with the other machines, for k draws of spreads.
 
-    ``likelihood`` holds the likelihood of each machine from its campaigns. ``separate`` holds the
-    estimates from each machine alone. ``spread``, shape (k, c), holds the draws of the spreads,
-    which are the standard deviations of the c parameters about the mean of the population.
-    ``shared`` is the posterior of the population's mean and the instrument's errors, given each
-    draw of the spreads and all machines.
+    ``likelihood`` holds the likelihood of each machine, from all its campaigns. ``separate`` holds
+    the estimates from each machine alone. ``spread``, shape (k, c), holds the draws of the spreads,
+    which are the standard deviations of the machines' c parameters about the mean of the
+    population. ``shared`` is the posterior of the population's mean and the instrument's errors,
+    given each draw of the spreads and all machines.
     """
     k, c = spread.shape
     n, q = likelihood.shift.shape
@@ -180,12 +181,13 @@ def _draw_without(
 ) -> tuple[Spreads, Array]:
     """Return k draws of the spreads without machine m, and z of machine m, shape (c, k, 1).
 
-    Spreads are the standard deviations of the machines about the mean of their population; they are
-    drawn from their posterior density given all machines but the one with the index m. For each
-    draw, z holds the differences of the c parameters of machine m from what the other machines
-    predict, divided by their standard deviations. ``density`` is the posterior density given all
-    machines, ``mode`` its mode in ln s, and ``separate`` holds the estimates from each machine
-    alone. ``seed`` is that of the new draws.
+    Spreads s are the standard deviations of the machines about the mean of their population. They
+    are drawn from their posterior density given all machines except the machine with the index m.
+    For each draw, z holds the difference between each of the c parameters of machine m and its
+    prediction from the other machines, divided by the standard deviation of the difference.
+    ``density`` is the posterior density of ln s given all machines, and ``mode`` is the mode of
+    this density. ``separate`` holds the estimates from each machine alone. ``seed`` is the seed of
+    the new draws.
     """
     likelihood = density.likelihood
     stays = np.arange(len(likelihood.shift)) != m
@@ -209,10 +211,11 @@ def _compare(
     """Return a log integral for the other machines, and the deviation z of each machine left out.
 
     For each of n machines left out and each of k draws of the spreads, the other machines give a
-    Gaussian of the population's mean μ and the instrument's errors b. The first result, shape
-    (k, n), is the log integral of this Gaussian over μ and b, up to a constant. The second, shape
-    (c, k, n), is z: the difference between each of the machine's c parameters and its prediction
-    from the Gaussian and the spreads, divided by the standard deviation of the difference.
+    Gaussian of the population's mean μ and the instrument's errors b. The first array returned,
+    shape (k, n), holds the log integral of this Gaussian over μ and b, up to a constant. The second
+    array, shape (c, k, n), holds z: the difference between each of the c parameters of the machine
+    left out and its prediction from the Gaussian and the spreads, divided by the standard deviation
+    of the difference.
 
     Parameters
     ----------
@@ -248,10 +251,11 @@ def _two_sided_p_value(weights: Array, z: Array) -> tuple[Array, Array]:
     """Return two-sided p-values of c parameters of n machines, and the sides of the deviations.
 
     ``z``, shape (c, k, n), holds the deviations from the prediction, divided by their standard
-    deviations. The tail probabilities above and below these deviations are averaged over k random
-    draws of the machines' spreads. ``weights``, shape (n, k), holds the weights of the draws for
+    deviations, for k random draws of the machines' spreads. The tail probabilities above and below
+    z are averaged over the draws; ``weights``, shape (n, k), holds the weights of the draws for
     each machine. A p-value is twice the smaller of the two averages. The side is 1 for a deviation
-    above the prediction, and −1 for a deviation below it. Both results have the shape (n, c).
+    above the prediction, and −1 for a deviation below the prediction. Both arrays returned have the
+    shape (n, c).
     """
     above = np.einsum("mk,jkm->mj", weights, ndtr(-z))
     below = np.einsum("mk,jkm->mj", weights, ndtr(z))

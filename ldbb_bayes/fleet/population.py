@@ -1,16 +1,16 @@
-"""Population that machines of one kind come from (a hierarchical model).
+"""Population of machines of one kind, described by a hierarchical model.
 
 c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(spread_scale)
 
-All values are in units of the parameters' prior sd. c_m are the parameters of machine m, the same
-in all its campaigns. μ is the mean of the population, s its spread, that is, the standard deviation
-of the machines about μ; j is the index of a parameter. b are the errors of the instrument, which is
-the same in all campaigns.
+All values are in units of the parameters' prior sds. c_m are the parameters of machine m, which are
+the same in all campaigns of this machine. μ is the mean of the population. s are the spreads, that
+is, the standard deviations of the machines about μ; j is the index of a parameter. b are the errors
+of the instrument, which is the same in all campaigns.
 
 The estimate for each machine also depends on the readings of the other machines. The smaller the
 spread is, the stronger is this dependence (partial pooling). The likelihoods of the campaigns are
-Gaussian in c_m and b (`FleetStatistics`), and all unknowns except s are therefore integrated out
-exactly (`spread_density`). Each machine is compared with what the other machines predict for it
+Gaussian functions of c_m and b (`FleetStatistics`). All unknowns except s are therefore integrated
+out exactly (`spread_density`). Each machine is compared with the prediction from the other machines
 (`outlying_machines`).
 """
 
@@ -76,7 +76,7 @@ _FEWEST_MACHINES = 6
 # p-value below which a machine is flagged as not belonging to the population. If all machines
 # belong to the population, the probability that any machine is flagged is at most this value.
 _FALSE_ALARMS = 0.05
-# Pattern of the names of compliances at the reference force, without their slopes.
+# Pattern of the names of compliances at the reference force; it does not match names of slopes.
 _CONSTANT_COMPLIANCE = re.compile(r"C_...")
 # Text of empty cells in the printed table of a population's parameters.
 _NOTHING = "–"
@@ -88,9 +88,9 @@ class _DrawLimits(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: largest product of the number of random draws of the spreads (standard deviations from
-    #: machine to machine) and the number of machines. At least ``lowest`` draws are made even if
-    #: the product is then larger.
+    #: largest product of two numbers: the number of random draws of the spreads (standard
+    #: deviations from machine to machine) and the number of machines. At least ``lowest`` draws are
+    #: made, even if the product is then larger.
     pairs: int
     #: smallest number of random draws of the spreads (standard deviations from machine to machine),
     #: for any number of machines
@@ -100,7 +100,7 @@ class _DrawLimits(NamedTuple):
     highest: int
 
     def size(self, machines: int) -> int:
-        """Return the number of random draws made of the spreads of this number of machines.
+        """Return the number of random draws of the spreads for a given number of machines.
 
         Spreads are the standard deviations of the machines about their mean. The number of draws is
         the largest power of two within the limits.
@@ -113,8 +113,8 @@ class _DrawLimits(NamedTuple):
 # of the machines about the mean) are summarised.
 _SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
 # Limits of the number of random draws of the spreads (standard deviations from machine to machine)
-# from which the estimates for every machine are computed. The same draws, and further draws, are
-# used to summarise the spreads.
+# from which the estimates for every machine are computed. These draws are the first part of the
+# draws from which the spreads are summarised.
 _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 
@@ -126,44 +126,49 @@ class PooledParameter(Result):
     internal units (mm, N, rad).
     """
 
-    unit: str  #: internal unit of the parameter, made of mm, N and rad
+    unit: str  #: internal unit of the parameter, composed of mm, N and rad
     #: prior sd, in ``unit``, of the parameter's mean over the population; the prior mean is zero
     prior_sd: float
     mean: Summary  #: mean of the parameter over the machines of the population
-    #: spread of the parameter: its standard deviation from machine to machine about the mean
+    #: spread of the parameter: the standard deviation of the machines about the mean
     spread: Summary
     #: prediction of the parameter for a machine of the population that was not measured
     next: Summary
-    #: part of the posterior sd of the parameter's mean, in ``unit``, that is due to errors of the
-    #: instrument that all campaigns used; measurements of more machines do not reduce this part
+    #: part of the posterior sd of the parameter's mean, in ``unit``, that is due to the errors of
+    #: the one instrument that all campaigns used; measurements of more machines do not reduce this
+    #: part
     instrument_sd: float
 
 
 @dataclass(frozen=True)
 class PooledMachine(Result):
-    """Estimates for one machine of a population, and its comparison with the other machines."""
+    """Estimates for one machine of a population, and its comparison with the other machines.
+
+    Attributes of type ``Summary`` are in internal units (mm, N, rad).
+    """
 
     #: machine_id of the machine, or the file path of its campaign if the campaign states no
     #: machine_id
     name: Annotated[str, Field(exclude=True)]
     campaigns: int  #: number of campaigns of this machine
-    #: estimates of the machine's parameters from its own campaigns and from the population; the
-    #: keys are the names of the parameters
+    #: estimates of the machine's parameters from the campaigns of this machine and from the
+    #: population; the keys are the names of the parameters
     estimate: dict[str, Summary]
-    #: estimates of the machine's parameters from its own campaigns and the prior N(0, prior_sd²),
-    #: without the population; the keys are the names of the parameters. Only the instrument's
-    #: errors are estimated from the campaigns of all machines.
+    #: estimates of the machine's parameters from the campaigns of this machine and the prior
+    #: N(0, prior_sd²), without the population; the keys are the names of the parameters. Only the
+    #: instrument's errors are estimated from the campaigns of all machines.
     alone: dict[str, Summary]
     #: p-value of the hypothesis that the machine belongs to the population of the other machines,
-    #: corrected for the numbers of parameters (Bonferroni) and of machines (Holm). If all machines
-    #: belong to one population, the probability that any machine has a p-value of at most p is
-    #: itself at most p. None if there are fewer than six machines.
+    #: corrected for the number of parameters (Bonferroni) and for the number of machines (Holm). If
+    #: all machines belong to one population, the probability that any machine has a p-value of at
+    #: most p is itself at most p. None if there are fewer than six machines.
     p_value: float | None = None
     #: whether the machine stands out from the other machines: its corrected p-value is below 5 %
     flag: bool = False
-    #: deviation of each parameter of the machine from what the other machines predict, as the
-    #: quantile of the normal distribution with the same two-sided p-value. The keys are the names
-    #: of the parameters. Empty if there are fewer than six machines.
+    #: deviation of each parameter of the machine from the prediction of the other machines, stated
+    #: as the quantile of the standard normal distribution with the same two-sided p-value; positive
+    #: above the prediction. The keys are the names of the parameters. Empty if there are fewer than
+    #: six machines.
     z: dict[str, float] = field(default_factory=dict)
 
 
@@ -171,9 +176,8 @@ class PooledMachine(Result):
 class Population(Result):
     """Population of machines of one kind, and the estimates for each machine.
 
-    If ``judged`` is false, not every machine could be reliably compared with the other machines.
-    Further machines, which ``not_belonging`` does not name, may then not belong to the population
-    either.
+    If ``judged`` is false, not every machine could be reliably compared with the other machines. In
+    this case, ``not_belonging`` may lack machines that do not belong to the population.
 
     Examples
     --------
@@ -187,8 +191,8 @@ class Population(Result):
     #: distribution of each parameter over the machines (mean, standard deviation from machine to
     #: machine, prediction for a further machine); the keys are the names of the parameters
     parameters: dict[str, PooledParameter]
-    #: estimates for each machine; the key is the machine_id or, if there is none, the file path of
-    #: the campaign
+    #: estimates for each machine; the keys are the machine_ids or, for a machine without
+    #: machine_id, the file path of its campaign
     machine: dict[str, PooledMachine]
     campaigns: int  #: number of campaigns of all machines in the population
     reference_force_N: float  #: force for which the compliances are given [N]
@@ -199,36 +203,37 @@ class Population(Result):
     #: weighted sum of joint compliances for which each fitted compliance stands; the keys are the
     #: names of the fitted compliances; empty if the batch does not state the sums
     compliances: Mapping[str, Meaning]
-    #: names of the instrument errors that all campaigns have in common, such as that of the mount
+    #: names of the instrument errors that are the same in all campaigns, such as "mount" for the
+    #: error of the mount's deflection; empty if the campaigns used different instruments
     instrument: tuple[str, ...]
-    #: scale of the prior of each parameter's spread (sd of the machines about the mean), which is
-    #: HalfNormal(spread_scale · prior_sd)
+    #: scale of the prior of each parameter's spread (sd of the machines about the mean), in units
+    #: of the parameter's ``prior_sd``: the prior is HalfNormal(spread_scale · prior_sd)
     spread_scale: float
     #: seed of the random draws of the spreads (standard deviations from machine to machine)
     seed: int
     #: Pareto's k̂ of the weights of the random draws of the spreads (standard deviations of the
-    #: machines about the mean); the lower it is, the more reliable are the draws
+    #: machines about the mean); the draws are the more reliable, the lower k̂ is
     pareto_k: float
-    #: whether Pareto's k̂ of the weights is low enough for the random draws of the spreads
-    #: (standard deviations from machine to machine) to be trusted
+    #: whether the random draws of the spreads (standard deviations from machine to machine) can be
+    #: trusted, because Pareto's k̂ of their weights is low enough
     trusted: bool
     caveats: tuple[Caveat, ...]  #: limitations of the population and of its campaigns
     prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
-    #: whether the comparison of every machine with the other machines was reliable; this comparison
-    #: shows which machines do not belong to the population
+    #: whether every machine was compared with the other machines and the comparison was reliable;
+    #: this comparison shows which machines do not belong to the population
     judged: Annotated[bool, Field(exclude=True)]
-    #: SHA-256 digests, one for each campaign, of its readings and of the conditions under which
-    #: they were taken. The digests show whether a campaign is part of the population. A campaign
-    #: that is part of the population is not fitted with a prior from this population, because its
-    #: readings would count twice.
+    #: one SHA-256 digest for each campaign, computed from the campaign's readings and the
+    #: conditions under which they were taken. The digests show whether a campaign is part of the
+    #: population. A campaign that is part of the population cannot be fitted with a prior from this
+    #: population, because its readings would count twice.
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
         """Names of the machines that stand out from the other machines.
 
-        A machine stands out if its corrected p-value is below 5 %. The machine with the largest
-        deviation of a parameter comes first.
+        A machine stands out if its corrected p-value is below 5 %. The machines are sorted by the
+        size of their largest deviation z, the largest first.
         """
         flagged = sorted(machine.name for machine in self.machine.values() if machine.flag)
         return tuple(ranked(flagged, self._largest_z))
@@ -240,7 +245,7 @@ class Population(Result):
         """Return the content of the file population.json, without its sentences and SHA-256 digest.
 
         The entry ``next`` is the prediction for a further machine. `read_population_prior` makes a
-        prior from it.
+        prior from this entry.
         """
         next_machine = {}
         for name, parameter in self.parameters.items():
@@ -262,10 +267,10 @@ class Population(Result):
     def machines_table(self) -> pd.DataFrame:
         """Return a table with one row per machine, in internal units (mm, N, rad).
 
-        Columns are the number of campaigns, p_value, flag and, for each parameter, the estimate
-        from the campaigns of all machines (such as C_XXX.mean, .sd, .ci_low, .ci_high), the
-        estimate from the machine's own campaigns (.alone_mean, .alone_sd), and the deviation z from
-        what the other machines predict.
+        Columns are campaigns (the number of campaigns), p_value and flag. For each parameter, such
+        as C_XXX, there are further columns: C_XXX.mean, .sd, .ci_low and .ci_high for the estimate
+        that uses the population; .alone_mean and .alone_sd for the estimate from the campaigns of
+        the machine alone; and .z for the deviation from the prediction of the other machines.
         """
         rows: dict[str, dict[str, Any]] = {}
         for name, machine in self.machine.items():
@@ -299,7 +304,7 @@ def _population_record(result: Population) -> dict[str, Any]:
 def _population_parts(result: Population) -> tuple[Table | str, ...]:
     """Return what ``print`` shows of a population: a table of its parameters, then sentences.
 
-    The table has a row per parameter; the sentences state the findings and the limitations.
+    The table has one row for each parameter. The sentences state the findings and the limitations.
     """
     heads = (
         "parameter",
@@ -357,7 +362,7 @@ def fit_population(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """Return the population that the machines of a batch come from.
+    """Fit a population to the machines of a batch.
 
     The result also predicts the parameters of a further machine, and states which machines do not
     belong to the population.
@@ -366,10 +371,9 @@ def fit_population(
     ----------
     rows : DataFrame
         Table of a batch that `read_batch` returns, one row per campaign. Every campaign without
-        machine_id is treated as that of a separate machine.
+        machine_id is treated as the only campaign of a separate machine.
     parameters : sequence of str, optional
-        Names of the parameters to analyse. Default: all constant compliances, that is, those at
-        the reference force.
+        Names of the parameters to analyse. Default: all compliances at the reference force.
     exclude : sequence of str
         Campaigns and machines to leave out. A campaign is given by its path as in the table, by the
         last part of this path or by its name; a machine is given by its machine_id.
@@ -381,21 +385,22 @@ def fit_population(
         Force for which the compliances are given [N]. Default: the median of the campaigns'
         reference forces.
     spread_scale : float
-        Scale of the prior of each parameter's spread (standard deviation from machine to machine),
-        which is HalfNormal(spread_scale · sd). Here sd is the reference standard deviation of the
-        parameter: that of its default prior or, if larger, the median standard deviation of its
-        priors in the fits of the campaigns.
+        Scale of the prior of each parameter's spread (standard deviation from machine to machine).
+        The prior is HalfNormal(spread_scale · sd), where sd is the reference standard deviation of
+        the parameter. The reference standard deviation is the larger of two values: the standard
+        deviation of the parameter's default prior, and the median standard deviation of the
+        parameter's priors in the fits of the campaigns.
     one_instrument : bool
-        Whether all campaigns used the same bar. If so, errors of mount and force gain do not
-        average out.
+        Whether all campaigns used the same bar. If so, the errors of the mount's deflection and of
+        the force are the same in all campaigns and do not average out.
     prob : float
         Probability of the credible intervals.
     seed : int
         Seed of the random draws.
     progress : callable, optional
-        Function that is called while machines are compared with the other machines. It is called
-        with two numbers: the number of machines for which new spreads have been drawn, and the
-        number of all machines for which new spreads are needed.
+        Function that is called while machines are compared with the other machines. Its arguments
+        are the number of machines for which new spreads have been drawn, and the number of all
+        machines for which new spreads are drawn.
 
     Returns
     -------
@@ -453,7 +458,7 @@ def pool(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """Return the population that the machines of campaigns come from; see `fit_population`.
+    """Fit a population to the machines of campaigns; see `fit_population`.
 
     Parameters
     ----------
@@ -499,9 +504,9 @@ def pool(
 
 
 class _Moments(NamedTuple):
-    """Means, sds and credible intervals of several parameters, in units of their prior sd.
+    """Means, sds and credible intervals of c parameters, in units of their prior sds.
 
-    Arrays have one element per parameter, shape (c,), or per machine and parameter, shape (n, c).
+    If the moments are those of n machines, each machine has its own row in the arrays.
     """
 
     #: mean of each parameter in units of its prior sd, shape (c,), or (n, c) for n machines
@@ -515,13 +520,13 @@ class _Moments(NamedTuple):
 
 
 def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _Moments:
-    """Return moments and intervals of Gaussians averaged over weighted draws of the spreads.
+    """Return moments and intervals of c parameters, averaged over weighted draws of the spreads.
 
     Spreads are the standard deviations of the machines about the mean of their population. For each
     of k draws of the spreads, a parameter has a Gaussian distribution. ``mean`` and ``sd`` hold the
-    moments of these Gaussians, shape (k, c), or (k, n, c) for n machines; ``weight``, shape (k,),
-    holds the weights of the draws. ``tails`` are the cumulative probabilities of the two ends of
-    the credible intervals.
+    means and standard deviations of these Gaussians, shape (k, c), or (k, n, c) for n machines.
+    ``weight``, shape (k,), holds the weights of the draws. ``tails`` are the cumulative
+    probabilities of the two ends of the credible intervals.
     """
     mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
     return _Moments(mixture_mean, mixture_sd, mixture_quantiles(weight, mean, sd, tails))
@@ -530,8 +535,9 @@ def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _
 def _summarize(scale: Array, moments: _Moments) -> list[Summary]:
     """Return the summary of each of the c parameters, in internal units (mm, N, rad).
 
-    A summary is mean, sd and credible interval. The ``moments`` of the c parameters are in units of
-    ``scale``, shape (c,), which holds the prior sds of the parameters in internal units.
+    A summary consists of mean, sd and credible interval. ``scale``, shape (c,), holds the prior sds
+    of the parameters in internal units. ``moments`` are the moments of the parameters in units of
+    these prior sds.
     """
     mean = (scale * moments.mean).tolist()
     sd = (scale * moments.sd).tolist()
@@ -549,8 +555,8 @@ def _pool_parameters(
 ) -> dict[str, PooledParameter]:
     """Return the distribution of every parameter over the machines.
 
-    The keys of the result are the names of the parameters. Each distribution is given by its mean,
-    its spread and the prediction for a further machine.
+    The keys of the result are the names of the parameters. Each distribution is described by its
+    mean, by its spread and by the prediction for a further machine.
 
     Parameters
     ----------
@@ -560,10 +566,11 @@ def _pool_parameters(
         Random draws of the spreads (standard deviations of the machines about their mean), from
         which the spreads are summarised.
     first_spreads
-        The first part of these draws. The distributions of the mean and of a further machine are
-        averaged over this part only.
+        First part of the draws in ``spreads``. The distributions of the mean and of a further
+        machine are averaged over this part only.
     shared
-        Gaussian of the mean and the instrument's errors for each of ``first_spreads``.
+        Gaussian of the population's mean and the instrument's errors for each draw in
+        ``first_spreads``.
     tails
         Cumulative probabilities of the two ends of the credible intervals.
     """
@@ -600,7 +607,8 @@ def _instrument_sd(
 ) -> Array:
     """Return the part of the sd of the population's mean that is due to instrument errors.
 
-    The result has one element for each of c parameters, in units of the parameter's prior sd.
+    The result has one element for each of c parameters, shape (c,), in units of the parameter's
+    prior sd.
 
     Parameters
     ----------
@@ -610,9 +618,9 @@ def _instrument_sd(
         Weights of k random draws of the machines' spreads (standard deviations about their mean),
         shape (k,).
     shared
-        Gaussian of the mean and the instrument's errors for each draw.
+        Gaussian of the population's mean and the instrument's errors for each draw.
     sd
-        Standard deviation of the mean for each draw, shape (k, c).
+        Standard deviations of the population's mean for each draw, shape (k, c).
     """
     c = len(statistics.parameters)
     if not statistics.instrument:
@@ -631,10 +639,10 @@ def _pool_machines(
     judged: JudgedMachines | None,
     tails: tuple[float, float],
 ) -> dict[str, PooledMachine]:
-    """Return the estimates for every machine and its comparison with the other machines.
+    """Return the estimates for every machine, and its comparison with the other machines.
 
-    The keys of the result are the names of the machines. A machine has two sets of estimates: one
-    uses the population, and the other uses only the campaigns of the machine itself.
+    The keys of the result are the names of the machines. A machine has two sets of estimates: the
+    first set uses the population, and the second set uses only the campaigns of the machine itself.
 
     Parameters
     ----------
@@ -647,7 +655,7 @@ def _pool_machines(
     spreads
         Random draws of the spreads (standard deviations of the machines about their mean).
     shared
-        Gaussian of the mean and the instrument's errors for each draw.
+        Gaussian of the population's mean and the instrument's errors for each draw.
     judged
         Comparison of each machine with the other machines; None if there are too few machines.
     tails
@@ -689,10 +697,10 @@ def _estimate_machines_separately(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> _Moments:
-    """Return estimates from each machine's own campaigns: c parameters of n machines, shape (n, c).
+    """Return estimates of c parameters of n machines, each machine from its own campaigns.
 
-    Only the errors of the instrument are estimated from the campaigns of all machines. All values
-    are in units of the prior sd.
+    The means and sds have the shape (n, c). Only the errors of the instrument are estimated from
+    the campaigns of all machines. All values are in units of the prior sds.
 
     Parameters
     ----------
@@ -727,10 +735,10 @@ def _caveats(
     judged: JudgedMachines | None,
     machines: Sequence[str],
 ) -> list[Caveat]:
-    """Return the limitations that a user of a population's numbers must know.
+    """Return the limitations of a population that its user must know.
 
-    ``judged`` is the comparison of each machine with the other machines; it is None if there are
-    too few machines. ``machines`` are the names of all machines.
+    ``judged`` is the comparison of each machine with the other machines, or None if there are too
+    few machines. ``machines`` are the names of all machines.
     """
     caveats = list(statistics.caveats)
     if not spreads.trusted:
@@ -752,9 +760,9 @@ def _instrument_caveat(
 ) -> Caveat:
     """Return a caveat that names the parameter most affected by the instrument's errors.
 
-    For this parameter, these errors cause the largest share of the variance of the population's
-    mean. The caveat also states this share in per cent. ``statistics`` holds the likelihoods of the
-    campaigns.
+    This is the parameter for which the errors cause the largest share of the variance of the
+    population's mean. The caveat also states this share in per cent. ``statistics`` holds the
+    likelihoods of the campaigns.
     """
     shares = {}
     for name, parameter in parameters.items():

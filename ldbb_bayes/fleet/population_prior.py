@@ -1,4 +1,4 @@
-"""Prior for one more machine, taken from the result of a population of machines."""
+"""Prior for a further machine, taken from the result of a population of machines."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ _SAME_FORCE = 1e-9
 
 @dataclass(frozen=True)
 class PopulationPrior(Shown):
-    """Prior of the compliances C of one more machine of a population: C ~ N(mean, sd²).
+    """Prior of the compliances C of a further machine of a population: C ~ N(mean, sd²).
 
     The prior is for compliances at the population's reference force, in internal units (mm, N,
-    rad). The slopes of compliances and the geometric errors keep the priors of the model.
+    rad). Changes of compliances with force (slopes) and geometric errors keep the priors of the
+    model.
 
     Examples
     --------
@@ -57,29 +58,30 @@ class PopulationPrior(Shown):
     #: SHA-256 of the content of population.json, the result from which the prior was made
     sha256: str
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: weighted sum of joint compliances for which each compliance stands; the keys are the names of
-    #: the compliances. A compliance without an entry is assumed to stand for the same sum as in the
-    #: campaign to be fitted.
+    #: weighted sum of joint compliances for which each compliance stands in the population; the
+    #: keys are the names of the compliances. A compliance without an entry is assumed to stand for
+    #: the same sum as in the campaign to be fitted.
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
-    #: one text for each machine in the population from which the prior was made: its machine_id or,
-    #: if there is none, the file path of its campaign
+    #: names of the machines in the population from which the prior was made: the machine_id or, for
+    #: a machine without machine_id, the file path of its campaign
     machine_ids: frozenset[str] = frozenset()
-    #: SHA-256 digests, one for each campaign in the population from which the prior was made. Each
-    #: digest is that of the readings and of the conditions under which they were taken.
+    #: one SHA-256 digest for each campaign in the population from which the prior was made. A
+    #: digest is computed from the campaign's readings and the conditions under which they were
+    #: taken.
     readings: frozenset[str] = frozenset()
     #: sentences on the limitations of the population from which the prior was made
     population_doubts: tuple[str, ...] = ()
 
     def model(self, model: HybridModel) -> HybridModel:
-        """Return a model whose compliances have this prior from a population.
+        """Return a copy of a model in which the compliances have this prior from a population.
 
-        The slopes of compliances keep the prior standard deviations of the given model. The
-        compliances of the returned model are given for the population's reference force.
+        Changes of compliances with force (slopes) keep the prior standard deviations of the given
+        model. The compliances of the returned model are those at the population's reference force.
 
         Parameters
         ----------
         model : HybridModel
-            Model with proper (not flat) priors, in which the compliances are free.
+            Model with proper (not flat) priors, in which no compliance of the population is fixed.
 
         Returns
         -------
@@ -113,12 +115,12 @@ class PopulationPrior(Shown):
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
-        """Return sentences that state reasons to doubt the population's prior for a campaign.
+        """Return sentences that state why the population's prior may not suit a campaign.
 
         Parameters
         ----------
         campaign : Campaign
-            Campaign or plan for which the prior shall be used.
+            Campaign or plan to be fitted with the prior.
 
         Returns
         -------
@@ -148,8 +150,8 @@ class PopulationPrior(Shown):
         """Raise an `InputError` if the population's prior does not apply to a campaign.
 
         The campaign's machine must have the topology (chain of joints) of the population's
-        machines. The campaign's compliances must stand for the same sums of joint compliances as
-        those of the population. The campaign must not be part of the population.
+        machines. Each compliance must stand for the same sum of joint compliances in the campaign
+        as in the population. The campaign must not be part of the population.
         """
         if campaign.topology != self.topology:
             raise InputError(
@@ -198,7 +200,7 @@ def _check_takes_prior(model: HybridModel, name: str) -> None:
 
 
 def read_population_prior(path: str | os.PathLike[str]) -> PopulationPrior:
-    """Return the prior that a population gives for one more machine.
+    """Return the prior that a population gives for a further machine.
 
     Parameters
     ----------
@@ -208,12 +210,12 @@ def read_population_prior(path: str | os.PathLike[str]) -> PopulationPrior:
     Returns
     -------
     PopulationPrior
-        Prior means and standard deviations of the compliances of this machine.
+        Prior means and standard deviations of the compliances of the further machine.
 
     Raises
     ------
     InputError
-        If there is no file population.json, or the file was edited.
+        If there is no file population.json, or if the file has been edited.
 
     Examples
     --------
@@ -255,8 +257,8 @@ def digest_of(record: Mapping[str, Any]) -> str:
 
     Parameters
     ----------
-    record : content of the file as a dictionary; the digest is that of compact JSON with sorted
-        keys.
+    record : content of the file as a dictionary. The digest is computed from this content, written
+        as compact JSON with sorted keys.
     """
     content = {name: value for name, value in record.items() if name != "sha256"}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))

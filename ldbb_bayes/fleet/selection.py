@@ -1,4 +1,4 @@
-"""Selection of the campaigns that a trend or a population uses, with caveats on the choice."""
+"""Selection of the campaigns that a trend or a population uses, with caveats on the selection."""
 
 from __future__ import annotations
 
@@ -20,18 +20,19 @@ from ldbb_bayes.results import Result
 
 __all__ = ["Caveat", "CaveatKind", "check_rows", "choose", "labels", "moment"]
 
-# Kinds of warnings and failed checks of a campaign's fit which mean that the readings of the
+# Kinds of warnings and of failed checks of a campaign's fit that mean that the readings of the
 # campaign do not fit the model.
 _MISFIT_KINDS: frozenset[str] = frozenset({CheckKind.ORDER, ConcernKind.TRUNCATION})
-# Kinds of failed checks of a campaign's fit which mean that the noise of the campaign's readings is
-# not the white noise of the model.
+# Kinds of failed checks of a campaign's fit that mean that the noise of the campaign's readings is
+# not white, as the model assumes.
 _NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELATION})
 
 
 class CaveatKind(StrEnum):
     """Kinds of limitations of the analysis of a trend, or of a population of machines.
 
-    A limitation is one of the analysis itself, or of a campaign that the analysis uses.
+    A limitation concerns the analysis itself, the campaigns that the analysis uses, or the
+    campaigns that are left out.
     """
 
     EXCLUDED = "excluded"
@@ -63,7 +64,7 @@ class Caveat(Result):
     names: tuple[str, ...] = ()
     #: numbers that the sentence on the limitation states, such as a force in N
     values: tuple[float, ...] = ()
-    text: str = ""  #: words that the sentence on the limitation quotes, such as a date
+    text: str = ""  #: text that the sentence on the limitation quotes, such as a date
 
 
 def check_rows(rows: pd.DataFrame) -> None:
@@ -94,15 +95,15 @@ def choose(
     *,
     among: pd.DataFrame | None = None,
 ) -> tuple[pd.DataFrame, list[Caveat]]:
-    """Return the rows of a batch that an analysis shall use, and caveats on the choice.
+    """Return the rows of a batch that an analysis uses, and caveats on the selection.
 
     By default, campaigns whose readings do not fit the model are left out. The readings do not fit
     if the difference between readings and model is too large at one Fourier order of a circle, or
     if the readings contradict the condition that no compliance is negative. Readings a thousand
-    times too large, for example, would move the mean of a population, widen its spread and hide a
-    change of a machine. Further campaigns are also left out: those that could not be fitted, those
-    whose row lacks sufficient statistics, those that the user excludes, and those whose readings
-    are the same as those of an earlier row.
+    times too large, for example, would shift the mean of a population, increase its spread and hide
+    a change of a machine. The following campaigns are also left out: campaigns that could not be
+    fitted, campaigns whose row lacks sufficient statistics, campaigns that the user excludes, and
+    campaigns with the same readings as an earlier row.
 
     Parameters
     ----------
@@ -116,8 +117,8 @@ def choose(
 
     Returns
     -------
-    The rows to use, and caveats. The caveats name the campaigns that are left out, and those that
-    are kept although their fits are doubtful.
+    The rows to use, and caveats. The caveats name the campaigns that are left out, and the
+    campaigns that are kept although their fits are doubtful.
 
     Raises
     ------
@@ -160,17 +161,17 @@ def _leave_out(
 ) -> pd.DataFrame:
     """Return the rows that are kept, and add a caveat that names the campaigns left out.
 
-    ``is_left_out`` states for each row of a batch's table whether it is left out. The caveat has
-    the given kind and text and is added to the list ``caveats``, if at least one row is left out.
+    ``is_left_out`` states for each row of a batch's table whether the row is left out. If at least
+    one row is left out, a caveat with the given kind and text is added to the list ``caveats``.
     """
     _note(kind, rows[is_left_out], caveats, text)
     return rows[~is_left_out]
 
 
 def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = "") -> None:
-    """Add a caveat to the list ``caveats``; the caveat names the campaigns in the given rows.
+    """Add a caveat that names the campaigns in the given rows to the list ``caveats``.
 
-    If there are no rows, no caveat is added. The caveat has the given kind and text.
+    The caveat has the given kind and text. If there are no rows, no caveat is added.
     """
     if not rows.empty:
         caveats.append(Caveat(kind, tuple(labels(rows)), text=text))
@@ -179,8 +180,8 @@ def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str
 def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
     """Return for each campaign whether its fit has a warning or failed check of the given kinds.
 
-    An example is the kind "order": the difference between readings and model is too large at one
-    Fourier order of a circle. ``rows`` are rows of the table of a batch, one per campaign.
+    The kind "order", for example, means that the difference between readings and model is too large
+    at one Fourier order of a circle. ``rows`` are rows of the table of a batch, one per campaign.
     """
     matches = [
         reported is not None and not kinds.isdisjoint(reported) for reported in rows["kinds"]
@@ -206,10 +207,10 @@ def _is_text(value: Any) -> bool:
 
 
 def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -> pd.Series[bool]:
-    """Return for each campaign whether the user excluded it or its machine by name.
+    """Return for each campaign whether the user excluded the campaign or its machine by name.
 
-    ``exclude`` are the names that the user gave. Raise an `InputError` if one of these names is not
-    that of a campaign or machine in the table ``batch``. ``rows`` has one row per campaign.
+    ``exclude`` are the names that the user gave. Raise an `InputError` if the table ``batch`` has
+    no campaign or machine of one of these names. ``rows`` has one row per campaign.
     """
     excluded = [exclude] if isinstance(exclude, str) else list(exclude)
     known_names = _names(batch)

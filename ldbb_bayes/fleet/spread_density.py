@@ -2,15 +2,15 @@
 
 c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(τ)
 
-All values are in units of the parameters' prior sd. c_m are the parameters of machine m, μ is the
-mean of the population. s are the spreads, that is, the standard deviations of the machines about μ;
-their prior has the scale τ. b are the instrument's errors; j is the index of a parameter. Given s,
-all distributions are Gaussian, and c_m, μ and b are therefore integrated out exactly. Values of ln
-s are drawn from a Student t distribution about the mode of the density of ln s, and weighted
-(importance sampling).
+All values are in units of the parameters' prior sds. c_m are the parameters of machine m, and μ is
+the mean of the population. s are the spreads, that is, the standard deviations of the machines
+about μ; the prior of the spreads has the scale τ. b are the instrument's errors; j is the index of
+a parameter. Given s, all distributions are Gaussian, and c_m, μ and b are therefore integrated out
+exactly. Values of ln s are drawn from a Student t distribution about the mode of the density of
+ln s, and weighted (importance sampling).
 
-In the shapes of arrays, k is the number of values of s, n that of machines, c that of parameters,
-and q that of parameters and instrument errors.
+In the shapes of arrays, k is the number of values of s, n the number of machines, c the number of
+parameters, and q the number of parameters and instrument errors.
 """
 
 from __future__ import annotations
@@ -42,40 +42,41 @@ __all__ = [
     "spread_slices",
 ]
 
-# Largest number of pairs, each of a random draw of the spreads and a machine, that are computed in
-# one block. With this limit, a block fits into the processor's cache. Spreads are the standard
-# deviations of machines about the mean of their population.
+# Largest size of a block of computations: the number of random draws of the spreads in the block,
+# times the number of machines. With this limit, a block fits into the processor's cache. Spreads
+# are the standard deviations of machines about the mean of their population.
 _PAIRS_AT_ONCE = 4096
 # Degrees of freedom of the Student t distribution from which ln s is drawn. s are the spreads, that
 # is, the standard deviations of machines about the mean of their population.
 _DEGREES_OF_FREEDOM = 5.0
-# Step of the central differences by which the Hessian of the log density of ln s is computed. s are
-# the spreads, that is, the standard deviations of machines about the mean of their population.
+# Step of ln s in the central differences from which the Hessian of the log density of ln s is
+# computed. s are the spreads, that is, the standard deviations of machines about the mean of their
+# population.
 _DIFFERENCE_STEP = 1e-4
 # The search for the mode of the density of ln s ends if a step increases the log density by less
 # than this number [nat]. s are the spreads, that is, the standard deviations of machines about the
 # mean of their population.
 _MODE_GAIN = 1e-10
-# Random draws of ln s are limited to a range. The range begins ``_RANGE_BELOW`` below ln τ. The
-# range ends ``_RANGE_ABOVE`` above ln τ or above the mode of the density of ln s, whichever is
-# larger. s are the spreads, that is, the standard deviations of machines about the mean of their
-# population; τ is the scale of their prior.
+# Random draws of ln s are limited to a range. Its lower end is ln τ − ``_RANGE_BELOW``. Its upper
+# end is ``_RANGE_ABOVE`` above ln τ, or above the largest element of the mode of ln s if this
+# element is larger than ln τ. s are the spreads, that is, the standard deviations of machines about
+# the mean of their population; τ is the scale of the prior of the spreads.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# Smallest effective number of random draws of the machines' spreads (standard deviations about
-# their mean), divided by the actual number of draws. If the first set of draws has a larger share
-# than this number and its weights can be trusted, no second set is made.
+# No second set of random draws of the machines' spreads (standard deviations about their mean) is
+# made if the weights of the first set can be trusted and its effective number of draws, divided by
+# its actual number of draws, is above this number.
 _EFFECTIVE_SHARE = 0.2
-# A second set of random draws of the machines' spreads (standard deviations about their mean) has
-# the covariance of the first set, plus this share of the covariance that follows from the curvature
-# at the mode of the density.
+# A second set of random draws of the machines' spreads (standard deviations about their mean) is
+# made with the covariance of the first set, plus this share of the covariance that follows from the
+# curvature at the mode of the density.
 _ADDED_VARIANCE = 0.05
 # Smallest eigenvalue allowed in the curvature matrix at the mode of the density of ln s; smaller
 # eigenvalues are replaced by this number. s are the spreads, that is, the standard deviations of
 # machines about the mean of their population.
 _SMALLEST_CURVATURE = 1e-3
-# Coordinates of quasi-random points are kept at least this far from 0 and from 1, where the
-# quantile of the normal distribution would be infinite.
+# Least distance of the coordinates of quasi-random points from 0 and from 1, where the quantile of
+# the normal distribution would be infinite.
 _POINT_MARGIN = 1e-12
 
 
@@ -119,16 +120,16 @@ def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
     """Return the distribution of mean μ and instrument errors b for k values of the spreads s.
 
-    μ is the mean of the population, s are the standard deviations of the machines about μ. The
-    distribution is a Gaussian of q quantities, the c elements of μ and then the elements of b,
-    shape (k, q). Its attribute ``log_integral`` is ln p(y | s), the log density of all readings y
-    given the spreads, up to a constant. All values are in units of the prior sd.
+    μ is the mean of the population, and s are the standard deviations of the machines about μ. For
+    each value of s, the distribution is a Gaussian of q quantities: the c elements of μ, then the
+    elements of b. The Gaussians have the shape (k, q). The attribute ``log_integral`` is
+    ln p(y | s), the log density of all readings y given the spreads, up to a constant. All values
+    are in units of the prior sds.
 
     Parameters
     ----------
-    likelihood : likelihoods of n machines for q parameters and instrument errors, shape (n, q).
-    spread : k values of the standard deviations s of the c parameters between machines, shape
-        (k, c).
+    likelihood : likelihoods of q parameters and instrument errors from n machines, shape (n, q).
+    spread : k values of the spreads s of the c parameters, shape (k, c).
     """
     k, c = spread.shape
     q = likelihood.shift.shape[1]
@@ -150,8 +151,8 @@ class MachineEstimates(NamedTuple):
     """Moments of the parameters of n machines, for each of k values of the spreads s.
 
     Spreads are the standard deviations of the machines about the mean μ of their population. c_m
-    are the c parameters of machine m. z_m = (c_m − μ) / s are the differences of these parameters
-    from μ, divided by their spreads.
+    are the parameters of machine m. z_m = (c_m − μ) / s are the differences between these
+    parameters and μ, divided by the spreads. In the shapes, c is the number of parameters.
     """
 
     #: posterior means of the c parameters of n machines for each of k values of the spreads
@@ -179,8 +180,8 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 
     Parameters
     ----------
-    likelihood : likelihoods of n machines for q parameters and instrument errors, shape (n, q).
-    spread : k values of the standard deviations of the c parameters between machines, shape (k, c).
+    likelihood : likelihoods of q parameters and instrument errors from n machines, shape (n, q).
+    spread : k values of the spreads of the c parameters, shape (k, c).
     shared : Gaussian of the population's mean and the instrument's errors for each value of the
         spreads, see `shared_quantities`.
     """
@@ -209,13 +210,13 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 
 
 def _explained_variance(root: Array, response: Array) -> Array:
-    """Return the variance of machines' parameters due to uncertain μ and b, shape (c, k, n).
+    """Return the variance due to the uncertainty of μ and b, shape (c, k, n).
 
-    μ is the population's mean, b are the instrument's errors, together q quantities. There are c
-    parameters of n machines, for each of k values of the spreads (standard deviations of the
-    machines about μ). ``root``, shape (k, q, q), is the transposed square root of the covariance of
-    μ and b; ``response``, shape (c, q, k, n), holds the derivatives of the parameters with respect
-    to μ and b.
+    The variance is that of c parameters (or standardised parameters z) of n machines, for each of k
+    values of the spreads (standard deviations of the machines about μ). μ is the population's mean
+    and b are the instrument's errors; together they are q quantities. ``root``, shape (k, q, q), is
+    the transposed square root of the covariance of μ and b. ``response``, shape (c, q, k, n), holds
+    the derivatives of the c quantities with respect to μ and b, or their negatives.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
@@ -228,7 +229,7 @@ class SpreadDensity:
     each parameter.
     """
 
-    #: likelihoods of n machines for q parameters and instrument errors, shape (n, q)
+    #: likelihoods of q parameters and instrument errors from n machines, shape (n, q)
     likelihood: Gaussian
     #: scale τ of the half-normal prior of the spreads (standard deviations from machine to
     #: machine), in units of the parameters' prior sd
@@ -248,10 +249,10 @@ class SpreadDensity:
         """Return the gradient ∂ ln p(t | y) / ∂ t for k values of t = ln s, shape (k, c).
 
         s are the spreads of the c parameters, that is, the standard deviations of the machines
-        about the mean μ of their population; y are the readings. The result has the shape (k, c).
-        By Fisher's identity, the gradient is Σ_m (E[z_m² | y, s] − 1) plus the gradient of the log
-        prior. z_m = (c_m − μ) / s is the standardised difference of machine m's parameters c_m from
-        μ.
+        about the mean μ of their population; y are the readings. ``t`` and the result have the
+        shape (k, c). By Fisher's identity, the gradient is Σ_m (E[z_m² | y, s] − 1) plus the
+        gradient of the log prior. Here z_m = (c_m − μ) / s are the differences between the
+        parameters c_m of machine m and μ, divided by the spreads.
         """
         s = np.exp(t)
         shared = shared_quantities(self.likelihood, s)
@@ -260,10 +261,10 @@ class SpreadDensity:
         return np.asarray(of_machines + 1.0 - (s / self.scale) ** 2)
 
     def derivatives(self, t: Array) -> tuple[Array, Array]:
-        """Return the gradient (c,) and Hessian (c, c) of the log density at one t = ln s.
+        """Return the gradient (c,) and the Hessian (c, c) of the log density at one value of t.
 
-        s are the spreads of the c parameters, that is, the standard deviations of the machines
-        about the mean of their population. ``t`` has the shape (c,).
+        t = ln s has the shape (c,). s are the spreads of the c parameters, that is, the standard
+        deviations of the machines about the mean of their population.
         """
         c = len(t)
         step = _DIFFERENCE_STEP * np.eye(c)
@@ -277,7 +278,8 @@ class SpreadDensity:
         s are the spreads of the c parameters, that is, the standard deviations of the machines
         about the mean of their population. ``start``, shape (c,), is the value of ln s at which the
         search begins. The curvature is the negative Hessian of the log density. Negative
-        eigenvalues of the curvature are made positive, and eigenvalues near zero are increased.
+        eigenvalues of the curvature are replaced by their absolute values, and eigenvalues near
+        zero are increased.
         """
         t = newton(self.log, self.derivatives, start, gain=_MODE_GAIN)
         _, hessian = self.derivatives(t)
@@ -301,13 +303,13 @@ class Spreads:
     log_weight: Array
     #: importance weights of the k random draws, Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array
-    #: Pareto's k̂ of the weights of the random draws; the larger it is, the less the weights can be
+    #: Pareto's k̂ of the weights of the random draws; the larger k̂ is, the less can the weights be
     #: trusted
     pareto_k: float
-    #: limit of Pareto's k̂ of the weights; if k̂ is larger, the random draws cannot be trusted
+    #: largest value of Pareto's k̂ with which the random draws can be trusted
     good_k: float
-    #: mode of the posterior density of ln s, with the spreads s (standard deviations from machine
-    #: to machine) of c parameters, shape (c,)
+    #: mode of the posterior density of ln s, shape (c,); s are the spreads (standard deviations
+    #: from machine to machine) of c parameters
     mode: Array
 
     @property
@@ -324,8 +326,8 @@ class Spreads:
         """Return the first ``size`` random draws of the spreads, with weights that sum to one.
 
         Spreads are the standard deviations of machines about the mean of their population. The
-        draws are made from quasi-random points. Therefore the first draws alone also cover the
-        range of all draws evenly. The weights of these draws are scaled to the sum one.
+        draws are made from quasi-random points, so that the first draws alone also cover the range
+        of all draws evenly. The weights of the first draws are computed anew and sum to one.
         """
         log_weight = self.log_weight[:size]
         return _weight_draws(self.spread[:size], log_weight, self.mode)
@@ -343,8 +345,9 @@ def draw_spreads(
 
     Spreads are the standard deviations of the machines about the mean of their population. Values
     of ln s are drawn from a Student t distribution about the mode of the density of ln s. If the
-    weights of these draws are unreliable, a second set is drawn about the mean of the first set,
-    with a covariance a little larger than that of the first set. The better set is returned.
+    weights of these draws are unreliable or too unequal, a second set is drawn about the mean of
+    the first set, with a covariance a little larger than the covariance of the first set. The
+    better of the two sets is returned.
 
     Parameters
     ----------
@@ -352,8 +355,8 @@ def draw_spreads(
     parameters : number c of parameters, each of which has a spread.
     seed : seed of the scrambled Sobol points.
     size : number of draws, a power of two.
-    start : value of ln s at which the search for the mode begins, shape (c,); default: ln τ, with
-        the scale τ of the prior of the spreads.
+    start : value of ln s at which the search for the mode begins, shape (c,). Default: ln τ for
+        every parameter, where τ is the scale of the prior of the spreads.
     """
     if start is None:
         start = np.full(parameters, np.log(density.scale))
@@ -373,8 +376,8 @@ def _better(first: Spreads, second: Spreads) -> Spreads:
 
     Spreads are the standard deviations of the machines about the mean of their population. A set
     whose weights can be trusted is better than a set whose weights cannot be trusted. Of two
-    trusted sets, the better has the larger effective number of draws. Of two sets that cannot be
-    trusted, the better has the smaller Pareto's k̂ of its weights.
+    trusted sets, the set with the larger effective number of draws is better. Of two sets that
+    cannot be trusted, the set whose weights have the smaller Pareto's k̂ is better.
     """
     if first.trusted != second.trusted:
         second_is_better = second.trusted
@@ -388,12 +391,12 @@ def _better(first: Spreads, second: Spreads) -> Spreads:
 def _draw_about(
     density: SpreadDensity, mode: Array, centre: Array, covariance: Array, *, seed: int, size: int
 ) -> Spreads:
-    """Return weighted draws of the spreads from a Student t distribution about a centre.
+    """Return weighted draws of the spreads s; ln s is drawn from a Student t distribution.
 
-    Spreads are the standard deviations of machines about the mean of their population. Coordinates
-    are the logarithms of the spreads. ``centre`` and ``covariance`` are those of the t
-    distribution. ``size`` is the number of quasi-random points. ``mode`` is the highest point of
-    the posterior density.
+    Spreads are the standard deviations of machines about the mean of their population. ``centre``,
+    shape (c,), is the centre of the t distribution of ln s, and ``covariance``, shape (c, c), is
+    its scale matrix. ``size`` is the number of draws, which are made from quasi-random points.
+    ``mode``, shape (c,), is the mode of the posterior density of ln s.
     """
     c = len(centre)
     points = qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size)

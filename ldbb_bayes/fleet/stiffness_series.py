@@ -1,7 +1,7 @@
 """Stiffness by direction of one machine over time, from each campaign alone.
 
 The stiffnesses are taken from a batch's table. The model of a step change of a machine
-(`change_point`) does not include the stiffnesses. Each stiffness is a function of several
+(`change_point`) does not include the stiffnesses, because each stiffness is a function of several
 compliances, and the model already describes changes of compliances.
 """
 
@@ -26,9 +26,10 @@ _NOT_DETERMINED = "not determined"
 class StiffnessOfVisit(Result):
     """One stiffness by direction at the reference force of a campaign, from this campaign alone.
 
-    Numbers that the readings do not determine are None. If a direction is not determined, all its
-    numbers are None. If a stiffness has no upper limit, all its numbers except the lower end of the
-    interval are None.
+    The quantity may also be the ratio of stiffnesses, a direction, or a difference of compliances.
+    Numbers that the readings do not determine are None. If a direction is not determined, all
+    numbers are None. If the readings give only a lower limit of a stiffness, all numbers except the
+    lower end of the interval are None.
     """
 
     campaign: str  #: label of the campaign
@@ -42,7 +43,7 @@ class StiffnessOfVisit(Result):
 
     @property
     def text(self) -> str:
-        """Text for the stiffness: value ± U with the unit, a lower limit, or "not determined"."""
+        """Stiffness as text: value ± U with the unit, a lower limit, or "not determined"."""
         low, high = self.interval
         if self.mean is not None and self.sd is not None and low is not None and high is not None:
             return plus_minus(self.mean, self.sd, (low, high), self.unit).rstrip()
@@ -59,8 +60,8 @@ def stiffness_series(
     Parameters
     ----------
     rows
-        Rows of a batch's table in the order of time. Tables without stiffnesses by direction give
-        an empty result.
+        Rows of a batch's table in the order of time. If the table has no stiffnesses by direction,
+        the result is empty.
     campaigns
         Labels of the campaigns, one for each row.
     """
@@ -106,7 +107,7 @@ def _unit_of(name: str) -> str:
 
 
 def stiffness_table(series: Mapping[str, Sequence[StiffnessOfVisit]]) -> Table:
-    """Return a table of the stiffness by direction at the first and at the newest campaign."""
+    """Return a table of the stiffness by direction from the first and from the newest campaign."""
     rows = []
     heads = ("quantity", "first", "newest")
     for name, visits in series.items():

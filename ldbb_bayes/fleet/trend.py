@@ -1,15 +1,16 @@
 """Trend of one machine: whether a parameter has changed, which parameter, when and by how much.
 
 The model of a change is stated in `change_point`. A change is reported if its posterior probability
-exceeds a threshold p*. If there is no change, the Bayes factor B of a change has the expectation 1,
-and the probability of B > x is therefore at most 1 / x (Markov's inequality). Hence a false alarm
-has a probability of at most (1 − p*) / p* · p / (1 − p), with the prior probability p of a change.
+exceeds a threshold p*. If there is no change, the Bayes factor B of a change over no change has the
+expectation 1, and the probability that B exceeds a number x is therefore at most 1 / x (Markov's
+inequality). It follows that the probability of a false alarm is at most
+(1 − p*) / p* · p / (1 − p), where p is the prior probability of a change.
 
 A trend does not use the fact that compliances cannot be negative (truncation). Parameters that are
 not analysed, ball form and bar length are integrated out in each campaign separately, as if their
-values in different campaigns were independent. In fact they are the same for one machine and one
-bar. This treatment overstates the uncertainty of changes, above all of geometric errors, but
-understates the uncertainty of levels.
+values in different campaigns were independent. In fact, these values are the same in all campaigns
+with one machine and one bar. This treatment overstates the uncertainty of changes, above all of
+changes of geometric errors, but understates the uncertainty of levels.
 """
 
 from __future__ import annotations
@@ -70,16 +71,15 @@ from ldbb_bayes.units import (
 
 __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 
-# The printed table of a trend states the size of a parameter's change if the probability of the
-# change is at least this value. The table shows probabilities with three decimals; smaller
-# probabilities would appear as zero.
+# The printed table of a trend states the size of a parameter's change only if the probability of
+# the change is at least this value. The table shows probabilities with three decimals, so that
+# smaller probabilities would appear as zero.
 _UNLIKELY = 5e-4
-# The change of a parameter is also stated in per cent of the level before the change, if the ratio
-# of this level to its standard uncertainty is above this number. The percentage neglects the
-# uncertainty of the level, which is then below 20 %.
+# The change of a parameter is also stated in per cent of the level before the change if this level,
+# divided by its standard uncertainty, is above this number. The standard uncertainty, which the
+# percentage neglects, is then below 20 % of the level.
 _KNOWN_LEVEL = 5.0
-# Columns of the table `Trend.estimates` whose values have the unit of the parameter, unlike
-# probabilities and names.
+# Columns of the table `Trend.estimates` whose values are in the unit of the parameter.
 _SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
 # Text of empty cells in the printed table of a trend's parameters.
 _NOTHING = "–"
@@ -89,27 +89,28 @@ _NOTHING = "–"
 class ParameterChange(Result):
     """Possible step change of one parameter of a machine over time.
 
-    Attributes of type ``Summary`` hold a mean, a standard deviation and a credible interval. All
-    values except ``percent`` are in internal units (mm, N, rad).
+    Attributes of type ``Summary`` hold a mean, a standard deviation and a credible interval. Levels
+    and changes are in internal units (mm, N, rad).
     """
 
-    unit: str  #: internal unit of the parameter, made of mm, N and rad
+    unit: str  #: internal unit of the parameter, composed of mm, N and rad
     #: posterior probability that this parameter has changed; at most one parameter changes
     probability: float
-    #: index, from 0 and in order of time, of the campaign just before which the parameter most
-    #: probably changed, if it changed
+    #: index of the campaign just before which the parameter most probably changed, under the
+    #: assumption that it changed; campaigns are counted from 0 in order of time
     place: int
-    #: size of the parameter's step, later minus earlier level, if this parameter changed; averaged
-    #: over the possible times of the change
+    #: size of the parameter's step (later level minus earlier level) under the assumption that this
+    #: parameter changed, averaged over the possible times of the change
     change: Summary
-    #: step of the parameter in per cent of its level before the step; None if that level is
-    #: uncertain by more than 20 %
+    #: step of the parameter in per cent of its level before the step; None if the standard
+    #: uncertainty of that level is 20 % of the level or more
     percent: float | None
-    level_before: float  #: mean level of the parameter before the step, if this parameter changed
+    #: mean level of the parameter before the step, under the assumption that this parameter changed
+    level_before: float
     #: level of the parameter at the last campaign. It is uncertain whether a parameter has changed,
-    #: which parameter this is, and just before which campaign; the level is that of the mixture of
-    #: all possibilities, weighted by their probabilities. The uncertainty includes the errors of
-    #: the instrument.
+    #: which parameter has changed, and just before which campaign; the level is therefore that of
+    #: the mixture of all these possibilities, weighted by their probabilities. The uncertainty
+    #: includes the uncertainty due to the errors of the instrument.
     level_now: Summary
     #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
     #: estimates from all campaigns together; the points and limits of the control chart do not
@@ -139,13 +140,13 @@ class Trend(Result):
     """Parameters of one machine over time, and whether one of them has changed.
 
     The table ``estimates`` has one row per campaign and parameter, in internal units (mm, N, rad).
-    Its columns are: campaign, date, parameter, unit; estimate, sd, ci_low and ci_high, from this
-    campaign alone; limit_low and limit_high, the 99.7 % control limits that the earlier campaigns
-    predict if nothing changes (NaN for the first campaign); outside, whether the estimate is
+    Its columns are: campaign, date, parameter and unit; estimate, sd, ci_low and ci_high, from this
+    campaign alone; limit_low and limit_high, the 99.7 % control limits that follow from the earlier
+    campaigns if nothing changes (NaN for the first campaign); outside, whether the estimate is
     outside these limits; change_here, the probability that the parameter changed just before this
-    campaign; change_by_here, the probability that the parameter changed just before this campaign
-    or earlier. The instrument's errors are fixed at their posterior mean throughout the table. The
-    JSON record does not contain the table.
+    campaign; and change_by_here, the probability that the parameter changed just before this
+    campaign or earlier. The estimates and limits in the table are computed with the instrument's
+    errors fixed at their posterior means. The JSON record does not contain the table.
 
     Examples
     --------
@@ -158,11 +159,11 @@ class Trend(Result):
 
     machine: str | None  #: machine_id of the machine; None if its campaigns state no machine_id
     reference_force_N: float  #: force for which the compliances are given [N]
-    #: values of the options of `find_trend`; the keys are change_scale and repeatability (in units
-    #: of the parameter's reference sd), probability (prior probability of a change), threshold, ci
-    #: (probability of the credible intervals), one_instrument
+    #: values of the options of `find_trend`. The keys are change_scale and repeatability (in units
+    #: of the parameters' reference sds), probability (prior probability of a change), threshold, ci
+    #: (probability of the credible intervals) and one_instrument.
     assumptions: Mapping[str, Any]
-    #: posterior probability that one parameter of the machine has changed once
+    #: posterior probability that a parameter of the machine has changed
     probability: Annotated[float, Field(alias="probability_of_change")]
     #: whether a change is reported: its posterior probability is above the threshold
     changed: bool
@@ -178,14 +179,15 @@ class Trend(Result):
     #: table of the estimates from each campaign alone, one row per campaign and parameter
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
     #: decisions on conformity with tolerances; the keys are the names of the quantities with a
-    #: tolerance. Each value is a dictionary whose keys are the campaigns. A decision follows from
-    #: one campaign alone, and assumes a normal distribution of the estimate.
+    #: tolerance. Each value is a dictionary of decisions, one for each campaign, whose keys are the
+    #: names of the campaigns. A decision follows from one campaign alone, and assumes a normal
+    #: distribution of the parameter.
     conformity: Mapping[str, Mapping[str, Conformity]]
     #: stiffness by direction from each campaign alone, in the order of time; the keys are names
     #: such as k_min. Empty if the batches have no stiffness by direction.
     stiffness: Mapping[str, tuple[StiffnessOfVisit, ...]]
     #: probability that the estimate from one campaign lies within its control limits if the machine
-    #: did not change
+    #: has not changed
     limits_probability: float = LIMITS
 
     def as_dict(self) -> dict[str, Any]:
@@ -232,8 +234,9 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
 def _table_row(name: str, parameter: ParameterChange) -> list[str]:
     """Return the row of a parameter in the printed table of changes.
 
-    The row holds the present level, the part of its expanded uncertainty U that is common to all
-    campaigns, the probability of a change of the parameter, and the size of this change.
+    The row holds the present level of the parameter, the part of the level's expanded uncertainty U
+    that is common to all campaigns, the probability of a change of the parameter, and the size of
+    this change.
     """
     factor, unit = display_unit(parameter.unit)
     level = parameter.level_now
@@ -285,9 +288,10 @@ def find_trend(
     """Find whether a parameter of one machine has changed, which parameter, when and by how much.
 
     The model assumes at most one lasting step of one parameter. The prior of the size of this step
-    is N(0, (change_scale · sd)²), where sd is the reference standard deviation of the parameter:
-    that of its default prior or, if larger, the median standard deviation of its priors in the fits
-    of the campaigns.
+    is N(0, (change_scale · sd)²), where sd is the reference standard deviation of the parameter.
+    The reference standard deviation is the larger of two values: the standard deviation of the
+    parameter's default prior, and the median standard deviation of the parameter's priors in the
+    fits of the campaigns.
 
     Parameters
     ----------
@@ -296,8 +300,7 @@ def find_trend(
     machine : str, optional
         Name (machine_id) of the machine; required if the rows are of several machines.
     parameters : sequence of str, optional
-        Names of the parameters to follow. Default: all constant compliances, that is, those at the
-        reference force.
+        Names of the parameters to follow. Default: all compliances at the reference force.
     exclude : sequence of str
         Campaigns to leave out. A campaign is given by its path as in the table, by the last part of
         this path or by its name.
@@ -309,19 +312,19 @@ def find_trend(
         Force for which the compliances are given [N]. Default: the median of the campaigns'
         reference forces.
     one_instrument : bool
-        Whether all campaigns used the same bar. If so, errors of mount and force gain do not
-        average out.
+        Whether all campaigns used the same bar. If so, the errors of the mount's deflection and of
+        the force are the same in all campaigns and do not average out.
     tolerances : mapping of str to str or Tolerance, optional
-        Limits of parameters and stiffnesses, see `assess_conformity`. Default: the limits that the
-        newest campaign states.
+        Tolerances of parameters and stiffnesses, see `assess_conformity`; the keys are the names of
+        the quantities. Default: the tolerances that the newest campaign states.
     change_scale : float
         Prior standard deviation of a change, in units of the parameter's reference standard
-        deviation; the default is 2e-5 mm/N for C_XXX.
+        deviation. For C_XXX, the default corresponds to 2e-5 mm/N.
     repeatability : float
         Scale of the half-normal prior of r, in units of the parameter's reference standard
-        deviation. Here r is the standard deviation of the machine's own scatter from campaign to
-        campaign. The default is 1e-6 mm/N for C_XXX, which is 2 % of a typical compliance of 5e-5
-        mm/N.
+        deviation. Here r is the standard deviation of the machine's parameters from campaign to
+        campaign, apart from a step. For C_XXX, the default corresponds to 1e-6 mm/N, which is 2 %
+        of a typical compliance of 5e-5 mm/N.
     probability : float
         Prior probability of a change.
     threshold : float
@@ -332,14 +335,14 @@ def find_trend(
     Returns
     -------
     Trend
-        Probability of a change, the step and present level of each parameter, and the estimates
-        from each campaign alone.
+        Probability of a change, the possible step and the present level of each parameter, and the
+        estimates from each campaign alone.
 
     Raises
     ------
     InputError
-        If there are fewer than two campaigns, the rows are of several machines and no machine is
-        chosen, only some campaigns have dates, or an option is out of range.
+        If there are fewer than two campaigns, if the rows are of several machines and no machine is
+        chosen, if some campaigns have dates and others do not, or if an option is out of range.
 
     Examples
     --------
@@ -432,9 +435,9 @@ def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _Machi
     """Return the rows of the campaigns of one machine, with caveats on the choice of these rows.
 
     The machine_id of the machine is also returned. ``machine`` is the machine_id that the user
-    chose, or None. Rows without a machine_id are left out if other rows have a machine_id; a caveat
-    states this. Raise an `InputError` if ``machine`` is unknown, or is None although there are
-    several machines.
+    chose, or None. If some rows have a machine_id, rows without a machine_id are left out, and a
+    caveat names their campaigns. Raise an `InputError` if ``machine`` is unknown, or is None
+    although there are several machines.
     """
     check_rows(rows)
     ids = rows["machine_id"]
@@ -462,7 +465,7 @@ def _order_in_time(statistics: FleetStatistics) -> list[int]:
     """Return the indices of the campaigns in order of their dates.
 
     If no campaign has a date, the given order is kept. Raise an `InputError` if only some campaigns
-    have a date. ``statistics`` holds the likelihoods of the campaigns, with their dates.
+    have a date. ``statistics`` holds the likelihoods and the dates of the campaigns.
     """
     dates = zip(statistics.campaigns, statistics.dates, strict=True)
     undated = [name for name, date in dates if date is None]
@@ -489,11 +492,11 @@ def _visits(
 ) -> tuple[Visit, ...]:
     """Return the campaigns of a trend, each with the probability of a change just before it.
 
-    The probability of a change is zero for the first campaign. ``names`` and ``dates`` are those of
-    the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds joint posterior
-    probabilities. Each is the probability that the machine's scatter from campaign to campaign has
-    one of r values, and that one of p parameters changed by a step just before one of the campaigns
-    2 to n.
+    The probability of a change is zero for the first campaign. ``names`` and ``dates`` are the
+    names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds joint
+    posterior probabilities. An element is the probability that the machine's scatter from campaign
+    to campaign has one of r values, and that one of p parameters changed by a step just before one
+    of the campaigns 2 to n.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -535,9 +538,9 @@ def _parameter_change(
     posteriors
         Gaussians of levels, instrument errors and step under every hypothesis, see `hypotheses`.
     step_probabilities
-        Joint posterior probabilities, shape (r, n − 1). Each is the probability that the machine's
-        scatter from campaign to campaign has one of r values, and that this parameter changed by a
-        step just before one of the campaigns 2 to n.
+        Joint posterior probabilities, shape (r, n − 1). An element is the probability that the
+        machine's scatter from campaign to campaign has one of r values, and that this parameter
+        changed by a step just before one of the campaigns 2 to n.
     levels
         Values of all parameters at the last campaign.
     chart
@@ -577,11 +580,11 @@ def _parameter_change(
 def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
     """Return mean, sd and credible interval of the size of a parameter's step.
 
-    Mean, sd and interval are those of a mixture of hypotheses with the weights ``weight``, which
-    sum to one. A hypothesis states just before which campaign the step occurred, and how large the
-    machine's scatter from campaign to campaign is. ``mean`` and ``sd`` are the mean and standard
-    deviation of the size under each hypothesis. All sizes are in units of the parameter's prior sd.
-    ``prob`` is the probability of the interval.
+    Mean, sd and interval are those of a mixture of hypotheses. Under each hypothesis, the step
+    occurred just before a certain campaign, and the machine's scatter from campaign to campaign has
+    a certain value. ``weight`` holds the weights of the hypotheses, which sum to one. ``mean`` and
+    ``sd`` hold the mean and the standard deviation of the size under each hypothesis. All sizes are
+    in units of the parameter's prior sd. ``prob`` is the probability of the interval.
     """
     mean = mean.ravel()
     sd = sd.ravel()
@@ -595,8 +598,8 @@ def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
 def _level_now(levels: Levels, j: int) -> Summary:
     """Return mean, sd and credible interval of a parameter's level at the last campaign.
 
-    ``levels`` holds mean, sd and interval of all parameters, and j is the index of the parameter.
-    The result is in units of the parameter's prior sd.
+    ``levels`` holds mean, sd and interval of all parameters, and ``j`` is the index of the
+    parameter. The result is in units of the parameter's prior sd.
     """
     low, high = levels.interval[:, j]
     return Summary(float(levels.mean[j]), float(levels.sd[j]), (float(low), float(high)))
@@ -626,7 +629,7 @@ def _estimates(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Joint posterior probabilities, shape (r, n − 1, p). Each is the probability that the
+        Joint posterior probabilities, shape (r, n − 1, p). An element is the probability that the
         machine's scatter from campaign to campaign has one of r values, and that one of the p
         parameters changed by a step just before one of the campaigns 2 to n.
     prob
@@ -662,11 +665,12 @@ def _conformities(
     tolerances: Mapping[str, str | Tolerance] | None,
     newest_tolerances: Any,
 ) -> dict[str, dict[str, Conformity]]:
-    """Return a dictionary with decisions on conformity with tolerances for each quantity.
+    """Return the decisions on conformity with tolerances for each quantity.
 
     The keys are the names of the quantities, which are parameters or stiffnesses. Each value is a
-    dictionary of decisions, whose keys are the campaigns. Each decision follows from one campaign
-    alone. The uncertainties include that due to the instrument's errors, which all campaigns share.
+    dictionary of decisions, one for each campaign, whose keys are the names of the campaigns. Each
+    decision follows from one campaign alone. The uncertainties include the uncertainty due to the
+    instrument's errors, which is common to all campaigns.
 
     Parameters
     ----------
@@ -677,11 +681,11 @@ def _conformities(
     chart
         Estimates from each campaign alone.
     tolerances
-        Limits of quantities; the keys are the names of the quantities. If there are none,
+        Tolerances of quantities; the keys are the names of the quantities. If there are none,
         ``newest_tolerances`` are used.
     newest_tolerances
-        Limits that the newest campaign states, as JSON text. Limits of quantities that the trend
-        does not have are ignored.
+        Tolerances that the newest campaign states, as JSON text. Tolerances of quantities that the
+        trend does not have are ignored.
     """
     followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
     wanted: Mapping[str, str | Tolerance] = tolerances or {}
@@ -707,8 +711,8 @@ def _conformities(
 def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:
     """Return the index, among ``parameters``, of the parameter to which a quantity belongs.
 
-    The quantity is the parameter itself, or its inverse: the stiffness of an axis belongs to the
-    axis' direct compliance. Raise an `InputError` if there is no such parameter.
+    The quantity is a parameter itself, or the stiffness of an axis, which belongs to the direct
+    compliance of this axis. Raise an `InputError` if there is no such parameter.
     """
     for j, name in enumerate(parameters):
         if quantity == name or (is_direct(name) and quantity == f"stiffness_{name[2]}"):
