@@ -76,8 +76,8 @@ _CHUNK = 1 << 20
 # lower bounds of its constraints times this factor, modulo 1. Different vectors thereby use
 # different points.
 _DIGITS = 1e5
-# Absolute error of SciPy's implementation of Owen's T function. This function gives the probability
-# that two constraints both hold.
+# Absolute error of SciPy's implementation of Owen's T function. The probability that two
+# constraints both hold is computed from this function.
 _OWEN_ERROR = 1e-15
 # The bound of P(u ≥ 0) from pairs of constraints is not used if the two constraints that are most
 # likely to fail hold together with a probability smaller than this number. The bound is then too

@@ -205,9 +205,9 @@ class BallForm(Term):
         """Return the prior sds of form coefficients from a ball's sphericity [µm], shape (n,).
 
         ``orders``, shape (n,), are the orders of the coefficients, at least 2. If the ball's
-        certificate or grade states its deviation from sphericity S, the sd is S/√24 · min(1,
-        3/order). Otherwise the sd is ``sphericity_um``/√24 at the orders 2 and 3, and zero at
-        higher orders.
+        certificate or grade states its deviation from sphericity S, the sd is S/√24 ·
+        min(1, 3/order). Otherwise the sd is ``sphericity_um``/√24 at the orders 2 and 3, and zero
+        at higher orders.
         """
         sphericity = ball.stated_sphericity_um
         relative = np.minimum(1.0, _LAST_SPHERICITY_ORDER / orders)

@@ -112,10 +112,10 @@ class Columns(Shown):
     """Columns of one term's p coefficients, with the Gaussian prior of the coefficients.
 
     A column is the reading per unit of a coefficient, as a function of the angle θ on the circle.
-    The function is stored as its Fourier coefficients, which multiply 1, cos θ, sin θ, cos 2θ, sin
-    2θ, … to the order 12. The prior sd of coefficient j is sd_j · hyper · λ · (order_j/6)^(−decay),
-    with the hyper-parameters hyper, λ (noise factor of the test's circle) and decay. If the field
-    ``stated`` is given, its value for coefficient j is added in quadrature.
+    The function is stored as its Fourier coefficients, which multiply 1, cos θ, sin θ, cos 2θ,
+    sin 2θ, … to the order 12. The prior sd of coefficient j is sd_j · hyper · λ ·
+    (order_j/6)^(−decay), with the hyper-parameters hyper, λ (noise factor of the test's circle) and
+    decay. If the field ``stated`` is given, its value for coefficient j is added in quadrature.
 
     Raises
     ------

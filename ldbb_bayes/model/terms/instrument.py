@@ -141,10 +141,10 @@ class Mount(Term):
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield deflection and curvature that the term assumes, with standard uncertainties.
+        """Yield the assumed deflection and curvature of the mount, with standard uncertainties.
 
-        The deflection is that of the work ball's mount. Its standard uncertainty comes from the
-        certificate in ``campaign`` if there is one, and from the field ``relative_sd`` if not.
+        The mount is that of the work ball. The standard uncertainty of the deflection comes from
+        the certificate in ``campaign`` if there is one, and from the field ``relative_sd`` if not.
         """
         nominal = campaign.mount.deflection_um_per_bar * 1e-3
         sd = self._relative_sd(campaign.instrument) * nominal
