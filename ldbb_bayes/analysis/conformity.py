@@ -121,11 +121,11 @@ def assess_conformity(
     ``confidence``. In all other cases nothing is decided.
 
     The probability that a quantity lies beyond a limit is the share of the posterior draws beyond
-    the limit. Where fewer than 10 draws lie on one side of the limit, the probability of that side
-    is taken from a normal distribution, but it is at least the share of the draws on that side, and
-    at most 10 / draws. With a ``confidence`` above 1 − 10 / draws, which is 0.995 for 2000 draws, a
-    decision may therefore rest on a normal distribution. The tail of this distribution may be too
-    thin for a skewed posterior. Take more draws for such a confidence.
+    the limit. If fewer than 10 of the n draws lie on one side of the limit, the probability of that
+    side is taken from a normal distribution. However, this probability is set to at least the share
+    of the draws on that side, and to at most 10/n. If ``confidence`` is above 1 − 10/n, which is
+    0.995 for 2000 draws, a decision may therefore rest on a normal distribution. The tail of this
+    distribution may be too thin for a skewed posterior. Take more draws for such a confidence.
 
     Parameters
     ----------

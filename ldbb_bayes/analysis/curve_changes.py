@@ -31,8 +31,8 @@ class CurveChange:
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
     slopes: tuple[str, ...]  #: names of the slopes that the change depends on
-    #: weights of the m coefficients of the model, shape (m,): each is the change of ``compliance``,
-    #: in ``unit``, if one coefficient changes by its prior standard deviation
+    #: weight of each of the m coefficients of the model, shape (m,): the change of ``compliance``,
+    #: in ``unit``, if this coefficient changes by its prior standard deviation
     weights: Array
 
 

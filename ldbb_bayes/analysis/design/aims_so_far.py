@@ -252,7 +252,8 @@ def tolerance_states(
     function of the parameters. This function is fitted to the draws in ``posterior``.
     ``tolerances`` holds the tolerance of each quantity. ``known`` is the posterior given the
     circles run. ``covariance``, shape (K, p, p), are the covariances of the p parameters at K
-    values of the hyper-parameters. ``confidence`` is the least probability of a decision.
+    values of the hyper-parameters. ``confidence`` is the least probability at which a decision is
+    made.
     """
     decisions = assess_conformity(posterior, tolerances, confidence=confidence)
     draws = quantity_draws(posterior, decisions)

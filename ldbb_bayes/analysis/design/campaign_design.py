@@ -231,9 +231,10 @@ class Design(Forecast):
         """Return the recommended tests as a plan, in the order in which to run them.
 
         The tests of one clocking (angles by which the balls are turned) form a block, within which
-        forces are in random order. The plan states no times: a drift of the model then follows the
-        order in which the plan lists its tests. If the drift of the model follows temperature, the
-        plan takes the mean temperature from the campaign that the design starts from.
+        forces are in random order. The plan states no times. If the model includes a drift with
+        time, the drift is taken to follow the order in which the plan lists its tests. If the model
+        includes a drift with temperature, the tests of the plan get the mean temperature of the
+        campaign that the design starts from.
 
         Parameters
         ----------

@@ -1,9 +1,10 @@
 """Families of campaigns that have the same clockings, radii and calibration certificates.
 
-A clocking is a pair of angles by which the two balls are turned in their sockets. Campaigns of one
-family differ in the number of circles, and in the force, direction of travel, clocking and radius
-of each circle. Every further circle costs the same. The information that each possible circle gives
-is computed only once for a family.
+A clocking is a pair of angles by which the two balls are turned in their sockets. All campaigns of
+a family use the same set of clockings, the same set of radii and the same certificates. They differ
+in the number of circles, and in the force, direction of travel, clocking and radius of the single
+circles. Every further circle costs the same. The information that each possible circle gives is
+computed only once for a family.
 """
 
 from __future__ import annotations

@@ -82,8 +82,9 @@ def add_foreseen_tests(
     """Return the pilot with one foreseen test of every new kind that a design may contain.
 
     The kind of a test is its plane, set-up, centre, radius and direction. A foreseen test is one
-    that may be run later. The model of a campaign has the parameters that its tests, run or
-    foreseen, can show. Because of the foreseen tests, the same model applies to every design.
+    that may be run later. The model of a campaign has all parameters with effects that the tests of
+    the campaign, run or foreseen, can show. Because of the foreseen tests, the same model applies
+    to every design.
 
     Parameters
     ----------

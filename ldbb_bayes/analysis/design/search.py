@@ -54,7 +54,7 @@ _HYPER_STEP = 4
 # equal probability.
 _STARTS = 6
 # The shares of candidate tests (their numbers of runs divided by the number of all runs) are
-# treated as the best if the largest sensitivity exceeds the bound by at most this, relative to the
+# treated as the best if the largest sensitivity exceeds the bound by at most this share of the
 # bound. A sensitivity is the derivative of the criterion with respect to the share of a candidate.
 # The bound is the mean of the sensitivities, weighted by the shares.
 _SHARES_TOLERANCE = 1e-5
