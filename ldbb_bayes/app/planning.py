@@ -142,7 +142,7 @@ def _report_of(folder: Path) -> _Report:
 
 
 def _test_settings(settings: Mapping[str, Any]) -> str:
-    """Return the values of those sliders of the page that describe the tests, as JSON text.
+    """Return the values of the page's sliders that describe the tests, as JSON text.
 
     Results of computations are cached under this text. The sliders for time and cost, and the
     fields for goals, are left out.
@@ -244,8 +244,8 @@ def _space_of_sliders(
 ) -> Space:
     """Return the space of possible tests that the page's sliders and settings describe.
 
-    The space has all combinations of the work ball's and the tool ball's angles. The radii are
-    those of the tests already run, and the value of the slider for the radius if this value is
+    The space has all combinations of the work ball's and the tool ball's angles. The radii are the
+    radii of the tests already run, and the value of the slider for the radius if this value is
     above zero.
     """
     work_deg = [sliders["turn"] * k for k in range(int(sliders["work"]))]
@@ -327,8 +327,8 @@ def _best_counts(candidates: Space, number: int) -> tuple[Array, float]:
 def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> list[Any]:
     """Return ``number`` pairs of elements of two sequences, balanced as in a Latin square.
 
-    Each round takes all elements of the first sequence in turn. From one round to the next, each of
-    these elements gets the next element of the second sequence as its partner.
+    Each round takes all elements of the first sequence in turn. In each new round, every element of
+    the first sequence gets another partner: the next element of the second sequence.
     """
     pairs = []
     for k in range(number):

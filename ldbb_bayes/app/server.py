@@ -127,7 +127,7 @@ def application(token: str, port: int) -> ASGIApp:
 
 @asynccontextmanager
 async def _lifespan(app: Starlette) -> AsyncIterator[None]:
-    """Create the ``House`` of all sessions (browser tabs) while the server runs.
+    """Create the ``House``, which holds all sessions (browser tabs), while the server runs.
 
     When the server ends, the processes of the sessions are stopped, and the sessions' files are
     deleted.

@@ -88,7 +88,7 @@ class Session:
 
     @property
     def certificates(self) -> list[str]:
-        """Names of the added files that may be calibration certificates: those ending in .xml."""
+        """Names of the added files with the ending .xml, which may be calibration certificates."""
         return [name for name in self.held if name.lower().endswith(".xml")]
 
     @property
@@ -156,7 +156,7 @@ class Session:
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def refusal(self, key: str, **values: object) -> dict[str, Any]:
-        """Return a refusal in the language of the session, as the templates show it.
+        """Return a refusal in the language of the session, in the form that the templates show.
 
         ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """
@@ -177,9 +177,10 @@ class Session:
 
 
 class _ImportOrder(NamedTuple):
-    """Sort key of files: by suffix, then by name, with numbers in names in numerical order.
+    """Key by which files are sorted: first by suffix, then by name.
 
-    "2 N" comes before "10 N". Files without a suffix come last.
+    Numbers in names are sorted by their values, so that "2 N" comes before "10 N". Files without a
+    suffix come last.
     """
 
     has_no_suffix: bool
@@ -201,8 +202,8 @@ def kill_process(process: asyncio.subprocess.Process | None) -> None:
     Parameters
     ----------
     process
-        Process to end, with all processes of its group; on Windows, only the process itself. If it
-        is None or has ended already, nothing is done.
+        Process to end. All processes of its group are ended too, except on Windows. If the process
+        is None or has already ended, nothing is done.
     """
     if process is None or process.returncode is not None:
         return

@@ -81,7 +81,7 @@ def main() -> None:
 def _end_with(parent: int) -> None:
     """End this process, and the processes that it started, once its parent process has ended.
 
-    ``parent`` is the id of the parent process, which is that of the server.
+    ``parent`` is the id of the parent process, which is the process of the server.
     """
     while os.getppid() == parent:
         time.sleep(_LOOK_AT_PARENT_S)

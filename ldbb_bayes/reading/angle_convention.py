@@ -112,7 +112,7 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     Parameters
     ----------
     recording
-        The test as the file holds it.
+        Rows of the test in the file, and all statements about the test.
     plane
         Plane of the test, such as XY.
 

@@ -95,7 +95,7 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 
 
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
-    """Return the values that files state for a field, with the lines or names that state them.
+    """Return the values that files state for a field, and the lines or names that state each value.
 
     The keys of the returned dict are the values. Each value is noted as an assumption; a plane is
     also added to the fields of its test. If the user or a column of the table states the field for
@@ -319,7 +319,7 @@ def _take_temperature(recording: Recording) -> None:
 def find_resolution(
     campaign: dict[str, Any], tests: Sequence[CircularTest], log: AssumptionLog
 ) -> None:
-    """Set the resolution of the readings to their smallest step if nothing states the resolution.
+    """Set the resolution to the smallest step between readings if nothing states the resolution.
 
     The resolution is set only if, in every test, the smallest step between readings can be the
     resolution of a readout: 0.001 µm to 5 µm, and at most a tenth of the range of the readings.

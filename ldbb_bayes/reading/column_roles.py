@@ -289,7 +289,7 @@ class ColumnRoles:
 def find_columns(
     place: str, layout: Layout, headers: Sequence[str], units: Sequence[str] = ()
 ) -> ColumnRoles:
-    """Return the role of each column: the one that the layout states, or else the header shows.
+    """Return the role of each column. The layout states the role, or else the header shows it.
 
     Parameters
     ----------
@@ -362,7 +362,7 @@ def _settle_readings(roles: ColumnRoles) -> None:
 
 
 def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
-    """Return the roles of those columns of a table for which the layout states a role.
+    """Return the roles that the layout states for columns of a table.
 
     ``place`` names the table in error messages, and ``headers`` are the headers of its columns.
     """
@@ -484,7 +484,7 @@ def _several_readings(
     free
         Indices of the columns that have no role.
     candidates
-        Indices of those free columns whose headers name readings.
+        Indices of the columns in ``free`` whose headers name readings.
     headers
         Header of each column.
     """

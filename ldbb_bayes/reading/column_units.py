@@ -52,7 +52,7 @@ def unit_size(
     Parameters
     ----------
     recording
-        The test as the file holds it.
+        Rows of the test in the file, and all statements about the test.
     role
         Role of the column, such as reading.
     usual

@@ -20,7 +20,7 @@ _HEAD_BYTES = 4096
 # among the first bytes of the pairs and among the second bytes. The file is taken for UTF-16 if one
 # of the two numbers of zeros exceeds this share of the number of bytes.
 _SHARE_OF_ZEROS = 0.2
-# Encodings that are tried for a text that is not UTF-8, in order of preference. They are those of
+# Encodings that are tried for a text that is not UTF-8, in order of preference: encodings for
 # Western Europe, Macintosh, Cyrillic, Greek, Central Europe, East Asia and MS-DOS.
 _ENCODINGS = (
     "cp1252",

@@ -156,7 +156,7 @@ def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
 
 
 def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
-    """Return the names and the units of the columns, and the rows that state them.
+    """Return the names and the units of the columns, and the place of the header rows.
 
     Below the row of names there may be a row of units. A unit in this row replaces the unit that
     the row of names states for the same column. Rows of dashes may underline the header.

@@ -38,8 +38,8 @@ _TEXT_SHOWN = 60
 def check_feed_is_whole(recording: Recording) -> None:
     """Raise an error if a line states that the machine ran at a share of the feed, such as 50 %.
 
-    ``recording`` is the test as its file holds it. Nothing is raised if the user states the feed,
-    or if the table has angles.
+    ``recording`` holds the rows of the test in its file, and all statements about the test. Nothing
+    is raised if the user states the feed, or if the table has angles.
     """
     if recording.stated_value("feed_mm_per_min") is not None or "angle" in recording.numbers:
         return
@@ -58,7 +58,7 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
     Parameters
     ----------
     recording
-        The test as the file holds it; the axis is noted.
+        Rows of the test in the file, and all statements about the test. The axis is noted.
     plane
         Plane of the test, such as XY.
 

@@ -368,7 +368,7 @@ def constant_value(
     cells: Sequence[str],
     decimal: str | None,
 ) -> str | float | None:
-    """Return the single value that a column has in all rows of a test; None if it is empty.
+    """Return the single value of a column in all rows of a test; None if the cells are empty.
 
     Planes and directions are returned as texts, all other values as numbers.
 

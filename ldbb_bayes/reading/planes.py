@@ -1,6 +1,7 @@
-"""Planes of circles in words: XY, YZ and ZX, the words G17 to G19 of G-code, and swapped letters.
+"""Words for planes: XY, YZ and ZX, the words G17 to G19 of G-code, and swapped letters.
 
-The letters of a plane may be swapped in a file, as in XZ. Its angles may then begin at either axis.
+In a file, the two letters of a plane may be swapped, as in XZ. The angles in this file may then
+begin at either axis of the plane.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ __all__ = [
     "unread_plane",
 ]
 
-# Planes by the words of G-code that select them.
+# The plane that each word of G-code selects.
 PLANES_OF_G_CODE = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 # Usual name of each plane whose letters are swapped.
 PLANE_OF_SWAPPED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
-# Regular expression for a word for plane with a text behind it.
+# Regular expression for the label "plane" in several languages, with the text behind the label.
 _LABELLED = re.compile(WORDS["planes"]["labelled"], re.IGNORECASE)
 # A note shows at most this number of characters of a line.
 _LENGTH_SHOWN = 60
@@ -42,7 +43,7 @@ def plane_named(cell: str) -> str:
 
 
 def take_plane_option(campaign: dict[str, Any]) -> None:
-    """Replace the plane among a campaign's fields by its usual name, as in ``ZX`` for ``g18``.
+    """Replace the plane in the fields of a campaign by its usual name, such as ``ZX`` for ``g18``.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def take_plane_option(campaign: dict[str, Any]) -> None:
     Raises
     ------
     InputError
-        For a plane whose letters are swapped, such as XZ; the message says what to state instead.
+        If the letters of the plane are swapped, as in XZ. The message says what to state instead.
     """
     if not isinstance(campaign.get("plane"), str):
         return
@@ -73,11 +74,11 @@ def check_plane(place: str, plane: str, source: str, has_angles: bool) -> None:
     place
         Name of the table in the message.
     plane
-        The plane as `plane_named` returns it.
+        The plane, in the form that `plane_named` returns.
     source
         Place that states the plane, in words, such as "line 3".
     has_angles
-        Whether the table has angles, and not times in place of them.
+        Whether the table has a column of angles. If not, it has times.
     """
     if plane in PLANES:
         return
@@ -96,7 +97,7 @@ def check_plane(place: str, plane: str, source: str, has_angles: bool) -> None:
 
 
 def _swapped_advice(plane: str) -> str:
-    """Return how to state a plane whose letters are swapped, such as XZ.
+    """Return advice on how to state a plane whose letters are swapped, such as XZ.
 
     Angles that begin at the second axis of a plane and run towards its first axis are clockwise.
     """
@@ -111,7 +112,7 @@ def _swapped_advice(plane: str) -> str:
 
 
 def unread_plane(lines: Sequence[tuple[int | str, str]]) -> str:
-    """Return a note on the first line that has a label for the plane, but no plane that is known.
+    """Return a note on the first line that has a label for the plane, but no known plane.
 
     The note is empty if there is no such line. ``lines`` are numbers (or places) and texts.
     """

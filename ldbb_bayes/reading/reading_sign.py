@@ -77,7 +77,7 @@ def sign_of_readings(recording: Recording) -> int:
     Parameters
     ----------
     recording
-        The test as the file holds it.
+        Rows of the test in the file, and all statements about the test.
 
     Raises
     ------

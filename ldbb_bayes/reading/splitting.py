@@ -316,10 +316,10 @@ def _without_placeholders(
     title: str,
     log: AssumptionLog,
 ) -> list[int]:
-    """Return the rows of a test without those whose angle or reading is a placeholder.
+    """Return the rows of a test whose angle and reading are not placeholders.
 
-    A placeholder is a number such as -999 in place of a missing number. The rows that are left out
-    are noted.
+    A placeholder is a number such as -999 in place of a missing number. Rows with a placeholder are
+    left out and noted. If every row has a placeholder, all rows are returned.
 
     Parameters
     ----------
@@ -508,9 +508,9 @@ def _check_thousands(
 ) -> None:
     """Raise an error for a column in which the decimal mark found may separate thousands.
 
-    In such a column, three digits follow each mark, and some numbers have no mark, as in 22,658 and
-    106. If the mark were decimal, the numbers without a mark would have three zeros as decimals,
-    which is improbable.
+    In such a column, three digits follow each mark and some numbers have no mark, for example
+    22,658 and 106. If the mark were decimal, the numbers without a mark would have three zeros as
+    decimals, which is improbable.
     """
     marked = []
     unmarked = []

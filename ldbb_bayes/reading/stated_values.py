@@ -1,4 +1,4 @@
-"""Load, radius, feed and direction of a test, from all sources that state them.
+"""Load, radius, feed and direction of travel of a test, from all sources.
 
 Values that the user or a column states are certain; a source that contradicts a certain value is
 noted. Values in lines above a table and in names of files are uncertain: their use is noted, and an
@@ -71,7 +71,7 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     Parameters
     ----------
     recording
-        The test as the file holds it.
+        Rows of the test in the file, and all statements about the test.
     key
         Field of the quantity: force_N, pressure_bar, radius_mm, feed_mm_per_min, start_deg or
         overshoot_deg.
@@ -134,7 +134,7 @@ def _certain_evidence(
     The value that takes precedence is first. For a radius, the value of the column takes
     precedence; for any other quantity, the value of the user does. ``key`` is the field of the
     quantity, such as radius_mm; ``column_value`` is the value of its column, or None. ``recording``
-    is the test as its file holds it.
+    holds the rows of the test in its file, and all statements about the test.
     """
     user_evidence = _evidence_if_stated(recording.stated_value(key), "as given")
     column_evidence = _evidence_if_stated(column_value, "its column")
@@ -159,8 +159,8 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     Such values are used only if neither the user nor a column states the quantity. ``key`` is the
     field of the quantity, such as force_N. The list begins with the values in lines; values that
     can be read in two ways are last among them. The values in the names of test, column, sheet and
-    file follow. For a radius, the radii of arcs in G-code are at the end. ``recording`` is the test
-    as its file holds it.
+    file follow. For a radius, the radii of arcs in G-code are at the end. ``recording`` holds the
+    rows of the test in its file, and all statements about the test.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):
@@ -198,8 +198,8 @@ def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) ->
 def loads_of(recording: Recording) -> dict[str, float]:
     """Return a dict with the stated force [N] and pressure [bar] of a test.
 
-    The keys are ``force_N``, ``pressure_bar`` or both. ``recording`` is the test as its file holds
-    it.
+    The keys are ``force_N``, ``pressure_bar`` or both. ``recording`` holds the rows of the test in
+    its file, and all statements about the test.
 
     Raises
     ------
@@ -231,8 +231,8 @@ def _constant_load(recording: Recording, key: str) -> float | None:
 
     If the values in the column vary as measured values do (see `_is_measured`), the result is their
     mean, which is noted. Raise an `InputError` if the values are not equal and do not vary as
-    measured values do. ``key`` is force_N or pressure_bar. ``recording`` is the test as its file
-    holds it.
+    measured values do. ``key`` is force_N or pressure_bar. ``recording`` holds the rows of the test
+    in its file, and all statements about the test.
     """
     role = LOAD_ROLES[key]
     unit = UNITS_SHOWN[key]
@@ -306,7 +306,8 @@ def direction_of(recording: Recording) -> str | None:
     directions, lines above the table and names of files, G-code in these lines, sheets without a
     table. Raise an `InputError` if the source used states both directions, or if the column has a
     word that means neither of them. G-code and sheets without a table are not used if they state
-    both directions. ``recording`` is the test as its file holds it.
+    both directions. ``recording`` holds the rows of the test in its file, and all statements about
+    the test.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

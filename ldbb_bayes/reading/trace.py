@@ -88,7 +88,7 @@ def trace_of(recording: Recording, direction: str | None) -> Trace:
     Parameters
     ----------
     recording
-        The test as the file holds it.
+        Rows of the test in the file, and all statements about the test.
     direction
         Stated direction of travel, CW or CCW; None if nothing states it.
 
@@ -135,8 +135,8 @@ def _angles_of_column(recording: Recording) -> Array:
     """Return the angle of every reading from the column of angles, shape (n,) [deg].
 
     Angles are counted from the plane's first axis, counter-clockwise, and continue beyond 360°.
-    Raise an `InputError` if there is no column of angles. ``recording`` is the test as its file
-    holds it.
+    Raise an `InputError` if there is no column of angles. ``recording`` holds the rows of the test
+    in its file, and all statements about the test.
     """
     raw = recording.numbers.get("angle")
     if raw is None:
@@ -177,8 +177,8 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
     The angles are computed from times, feed and radius. Only angles of readings on the circle are
     returned; readings in the run-in and run-out are left out. ``direction`` is the stated direction
-    of travel, CW or CCW. If it is None, CCW is assumed. ``recording`` is the test as its file holds
-    it.
+    of travel, CW or CCW. If it is None, CCW is assumed. ``recording`` holds the rows of the test in
+    its file, and all statements about the test.
     """
     feed = quantity_of(recording, "feed_mm_per_min")
     if feed is None or not feed > 0.0:
@@ -252,7 +252,7 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
 
     The field is ``start_deg`` or ``overshoot_deg``, which a test needs if its table has times
     instead of angles. If nothing states the angle, return zero and note the assumption.
-    ``recording`` is the test as its file holds it.
+    ``recording`` holds the rows of the test in its file, and all statements about the test.
     """
     value = quantity_of(recording, key)
     if value is None:
@@ -264,8 +264,8 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
 def _deviations(recording: Recording, raw: Array) -> Array:
     """Return the readings as actual distance between the balls minus radius, shape (n,) [µm].
 
-    ``raw`` are the numbers in the file, in the unit of the file, shape (n,). ``recording`` is the
-    test as its file holds it.
+    ``raw`` are the numbers in the file, in the unit of the file, shape (n,). ``recording`` holds
+    the rows of the test in its file, and all statements about the test.
     """
     require(
         np.ptp(raw) > 0.0,
@@ -285,7 +285,8 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
     Readings are deviations from the nominal radius or distances between the balls. The user states
     the kind, or else it is found from the median of the readings. Raise an `InputError` if the
     readings seem to be distances on a circle of another radius, or if they contradict what the user
-    states. ``recording`` is the test as its file holds it; ``reading_um`` are its readings.
+    states. ``recording`` holds the rows of the test in its file, and all statements about the test;
+    ``reading_um`` are its readings.
     """
     radius_mm = recording.radius_mm
     # ``is_far`` is true for distances on a circle of any radius. On a circle of another radius,
@@ -324,8 +325,9 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     """Return angles and readings of a test. Laps are averaged if the layout says so.
 
     A lap is one turn of the bar. If the layout does not say that laps are averaged, all laps are
-    kept. This is noted, unless the layout says that laps are kept. ``recording`` is the test as its
-    file holds it; ``trace`` holds its angles and readings.
+    kept. This is noted, unless the layout says that laps are kept. ``recording`` holds the rows of
+    the test in its file, and all statements about the test; ``trace`` holds its angles and
+    readings.
     """
     angle = trace.angle_deg
     if len(angle) < 2:

@@ -1,4 +1,4 @@
-"""Functions that check workbooks (XLSX, XLS, ODS) before they are unpacked, and read them."""
+"""Functions that read workbooks (XLSX, XLS, ODS), and check each workbook before unpacking."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ HTML page is made, each English text is looked up in the catalogue and replaced 
 as the program gettext does. A key of the catalogue may have placeholders in braces, such as
 ``{a}``. A placeholder stands for any text, and this text is also translated. A placeholder whose
 name begins with ``n`` stands only for numbers. A placeholder whose name begins with ``r`` stands
-for text that is kept as it is, such as the text of a file. The program never reads results from
+for text that is not translated, such as the text of a file. The program never reads results from
 sentences, so a translation changes only the text that is shown.
 """
 
@@ -68,7 +68,8 @@ _SAME = frozenset(
         "tau",
     )
 )
-# An interval such as [1.5, 2.5]. Languages with a decimal comma put a semicolon between its ends.
+# Regular expression for an interval such as [1.5, 2.5]. In a language with a decimal comma, a
+# semicolon is put between the two numbers.
 _INTERVAL = re.compile(r"\[([^\[\],;]+), ([^\[\],;]+)\]")
 
 
@@ -95,7 +96,7 @@ class Catalogue(NamedTuple):
     """Translations of English texts into one language."""
 
     entries: Mapping[str, str]  #: The translations; the keys are English texts.
-    #: Keys with placeholders; those with the most characters outside their placeholders come first.
+    #: keys with placeholders; keys with the most characters outside their placeholders come first
     phrases: tuple[_Phrase, ...]
 
 
@@ -204,7 +205,8 @@ class AnnexTranslation:
     def _looked_up(self, text: str) -> str | None:
         """Return the translation of a text if the whole text matches a key of the catalogue.
 
-        The key may have placeholders, each for a part of a sentence. Return None if no key matches.
+        The key may have placeholders. Each placeholder stands for a part of a sentence. Return None
+        if no key matches.
         """
         entries = self.catalogue.entries
         if text in entries:
@@ -215,10 +217,10 @@ class AnnexTranslation:
         return self._matched(text)
 
     def _matched(self, text: str, *, of_sentences: bool = False) -> str | None:
-        """Return the translation of a text that matches a key with placeholders as a whole.
+        """Return the translation of a text if the whole text matches a key with placeholders.
 
-        ``of_sentences`` is whether a placeholder may also stand for several sentences. Return None
-        if no key matches.
+        ``of_sentences`` states whether a placeholder may also stand for several sentences. Return
+        None if no key matches.
         """
         for phrase in self.catalogue.phrases:
             match = phrase.pattern.fullmatch(text)
@@ -233,9 +235,10 @@ class AnnexTranslation:
         return None
 
     def _of_place(self, name: str, value: str) -> str | None:
-        """Return the translation of what a placeholder of a given name stands for.
+        """Return the translation of the text for which a placeholder stands.
 
-        Return None if the catalogue lacks a part of it.
+        ``name`` is the name of the placeholder, and ``value`` the text. Return None if a part of
+        the text is not in the catalogue, or if a text that is not translated has several sentences.
         """
         if not name.startswith("r"):
             return self._of(value)
@@ -270,13 +273,13 @@ def catalogue_of(language: str, *names: str) -> Catalogue | None:
     language
         Code of the language, such as ``de``.
     *names
-        Names of the catalogues, such as ``annex`` for the file templates/annex_de.toml. The
-        translations of later catalogues take precedence.
+        Names of the catalogues, such as ``annex`` for the file templates/annex_de.toml. If several
+        catalogues have the same key, the translation of the last of them is used.
 
     Returns
     -------
     Catalogue or None
-        None if the language has no such catalogues.
+        None if the language lacks one of these catalogues.
     """
     entries: dict[str, str] = {}
     for name in names:

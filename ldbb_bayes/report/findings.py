@@ -204,7 +204,7 @@ class Beside:
     name
         Name of the campaign.
     result
-        Results of the campaign's fit, as the command ``fit --json`` prints them.
+        Results of the fit of this campaign, as the command ``fit --json`` prints them.
     differences
         Differences of the parameters between this campaign and the campaign that the report is
         about, see `compare_posteriors`.

@@ -1,8 +1,9 @@
 """Translation of messages: notes on files that were read, remarks, and reasons for a refusal.
 
 The messages are made in English where files are read and checked. To show a message in another
-language, its text is looked up in the catalogues templates/messages_<language>.toml and
-templates/annex_<language>.toml. Texts in quotation marks come from files, and are not translated.
+language, the text of the message is looked up in the catalogues templates/messages_<language>.toml
+and templates/annex_<language>.toml. Texts in quotation marks come from files, and are not
+translated.
 """
 
 from __future__ import annotations
@@ -20,12 +21,13 @@ __all__ = ["OwnWords", "in_language", "is_own_text"]
 # it, and names of files such as campaign.toml.
 _QUOTED = r"'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\""
 _SAME = rf"{_QUOTED}|\b\w+\.toml\b"
-# First and last of the characters that stand for such a part while a message is translated. Unicode
-# assigns no meaning to these characters.
+# While a message is translated, a single character stands for each part that is the same in every
+# language. These are the first and the last of the characters used. Unicode assigns no meaning to
+# them.
 _FIRST_MARK = 0xE000
 _LAST_MARK = 0xF8FF
 
-# Subjects of notes whose values are texts of files, such as the name of the operator.
+# Subjects of notes, such as the operator, for which the value in the note is a text from a file.
 _OWN_TEXTS = frozenset(
     (
         "[[test]] not used",
@@ -44,7 +46,7 @@ _OWN_TEXTS = frozenset(
 
 
 def is_own_text(subject: str) -> bool:
-    """Return whether the value of a note on a subject is the text of a file.
+    """Return whether notes on a subject state a value that is a text from a file.
 
     ``subject`` is what the note is about, such as "operator". Such a value is not translated.
     """
@@ -58,14 +60,14 @@ class OwnWords:
     Parameters
     ----------
     names
-        Names of files, which are not translated wherever they stand in the message.
+        Names of files. They are not translated, wherever they stand in the message.
     """
 
     names: Iterable[str] = ()
     _parts: list[str] = field(default_factory=list)
 
     def hide(self, message: str) -> str:
-        """Return the message with each of these parts replaced by a character that stands for it.
+        """Return the message after replacing each part that is not translated by a character.
 
         Parameters
         ----------
@@ -81,7 +83,7 @@ class OwnWords:
         return re.sub("|".join([*names, _SAME]), self._mark, message)
 
     def show(self, message: str) -> str:
-        """Return a message in which the parts stand again instead of the characters.
+        """Return a message after replacing the characters by the parts for which they stand.
 
         Parameters
         ----------
@@ -119,15 +121,16 @@ def in_language(message: str, language: str, names: Iterable[str] = ()) -> str |
     Returns
     -------
     str or None
-        None if the catalogues lack a part of the message. A message in a language without
-        catalogues, such as English, is returned as it is.
+        The translated message; None if a part of the message is not in the catalogues. If the
+        language has no catalogues, such as English, the message is returned unchanged.
     """
     catalogue = catalogue_of(language, "annex", "messages")
     if catalogue is None:
         return message
     kept = frozenset(names)
     own_words = OwnWords(kept)
-    # Some texts of the annex have quotation marks of their own: try these as they are.
+    # Some keys of the annex's catalogue contain quotation marks. Therefore also try the message
+    # without hidden parts.
     for text in (own_words.hide(message), message):
         translation = AnnexTranslation(words_of(language), catalogue, kept)
         translated = translation.text(text)

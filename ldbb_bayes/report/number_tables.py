@@ -183,7 +183,7 @@ def _budget(findings: Findings) -> pd.DataFrame:
 
 
 def _gum_validation(findings: Findings) -> pd.DataFrame:
-    """Return a table with two intervals of every parameter, which are compared.
+    """Return a table that compares two intervals of each parameter.
 
     One interval is from the GUM's law of propagation, the other from the posterior distribution.
     """

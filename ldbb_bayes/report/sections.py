@@ -104,7 +104,7 @@ def results(findings: Findings) -> Iterator[Part]:
 
 
 def limits(findings: Findings) -> Iterator[Part]:
-    """Yield the section on degeneracies, with measures that would remove them.
+    """Yield the section on degeneracies, and on measures that would remove these degeneracies.
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve. The
     section also names the effects that the user has switched off in the model. The verdicts on

@@ -369,7 +369,7 @@ class SheetNumbers:
     def _measured_words(self, plane: str, quantity: str, force_N: float) -> str:
         """Return a remark with the value of a quantity that is computed from the readings alone.
 
-        The readings are those of one test in the plane: the test whose force is nearest to
+        The readings of one test in the plane are used: the test whose force is nearest to
         ``force_N`` [N]. The remark is an empty string at no load (0 N).
         """
         if force_N == 0.0:

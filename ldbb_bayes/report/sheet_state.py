@@ -75,8 +75,8 @@ def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> l
     """Return labels for the quantities that a reason in the banner names.
 
     If there are at most two names, the labels are words. If there are more, the labels are symbols.
-    Names that are not in ``quantities``, such as those of tests and hyper-parameters, are returned
-    unchanged.
+    Names that are not in ``quantities``, such as names of tests and of hyper-parameters, are
+    returned unchanged.
     """
     labels = []
     for name in names:

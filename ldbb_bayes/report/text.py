@@ -123,7 +123,7 @@ def _passages_of_log_density(density: LogDensity) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
-    """Return a table of the true parameters and hyper-parameters of simulated readings.
+    """Return a table of the parameters and hyper-parameters with which readings were simulated.
 
     The hyper-parameters are scales of noise and of other effects.
     """

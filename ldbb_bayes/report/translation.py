@@ -100,7 +100,7 @@ def words_of(language: str) -> Words:
     Parameters
     ----------
     language
-        Code of the language, one of those that `languages` returns.
+        Code of the language. It must be one of the codes that `languages` returns.
 
     Returns
     -------

@@ -757,9 +757,9 @@ def origin_words(origin: str) -> str:
 def origins_in_words(entry: ParameterIdentifiability) -> str:
     """Return a text with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
 
-    The origin states where the size of a source of variance comes from. The first share [%] is that
-    of sources whose size was measured in the campaign, the second that of sources whose size the
-    user stated, and the third that of sources whose size the model assumes.
+    The origin states where the size of a source of variance comes from. The first share [%] belongs
+    to sources whose size was measured in the campaign, the second share to sources whose size the
+    user stated, and the third share to sources whose size the model assumes.
     """
     return " / ".join(f"{100.0 * share:.0f}" for share in entry.origin_shares.values())
 
