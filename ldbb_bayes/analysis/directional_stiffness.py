@@ -160,7 +160,8 @@ class PrincipalAxis(Result):
     """One principal stiffness of a machine in space, and its direction."""
 
     stiffness: StatedValue  #: stiffness along the principal axis
-    direction: tuple[float, float, float]  #: unit vector along X, Y and Z; its sign has no meaning
+    #: components along X, Y and Z of a unit vector along the axis; its sign has no meaning
+    direction: tuple[float, float, float]
     #: half angle of a cone about ``direction`` [°]; the cone contains the true axis with the
     #: probability of the credible intervals
     cone_deg: float
