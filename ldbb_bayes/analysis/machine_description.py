@@ -90,8 +90,8 @@ class DescribedMachine(Result):
     #: this is the rank of the matrix of derivatives of the readings with respect to all compliances
     rank: int
     #: condition number of the matrix of derivatives of the readings with respect to
-    #: ``compliances``, for full circles with evenly spaced angles. The derivatives are in mm and N,
-    #: and their columns are not scaled.
+    #: ``compliances``, for full circles with evenly spaced angles. The derivatives are in mm and N;
+    #: the columns of the matrix are not scaled.
     condition_number: float
 
 

@@ -43,11 +43,12 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
     -------
     tests : DataFrame
         One row per test. Columns are force_N, direction, plane, radius_mm and arc_deg; G, F_max and
-        F_min about the least-squares centre and radius, and G_minimum_zone about the centre of the
-        minimum zone [µm]; F_max_nominal and F_min_nominal about the least-squares centre and the
-        nominal radius [µm]; squareness and scale_mismatch [µm/m], which are not a number for an arc
-        of less than 350°, for a test of at most 25 readings, and for readings at too few different
-        angles to tell the Fourier orders apart.
+        F_min, the deviations from the least-squares circle [µm]; G_minimum_zone, the circular
+        deviation about the centre of the minimum zone [µm]; F_max_nominal and F_min_nominal, the
+        deviations from a circle with the least-squares centre and the nominal radius [µm]; and
+        squareness and scale_mismatch [µm/m]. Squareness and scale_mismatch are not a number for an
+        arc of less than 350°, for a test of at most 25 readings, and for readings at too few
+        different angles to tell the Fourier orders apart.
     pairs : DataFrame
         One row per pair of a clockwise and a counterclockwise test of the same circle. Columns are
         force_N and plane; the bidirectional deviation G_b about the least-squares centre and
@@ -131,12 +132,12 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
 def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
     """Return the table row of one test; the keys are names of columns.
 
-    The row holds the conditions of the test and quantities computed from the readings. These are G,
-    F_max and F_min about the least-squares centre [µm]; G about the centre of the minimum zone
-    [µm]; the largest and the smallest radial deviation about the least-squares centre from the
-    nominal radius [µm]; and squareness and scale mismatch [µm/m]. Squareness and scale mismatch are
-    not a number for an arc, and for a circle with too few different angles to tell the Fourier
-    orders apart.
+    The row holds the conditions of the test and quantities computed from the readings. These
+    quantities are G, F_max and F_min, the deviations from the least-squares circle [µm]; G about
+    the centre of the minimum zone [µm]; the largest and the smallest deviation from a circle with
+    the least-squares centre and the nominal radius [µm]; and squareness and scale mismatch [µm/m].
+    Squareness and scale mismatch are not a number for an arc, and for a circle with too few
+    different angles to tell the Fourier orders apart.
     """
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)

@@ -47,8 +47,8 @@ def pooled_p_value(p_values: Array) -> Array:
     """
     clipped = np.clip(p_values, _LEAST, 1.0 - _LEAST)
     mean = np.tan((0.5 - clipped) * np.pi).mean(axis=-1)
-    # The returned value is the probability that a Cauchy variate exceeds the mean. Computed with
-    # the arc tangent of 1 and the mean, it loses no digits if the mean is large.
+    # The returned value is the probability that a Cauchy variate exceeds the mean. The function
+    # arctan2 computes this probability without loss of digits even if the mean is large.
     return np.asarray(np.arctan2(1.0, mean) / np.pi)
 
 

@@ -1,11 +1,11 @@
 """Local fits: constant compliance and geometry at every two neighbouring force levels.
 
 If compliance changes with force, the estimates from different pairs of levels differ. Each pair is
-fitted twice: by the least squares of the article on which the model is based (Tables 7 and 8
-there), and by the posterior of the model. The model includes nuisances, effects that are not of
-interest. Neighbouring pairs have a force level in common, and all pairs share ball form, bar length
-and mount. The errors of the estimates are therefore correlated, and the estimates scatter less than
-their uncertainties suggest.
+fitted twice: by the least-squares method of the article on which the model is based (Tables 7 and 8
+there), and by the posterior of the model, which includes nuisances (effects that are not of
+interest). Neighbouring pairs have a force level in common, and all pairs share ball form, bar
+length and mount. The errors of the estimates are therefore correlated, and the estimates scatter
+less than their uncertainties suggest.
 
 Geometric errors are fitted anew in every pair, so that only the change of the readings between the
 two forces determines the compliance. A pair therefore estimates d(F C)/dF = C + F dC/dF. This
@@ -35,10 +35,10 @@ __all__ = ["local_fits"]
 # are at most 2 %, which is enough for a figure. Nodes are weighted values of the hyper-parameters.
 # ``_TOLERANCE`` is the error allowed for the log evidence [nat]. The nodes of the smallest weight
 # are left out; ``_SPARE`` is the largest total weight of the nodes left out, as a share of the
-# weight of all nodes.
-# ``_POINTS_INSIDE`` is the number of quasi-random points for the condition that no compliance is
-# negative. ``_MOMENT_NODES`` is the number of nodes for means and standard deviations.
-# ``_COMPONENTS`` is the number of components of the mixture from which the quantiles are computed.
+# weight of all nodes. ``_POINTS_INSIDE`` is the number of quasi-random points from which the
+# probability that no compliance is negative is computed. ``_MOMENT_NODES`` is the number of nodes
+# for means and standard deviations. ``_COMPONENTS`` is the number of components of the mixture from
+# which the quantiles are computed.
 _TOLERANCE = 5e-2
 _SPARE = 1e-3
 _POINTS_INSIDE = 128
@@ -60,8 +60,8 @@ def local_fits(
     ----------
     model : HybridModel
         Model with its nuisance terms (effects not of interest) and priors. Its degree of compliance
-        in force is set to 0. Properties that depend on the campaign (number of ball forms, estimate
-        Ĉ of the compliances about which the model is linearised) are those of the whole campaign.
+        in force is set to 0. The number of ball forms, and the estimate Ĉ of the compliances about
+        which the model is linearised, are taken from the whole campaign, not from the pair.
     campaign : Campaign
         Campaign with readings at two or more force levels.
     prob : float

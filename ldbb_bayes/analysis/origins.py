@@ -1,10 +1,10 @@
 """Origins of the sources of uncertainty: measured here, stated or assumed.
 
 Every source in the budget of a parameter has one of three origins. A source is *stated* if a
-certificate, or a prior that the user gave, states its size. It is *measured here* if the readings
-of this campaign alone, with a flat prior of the source, determine it with a standard uncertainty of
-less than half of its prior standard deviation. A source that is neither stated nor measured here is
-*assumed*.
+certificate, or a prior that the user gave, states its size. A source is *measured here* if the
+readings of this campaign alone, with a flat prior of the source, determine the effect of the source
+with a standard uncertainty of less than half of the effect's prior standard deviation. A source
+that is neither stated nor measured here is *assumed*.
 
 The origin is determined for each coefficient separately, at the Fourier order of the coefficient.
 For example, the readings may show a form error of the balls at the orders 5 to 12, and the prior of

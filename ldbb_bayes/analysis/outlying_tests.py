@@ -5,12 +5,12 @@ its readings y_r given the readings y_−r of the other tests. If there are seve
 simulates a share of the replicates equal to its posterior probability given the other tests. For
 each Fourier order, the p-value of a test is the share of replicates that deviate at least as much
 as the test. A test has 13 p-values, one for each Fourier order from 0 to 12. The smallest of 13
-p-values is often small by chance alone. It is therefore compared with the smallest p-values of the
-replicates.
+p-values is often small by chance alone. The smallest p-value of the test is therefore compared with
+the smallest p-values of the replicates.
 
 Holm's method bounds the family-wise error: the probability that any test is flagged although all
-tests agree. A flagged test is taken out before the remaining tests are judged again, because it
-would make the tests at neighbouring forces seem to deviate.
+tests agree. A flagged test is taken out before the remaining tests are judged again, because the
+flagged test would make the tests at neighbouring forces seem to deviate.
 """
 
 from __future__ import annotations
@@ -102,7 +102,8 @@ def find_outlying_tests(
     Parameters
     ----------
     models : mapping of str to HybridModel
-        Models by name, weighted by their posterior probabilities given the other tests.
+        Models; the keys are names of models. Each model is weighted by its posterior probability
+        given the other tests.
     campaign : Campaign
         Campaign with readings of at least two tests.
     seed : int
@@ -111,8 +112,8 @@ def find_outlying_tests(
         Error allowed in every log evidence [nat].
     replicates : int, optional
         Number of circles that are simulated at first for each test. A test with a p-value of at
-        most 5 % is judged again with twice as many circles. Default: 20,000, or 400 times the
-        number of tests if this is more.
+        most 5 % is judged again with twice as many circles. Default: the larger of 20,000 and 400
+        times the number of tests.
 
     Returns
     -------

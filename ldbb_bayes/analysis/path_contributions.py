@@ -75,11 +75,11 @@ def decompose_deviation(
         force), every geometric error, and three sums: of all effects, of all compliances and of all
         geometric errors. Offsets of the tool ball are separate sources, and are not included in the
         sums. Columns are plane, radius_mm, force_N and source; and, in µm, maximum, minimum,
-        peak_to_peak, sd, ci_low and ci_high. The values maximum and minimum are those of the
-        posterior mean contribution. The posterior of the peak-to-peak value has the median
-        peak_to_peak, the standard deviation sd and the credible interval from ci_low to ci_high.
-        The peak-to-peak values of the draws are too large because of the uncertainty of the
-        contribution; this excess is removed.
+        peak_to_peak, sd, ci_low and ci_high. maximum and minimum are the largest and the smallest
+        value, along the circle, of the posterior mean of the contribution. The posterior of the
+        peak-to-peak value has the median peak_to_peak, the standard deviation sd and the credible
+        interval from ci_low to ci_high. Because the contribution is uncertain, the peak-to-peak
+        values of the posterior draws are too large; this excess is removed.
 
     Raises
     ------

@@ -138,7 +138,7 @@ def calibrate_posterior(
 
 
 class _EnlargedCampaigns(NamedTuple):
-    """Settings that all replicates have in common: model, measured campaign and true values.
+    """Settings of all replicates: the model, the measured campaign and the true values.
 
     ``beta``, shape (replicates, p), and ``phi``, shape (replicates, h), are posterior draws of the
     parameters and of the hyper-parameters; one draw of each gives the true values of a replicate.

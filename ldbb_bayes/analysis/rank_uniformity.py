@@ -1,4 +1,4 @@
-"""Band for the empirical distribution of ranks, to test whether they are uniformly distributed.
+"""Band for the empirical distribution of ranks, to test whether ranks are uniformly distributed.
 
 A rank is the number of posterior draws below the true value in a simulated campaign. The method is
 that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and
@@ -64,9 +64,10 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     more_than = bdtrc(counts, replicates, level)
 
     def pointwise_intervals(excluded: float) -> tuple[Array, Array]:
-        """Return the ends of the binomial intervals of counts, one interval for each rank.
+        """Return limits of the number of uniform ranks below each level, shape (draws,) each.
 
-        The probability of a count outside its interval is at most ``excluded``.
+        For each level, the number of ranks below the level has a binomial distribution. The
+        probability that this number is outside its limits is at most ``excluded``.
         """
         lower = (at_most < 0.5 * excluded).sum(axis=0)
         upper = (more_than > 0.5 * excluded).sum(axis=0)

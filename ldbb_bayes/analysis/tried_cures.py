@@ -4,7 +4,7 @@ A remedy is a change of the plan (another order of the circles, the other direct
 turned balls, more circles, a second radius) or a certificate of the instrument. The model is bound
 to the changed plan, or to the campaign with the certificate. The hyper-parameters φ (the scales of
 the noise and of other effects) keep their values (`HyperPrior.carried`). Effects that depend on an
-estimate of the machine are computed with the estimate from the unchanged campaign.
+estimate of the machine are computed with the estimate from the unchanged campaign or its pilot.
 """
 
 from __future__ import annotations

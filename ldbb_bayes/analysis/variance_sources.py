@@ -84,9 +84,10 @@ class ModelVariance:
     #: by its prior sd, shape (q, m); zero for a quantity that the model lacks
     weights: Array
     mean: Array  #: means of the quantities under this model, shape (q,)
-    #: standard deviations of the posterior draws of the quantities under this model, shape (q,).
-    #: They may differ from the standard deviations in the linear Gaussian model, because
-    #: compliances cannot be negative.
+    #: standard deviations of the quantities under this model, as the results state them, shape
+    #: (q,). They come from posterior draws, in which no compliance is negative, or are averaged
+    #: over the hyper-parameters. They may therefore differ from the square roots of
+    #: ``gaussian_variance``.
     sd: Array
 
     @cached_property
@@ -100,12 +101,12 @@ class ModelVariance:
         return self._variance(self.information)
 
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Return, for every source, the covariance of the quantities' errors, shape (q, q).
+        """Return one covariance for every source, shape (q, q) each.
 
-        The errors are the errors of the q quantities that the source causes. A source is a model
-        term, the reading noise or the prior of a parameter. The keys are pairs: the name of the
-        term, noise or parameter, and the origin of the source. The covariances are scaled so that
-        their diagonals add up to the variances ``sd``².
+        It is the covariance of the errors that the source causes in the q quantities. A source is a
+        model term, the reading noise or the prior of a parameter. The keys are pairs: the name of
+        the term, noise or parameter, and the origin of the source. The covariances are scaled so
+        that their diagonals add up to the variances ``sd``².
         """
         drawn = self.sd / np.sqrt(np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1))
         scale = np.outer(drawn, drawn)
@@ -156,7 +157,7 @@ class ModelVariance:
         return np.einsum("qi,ij,qj->q", self.weights, covariance, self.weights)
 
     def _scaled(self, variance: Array) -> Array:
-        """Return variances of the linear model, scaled to the variances of the draws, shape (q,).
+        """Return variances of the linear model, scaled to the variances ``sd``², shape (q,).
 
         Each variance is multiplied by ``sd``² and divided by the quantity's `gaussian_variance`.
         The result is at most ``sd``².

@@ -3,9 +3,9 @@
 A slope is the change of a compliance with force. Every compliance may have a slope or none, and
 each subset of slopes is a model with its own evidence. Curves of compliance against force are
 averaged over these models. If there are too many subsets, a search selects some of them. The search
-starts with the subset without slopes and the subset with all slopes. In each step, it takes the
-subset of the largest evidence that has not been used in a step before, and adds the subsets that
-differ from this subset in one slope.
+starts with the subset without slopes and the subset with all slopes. Each step takes one of the
+subsets found so far: the subset with the largest evidence among those that no earlier step has
+taken. The step then adds all subsets that differ from this subset in one slope.
 """
 
 from __future__ import annotations

@@ -55,16 +55,14 @@ _STACKING_STEPS = 500
 
 @dataclass(frozen=True)
 class PriorRange:
-    """Measured range of one circle (largest minus smallest reading), and the range expected.
+    """Measured range of one circle, and the interval of ranges that the prior expects.
 
-    The prior expects a range between ``low_um`` and ``high_um``.
+    The range of a circle is its largest minus its smallest reading.
     """
 
     measured_um: float
-    #: lower end of the interval of ranges (largest minus smallest reading) that the prior expects
-    low_um: float
-    #: upper end of the interval of ranges (largest minus smallest reading) that the prior expects
-    high_um: float
+    low_um: float  #: lower end of the interval of ranges that the prior expects
+    high_um: float  #: upper end of the interval of ranges that the prior expects
     #: probability, under the prior, of a range at least as large as the measured range. It is not
     #: adjusted for the number of circles. A small value means that the prior is too narrow for this
     #: machine.

@@ -42,7 +42,7 @@ _LONGEST_NAMED = 10_000
 
 @dataclass(frozen=True)
 class Batch(Result):
-    """Result of a finished batch: the place of its table, and the numbers of campaigns.
+    """Result of a finished batch: where its table is, and how many campaigns were fitted or failed.
 
     Examples
     --------
@@ -161,8 +161,8 @@ def run_batch(
     Returns
     -------
     Batch
-        The finished batch: the place of its table, and the numbers of campaigns that were fitted,
-        that failed and that are in doubt.
+        Where the table of the finished batch is, and how many campaigns were fitted, failed or are
+        in doubt.
 
     Raises
     ------

@@ -228,10 +228,10 @@ def _functions_of_further_columns(
     The keys of the result are the names of these quantities. Each function returns a dictionary
     with values of the campaign's row in the batch's table.
 
-    The Bayes factor and the sufficient statistics are computed only if the priors are not flat. For
-    the Bayes factor, the settings must also request it, the compliances of the model must depend on
-    force, and the campaign must have several forces. The stiffness by direction is computed from
-    every fit. Conformity is computed if the campaign has tolerances.
+    The sufficient statistics are computed only if the priors are not flat. The Bayes factor is
+    computed only if, in addition, the settings request it, the compliances of the model depend on
+    force, and the campaign has several forces. The stiffness by direction is computed from every
+    fit. Conformity is computed if the campaign has tolerances.
     """
     model = settings.model
     steps: dict[str, Callable[[], dict[str, Any]]] = {}

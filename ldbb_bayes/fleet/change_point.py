@@ -61,9 +61,9 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
     """Return the nodes of the scatter r and the prior weights of the nodes, shape (nodes,) each.
 
     The scatter r is the standard deviation of a machine's parameters from campaign to campaign.
-    Nodes are the values of r by which r is integrated out. The weights are those of the trapezoidal
-    rule in ln r; they sum to one. The weight of the lowest node includes the prior probability of
-    all smaller values of r.
+    Nodes are values of r; an integral over r is computed as a weighted sum over the nodes. The
+    weights are those of the trapezoidal rule in ln r, and sum to one. The weight of the lowest node
+    includes the prior probability of all smaller values of r.
 
     Parameters
     ----------

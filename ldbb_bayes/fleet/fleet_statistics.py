@@ -2,11 +2,11 @@
 
 ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const
 
-y_i are the readings of campaign i. c_i are the parameters chosen for analysis, of the machine in
-campaign i; the compliances of all campaigns are given for one reference force. b are the errors of
-the instrument (of the mount's deflection and of the force), which are the same in all campaigns.
-Λ_i is a precision matrix (inverse of a covariance matrix), and η_i is the shift, that is, Λ_i times
-the estimate.
+y_i are the readings of campaign i. c_i are the chosen parameters of the machine in campaign i; the
+compliances of all campaigns are given for one reference force. b are the errors of the instrument
+(of the mount's deflection and of the force), which are the same in all campaigns. Λ_i is a
+precision matrix (inverse of a covariance matrix), and η_i is the shift, that is, Λ_i times the
+estimate of (c_i, b).
 
 All other unknowns are integrated out in each campaign separately, as if their values in different
 campaigns were independent. These unknowns are the changes of compliances with force (slopes), the

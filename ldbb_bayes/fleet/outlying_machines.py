@@ -37,14 +37,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Spreads are the standard deviations of machines about the mean of their population. To leave out
-# one machine, random draws of the spreads given all machines are weighted so that they represent
-# the posterior given the other machines. If the weights cannot be trusted, this number of new draws
-# is made from the posterior given the other machines.
+# Number of new random draws of the spreads (standard deviations of machines about the mean of their
+# population) to leave out one machine. The new draws are made from the posterior given the other
+# machines, if the draws given all machines cannot be weighted reliably.
 _DRAWS_WITHOUT = 512
-# Largest number of machines for which the spreads (standard deviations of machines about the mean
-# of their population) are drawn anew from the posterior given the other machines. The most outlying
-# machines come first.
+# Largest number of machines for which new random draws of the spreads (standard deviations of
+# machines about the mean of their population) are made. The most outlying machines come first.
 _MOST_REDRAWN = 200
 # Smallest p-value of a machine's parameter. Smaller p-values are replaced by this number, because
 # the corresponding quantile of the normal distribution would not be finite.

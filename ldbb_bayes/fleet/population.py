@@ -70,11 +70,11 @@ from ldbb_bayes.units import (
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "fit_population", "pool"]
 
-# Smallest number of machines of a population for which each machine is compared with the other
-# machines.
+# The machines of a population are compared with one another only if there are at least this many.
 _FEWEST_MACHINES = 6
-# p-value below which a machine is flagged as not belonging to the population. If all machines
-# belong to the population, the probability that any machine is flagged is at most this value.
+# A machine is flagged as not belonging to the population if its p-value is below this value. If all
+# machines belong to the population, the probability that any machine is flagged is at most this
+# value.
 _FALSE_ALARMS = 0.05
 # Pattern of the names of compliances at the reference force; it does not match names of slopes.
 _CONSTANT_COMPLIANCE = re.compile(r"C_...")

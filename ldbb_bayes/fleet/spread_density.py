@@ -109,8 +109,8 @@ def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 
     Parameters
     ----------
-    spread : k values of the standard deviations of c parameters between machines, shape (k, c).
-    likelihood : likelihoods of n machines for q parameters and instrument errors, shape (n, q).
+    spread : k values of the spreads of c parameters, shape (k, c).
+    likelihood : likelihoods of q parameters and instrument errors from n machines, shape (n, q).
     """
     size = max(1, _PAIRS_AT_ONCE // len(likelihood.shift))
     for start in range(0, len(spread), size):

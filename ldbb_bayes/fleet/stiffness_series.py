@@ -18,7 +18,7 @@ from ldbb_bayes.units import plus_minus
 
 __all__ = ["StiffnessOfVisit", "stiffness_series", "stiffness_table"]
 
-# Text of a table cell if the readings do not determine its quantity.
+# Text of a table cell for a quantity that the readings do not determine.
 _NOT_DETERMINED = "not determined"
 
 
