@@ -37,8 +37,8 @@ _NUMBER = r"[-+−±]?[\d.,eE−+<>≥≤ /\[\]…%°-]*\d[\d.,]*"
 # of a version number, such as ``0.3`` in ``0.3.0``.
 _DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?!\d|\.\d)")
 _SENTENCE_ENDS = re.compile(r"(?<=[.?!]) (?=[A-Z('{]|u[: ]|ln |\d+ %)")
-# Separators of the items of a list, in the order in which they are tried. The longest items come
-# from the first separator.
+# Separators of the items of a list, in the order in which they are tried. The first separators
+# divide a text into the longest items.
 _JOINTS = ("; ", ": ", ", ", " and ", " or ")
 _WORD = re.compile(r"(?<![\w./\\-])(?:[A-Za-z][a-z]{2,}|of|by|to|or|at|is|it|as)(?![\w/\\(=])")
 # Words that are the same in every language: symbols, units, names of programs and quantities.

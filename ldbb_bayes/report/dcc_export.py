@@ -247,9 +247,9 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
 def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]:
     """Return the dictionaries for the stiffness by direction, for the certificate file.
 
-    The stiffness is that at the model's reference force. A stiffness is left out if only a lower
-    limit of it is known, because no value ± U describes it. Directions that the readings do not
-    determine are left out for the same reason. The dictionaries have the same keys as the
+    The stiffness is computed at the model's reference force. A stiffness is left out if only a
+    lower limit of it is known, because no value ± U describes it. Directions that the readings do
+    not determine are left out for the same reason. The dictionaries have the same keys as the
     dictionaries of parameters, except the keys of the credible interval.
     """
     reference_N = bound_of(posterior).setting.reference_force_N

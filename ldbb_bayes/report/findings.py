@@ -240,7 +240,7 @@ def find(
     Raises
     ------
     InputError
-        The comparison or the design was made from readings that are not those of the fit.
+        The comparison or the design was made from other readings than the fit.
     """
     campaign = campaign_of(posterior)
     _check_readings("comparison", getattr(comparison, "campaign", None), campaign)

@@ -41,7 +41,8 @@ def _goals_table(result: GoalDesign) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
     For each goal, the table states the U that is wanted, the present U, and a limit for U after the
-    cheapest campaign. On nine in ten possible machines, U does not exceed this limit.
+    cheapest campaign. Many machines are possible given what is known so far; on nine in ten of
+    them, U does not exceed this limit.
     """
     rows = []
     for name, stated in result.goals.items():

@@ -50,8 +50,8 @@ def _goals_table(step: NextCircle) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
     For each goal, the table states the present U, the expected U after the next circle, and the U
-    that would remain after very many further circles. It also states the probability that the goal
-    is reached now, and after the next circle.
+    that would remain after very many further circles. Two further columns state the probability
+    that the goal is reached now, and the probability that it is reached after the next circle.
     """
     rows = []
     for name, goal in step.goals.items():

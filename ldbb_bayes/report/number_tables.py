@@ -1,4 +1,4 @@
-"""Tables with all numbers of a report, which are written to CSV files.
+"""Tables with all numbers of a report. The tables are written to CSV files.
 
 Circular-test quantities are in µm and µm/m, all other values in internal units (mm, N, rad).
 """

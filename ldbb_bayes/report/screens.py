@@ -37,7 +37,7 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 
     The first table states the expanded uncertainty U (k = 2) of each parameter, the verdict with
     the largest source of variance, the cheapest measure that reduces U markedly, and U after this
-    measure. The second table has one row for each certificate of the instrument, which names the
+    measure. The second table has one row for each certificate of the instrument. The row names the
     parameters that the certificate would make less uncertain. The method ``details`` of the result
     returns all tables and sentences, with the combinations of parameters that no reading can
     resolve.

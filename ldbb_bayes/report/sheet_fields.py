@@ -230,9 +230,10 @@ def _force_law_text(campaign: Campaign, words: Words) -> str:
 
 
 def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
-    """Return a text with the size of an assumed effect, which is twice its standard uncertainty.
+    """Return a text with the size of an assumed effect: ± twice the standard uncertainty.
 
-    ``term`` is the class name of the model term that describes the effect.
+    ``term`` is the class name of the model term that describes the effect. If some coefficients of
+    the effect have a smaller size, the text says "up to".
     """
     factor, label = source_unit_words(size.source, term, size.unit)
     value = words.number(two_digits(2.0 * size.sd, factor))

@@ -193,8 +193,8 @@ class SheetNumbers:
     def _draws(self) -> Mapping[str, Any]:
         """Random draws from the posterior of each parameter, in internal units (mm, N, rad).
 
-        The draws of a compliance are its values at the force ``force_N``. The keys are the names of
-        the parameters.
+        The draws of a compliance C(F) are values of C at the force ``force_N``. The keys are the
+        names of the parameters.
         """
         return draws_at(self.findings.numbers, self.force_N)
 
@@ -208,8 +208,9 @@ class SheetNumbers:
         """Return the name of a parameter in words, in the language of the sheets.
 
         ``name`` is an object whose attributes are the parts of the name of a compliance or
-        geometric error, such as the axis. ``degree`` is 0 for the parameter itself, 1 for the slope
-        of its change with force, and 2 for the curvature of this change.
+        geometric error, such as the axis. ``degree`` is 0 for the name of the parameter itself, 1
+        for the name of the slope of its change with force, and 2 for the name of the curvature of
+        this change.
         """
         key = str(name.kind)
         if degree == 1:
@@ -313,7 +314,7 @@ class SheetNumbers:
         """Circular deviation at no load, and radial deviations from the nominal circle.
 
         The keys are the symbols of the deviations. The radial deviations from the nominal circle
-        are those at the force ``force_N`` [N].
+        are computed at the force ``force_N`` [N].
         """
         nominal = self._path_quantities(self.force_N, ("F_max_nominal", "F_min_nominal"))
         return self.unloaded_path | nominal
@@ -322,9 +323,8 @@ class SheetNumbers:
     def unloaded_path(self) -> dict[str, StatedQuantity]:
         """Circular deviation of the tool path at no load.
 
-        Only geometric errors cause this deviation.
-
-        There is one entry for each plane; the keys are the symbols of the deviation.
+        Only geometric errors cause this deviation. There is one entry for each plane; the keys are
+        the symbols of the deviation.
         """
         return self._path_quantities(0.0, ("G",))
 

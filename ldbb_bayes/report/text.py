@@ -3,10 +3,9 @@
 The function `parts_of` returns the passages (tables and sentences) of a result. The function
 `with_words` returns the JSON record of a result, with sentences that describe the result. Both
 functions have a separate implementation for each class of results. This module contains the
-implementations for most classes, and imports the modules that contain the other implementations. ln
-B is the log Bayes factor, which states how much the readings favour one model over another. elpd is
-the expected log predictive density, which states how well a model predicts readings that it has not
-seen.
+implementations for most classes, and imports the modules that contain the other implementations.
+The log Bayes factor ln B states how much the readings favour one model over another. The expected
+log predictive density, elpd, states how well a model predicts readings that it has not seen.
 """
 
 from __future__ import annotations
@@ -201,8 +200,9 @@ def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
 def _passages_of_workflow(workflow: Workflow) -> tuple[Passage, ...]:
     """Return a table of the circles, and a sentence on each check of a Bayesian workflow.
 
-    The table has one row for each circle. Each row states the range of the readings [µm], the range
-    that the prior expects, and how well the other circles predict the readings.
+    The table has one row for each circle. Each row states the range of the readings [µm], the
+    interval in which the prior expects this range, and how well the other circles predict the
+    readings.
     """
     rows = []
     for name, expected in workflow.prior_ranges.items():

@@ -176,16 +176,16 @@ _MOST_JOINED = 3  # largest number of campaigns outside control limits that a se
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
 # Probabilities below this are stated as "< 0.001".
 _UNLIKELY = 5e-4
-# A sentence states that two campaigns disagree about an error of their common instrument if the
-# p-value is below this value.
+# A sentence states that two campaigns disagree about an error of the instrument that both have
+# used, if the p-value of the disagreement is below this value.
 _CONFLICT = 0.01
 # In a table of certificates of the instrument, the row of a certificate names a parameter only if
 # the certificate would reduce the parameter's standard uncertainty u to less than this share of the
 # present u.
 _NARROWER = 0.9
 _STRENGTHS = (
-    # B is a Bayes factor. Each entry is an upper limit of |ln B|, and the words for values of |ln
-    # B| below this limit. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
+    # B is a Bayes factor. Each entry has an upper limit of |ln B|, and the words for smaller values
+    # of |ln B|. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
     (1.0, "not worth more than a bare mention"),
     (3.0, "positive evidence"),
     (5.0, "strong evidence"),
@@ -475,7 +475,7 @@ def confounded_sentences(partners_of: Mapping[str, Sequence[str]]) -> Iterator[s
     Parameters
     ----------
     partners_of
-        Names of the effects with which each confounded parameter is confounded. The keys are the
+        Names of the effects that each confounded parameter is confounded with. The keys are the
         names of the parameters.
 
     Yields
@@ -1155,7 +1155,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
 
 
 def _holder_in_words(name: str) -> str:
-    """Return the name, in words, of the source of variance because of which a goal is not reached.
+    """Return the name, in words, of the source of variance that prevents a goal from being reached.
 
     The name has a capital first letter, because it begins a sentence.
     """

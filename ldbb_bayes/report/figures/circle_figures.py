@@ -28,7 +28,7 @@ from ldbb_bayes.results import Array
 __all__ = ["residuals", "traces"]
 
 _DRAWS = 600
-# Largest number of readings of all tests together that a figure of polar traces draws as dots.
+# Largest number of readings, counted over all tests, that a figure of polar traces draws as dots.
 _MOST_DOTS = 2400
 # A figure of polar traces has 95 % bands only if it has at most this many tests. More bands would
 # overlap too much.
@@ -107,7 +107,7 @@ class _Traces:
 
     @property
     def stride(self) -> int:
-        """Number n for which only every n-th reading of a test is drawn."""
+        """Step n between the readings that are drawn: only every n-th reading of a test."""
         return -(-sum(map(len, self.readings_um)) // _MOST_DOTS)
 
     @cached_property
@@ -320,9 +320,9 @@ def _round_step(size: float) -> float:
 def residuals(posterior: xr.DataTree) -> Figure:
     """Draw the residuals, reading minus prediction, against angle for up to ten tests.
 
-    The prediction includes the effects of machine, bar and balls. It does not include two effects
-    that differ from circle to circle, so that the residuals still contain them. These effects are
-    the set-up shift and the discrepancy, which is a deviation that no other effect explains.
+    The prediction includes the effects of machine, bar and balls. Two effects that differ from
+    circle to circle are not part of the prediction, and are therefore still in the residuals: the
+    set-up shift, and the discrepancy (a deviation that no other effect explains).
 
     Parameters
     ----------

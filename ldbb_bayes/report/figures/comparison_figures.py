@@ -233,8 +233,8 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
     figure corresponds to Fig. 15 of the paper. The averaged models differ in which slopes (changes
     of compliance with force) are zero. If the comparison has no average, the first model is drawn
     instead. A local fit uses only the tests at two neighbouring forces. Each local fit estimates
-    the geometric errors anew. A local fit therefore estimates the tangent d(F C)/dF and not C. For
-    this reason, the figure also shows the tangent of the average.
+    the geometric errors separately. A local fit therefore estimates the tangent d(F C)/dF and not
+    C. For comparison, the figure also shows the tangent of the average.
 
     Parameters
     ----------
@@ -321,8 +321,9 @@ def _draw_against_force(
 
     A local fit uses only the tests at two neighbouring forces. ``names`` are the names of the
     parameters. ``title`` is the first part of the figure's title. ``draw_beneath`` is a function
-    that is called for each panel before the curves are drawn. Its arguments are the panel, the name
-    of the parameter, and the factor from the parameter's internal unit to the unit shown.
+    that is called for each panel before the curves are drawn. The arguments of this function are
+    the panel, the name of the parameter, and the factor that converts the parameter's internal unit
+    to the unit shown.
     """
     first = next(iter(comparison.models.values()))
     figure, all_axes = panels(len(names), 3, 1.7, 0.9)
@@ -358,8 +359,8 @@ def _draw_local_fits(axes: Axes, local_fits: pd.DataFrame, name: str, factor: fl
     """Draw the estimates of one parameter from local fits.
 
     A local fit uses only the tests at two neighbouring forces. ``name`` is the name of the
-    parameter; ``factor`` converts its internal unit to the unit shown. A least-squares estimate
-    beyond the panel's range is drawn as an arrow at the edge of the panel.
+    parameter; ``factor`` converts the parameter's internal unit to the unit shown. A least-squares
+    estimate beyond the panel's range is drawn as an arrow at the edge of the panel.
     """
     if local_fits.empty:
         return

@@ -40,9 +40,9 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
     """Draw bars that show the expected standard uncertainties after several plans of tests.
 
     The plans are the recommended tests, other tests that were compared with the recommended tests,
-    and very many repetitions of the recommended tests. Each parameter has its own scale of bars.
-    Slopes (coefficients of the change of compliance with force) are left out unless the design aims
-    only at slopes.
+    and very many repetitions of the recommended tests. The scale of the bars differs from parameter
+    to parameter. Slopes (coefficients of the change of compliance with force) are left out unless
+    the design aims only at slopes.
 
     Parameters
     ----------

@@ -30,8 +30,8 @@ def compliance_ellipsoid(posterior: xr.DataTree) -> Figure:
     """Draw the compliance in space as an ellipsoid, with the principal stiffnesses ± U.
 
     The distance from the centre to the surface along a principal axis is the compliance along this
-    axis, so that the longest axis is the softest. The compliance is that at the largest force
-    tested, and at the centre of the first circle.
+    axis, so that the longest axis is the softest. The compliance is computed for the largest force
+    tested, and for the centre of the first circle.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ _STYLE = mpl.rc_params_from_file(
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Decorate a function, so that it draws its figure in the common style.
+    """Return a function that draws the same figure as ``draw``, but in the common style.
 
     Parameters
     ----------

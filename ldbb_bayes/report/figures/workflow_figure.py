@@ -1,4 +1,4 @@
-"""Figure of the checks of a Bayesian workflow that compare one campaign with its model."""
+"""Figure of a Bayesian workflow: the checks that compare a campaign with its model."""
 
 from __future__ import annotations
 
