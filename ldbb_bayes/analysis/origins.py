@@ -55,13 +55,13 @@ class Origin(StrEnum):
 
 
 def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str], Origin]:
-    """Return the origin of each source of uncertainty.
+    """Return the origin of each source of uncertainty of a model's parameters.
 
-    The sources are those of the uncertainty of a model's parameters. The size of a source is
-    measured by the readings of this campaign, stated by the user, or assumed by the model.
+    The size of a source is measured by the readings of this campaign, stated by the user, or
+    assumed by the model.
 
-    The keys are those of `Information.shares`. A key has two parts: the name of a coefficient or
-    noise, and the name of the model term to which the coefficient or noise belongs. In this
+    The keys are the same as in `Information.shares`. A key has two parts: the name of a coefficient
+    or noise, and the name of the model term to which the coefficient or noise belongs. In this
     function, the priors of the parameters (key ``(OWN, OWN)``) count as assumed; `is_prior_stated`
     returns for one parameter whether the user gave its prior.
 

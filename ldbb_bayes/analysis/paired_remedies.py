@@ -32,8 +32,8 @@ class PairedRemedy(Result):
     parameter is confounded if assumed effects cause more than half of its variance.
     """
 
-    #: first remedy (a change of the plan or a certificate): the parameter's cheapest remedy from
-    #: `remedies`, which considers each remedy alone
+    #: first remedy (a change of the plan or a certificate): the parameter's cheapest remedy when
+    #: each remedy is considered alone
     first: CureStep
     #: second remedy (a change of the plan or a certificate): the remedy that reduces the
     #: parameter's standard uncertainty most when it is added to the first remedy

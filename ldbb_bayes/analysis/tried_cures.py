@@ -112,10 +112,10 @@ class TriedCures:
     def sd_with(self, *steps: CureStep) -> dict[str, float]:
         """Return the standard uncertainties after the remedies ``steps``, in internal units.
 
-        A remedy is a change of the plan or a certificate of the instrument. The standard
-        uncertainties are those of the parameters, and of the changes of compliances with force. The
-        keys are the names that `sd_by_name` uses. The result is empty if the remedies cannot be
-        applied one after the other.
+        A remedy is a change of the plan or a certificate of the instrument. There is one standard
+        uncertainty for each parameter, and one for each change of a compliance with force. The keys
+        are the names that `sd_by_name` uses. The result is empty if the remedies cannot be applied
+        one after the other.
         """
         if steps not in self._sd_with:
             changed = self.bound_with(*steps)

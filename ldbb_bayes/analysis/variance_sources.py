@@ -186,7 +186,7 @@ class AveragedVariance:
     def spread(self) -> Array:
         """Covariance of the quantities' means over the models, shape (q, q).
 
-        It is Σ p_m d_m d_mᵀ, where d_m is the deviation of the means under model m from `mean`.
+        It is Σ p_m d_m d_mᵀ, where d_m are the means under model m minus the averaged means.
         """
         covariance = np.zeros((len(self.mean), len(self.mean)))
         for model in self.models:

@@ -93,11 +93,12 @@ class Curve:
 
 
 class AveragedSlopes(NamedTuple):
-    """Probabilities of slopes, and curves of compliance against force, from subsets of slopes."""
+    """Probabilities that compliances change with force (have slopes), and averaged curves."""
 
     slopes: dict[str, VaryingSlope]  #: probability that each compliance changes with force
     subsets: tuple[SlopeSubset, ...]  #: subsets of slopes, the most probable first
-    #: curve of each compliance against force, averaged over the subsets of slopes
+    #: curve of each compliance against force, averaged over models in which different subsets of
+    #: the compliances change with force
     curves: dict[str, Curve]
 
 
@@ -162,7 +163,7 @@ def slope_subsets(
 
 
 def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
-    """Return the name of each compliance's slope, such as ``C_XXX_1`` for ``C_XXX``."""
+    """Return the name of each compliance's slope (change with force): ``C_XXX_1`` for ``C_XXX``."""
     names = {}
     for parameter in model.bind(campaign).parameters:
         if parameter.group == "slope":
@@ -171,7 +172,7 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 
 
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
-    """Search for the subsets of slopes with the largest evidence.
+    """Search for the subsets of slopes (changes of compliance with force) of the largest evidence.
 
     Return, for every subset tried, the quadrature nodes (weighted values of the hyper-parameters)
     of the posterior; the nodes hold the evidence of the subset. ``weigh`` returns the nodes for a

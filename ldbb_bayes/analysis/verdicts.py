@@ -16,7 +16,7 @@ designed) or, without a pilot, the prior median; a plan can therefore be judged 
 Standard uncertainties, in contrast, account for the spread of φ: the variance is the mean of the
 variances given φ plus the variance of the means given φ. The uncertainties to expect with further
 certificates are computed in the same way. If a posterior is judged, the standard uncertainties are
-the standard deviations of its draws; if a plan is judged, they are those of its forecast.
+the standard deviations of its draws; if a plan is judged, they come from its forecast.
 
 In an average over models, shares and variances are averaged over the models, weighted with the
 models' probabilities (`variance_sources`). The verdicts then follow by the same rules as for a
@@ -298,7 +298,7 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
 def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
     """Return the prior and the expected posterior standard deviations of a plan's parameters.
 
-    The expected standard deviations are those of the forecast that `design` also makes. Return None
+    The expected standard deviations come from the forecast that `design` also makes. Return None
     for a flat prior.
     """
     if bound.model.prior.flat:
@@ -345,7 +345,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
 
     The verdict on each parameter is identified, prior-limited (the readings hardly narrow its
     prior) or confounded (effects that nobody measured or stated cause most of its variance). No
-    readings are needed, so that a plan can be judged before it is run. All results are those of the
+    readings are needed, so that a plan can be judged before it is run. All results come from the
     linear Gaussian model, in which compliances may be negative. Shares of the variance are computed
     at the posterior mean of the hyper-parameters (the scales of the noise and of other effects).
     For a plan, the shares are computed at the posterior mean given the readings of the plan's pilot
@@ -536,16 +536,16 @@ class JudgedQuantities(NamedTuple):
 def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """Return verdicts on a posterior's parameters and on its compliances' changes with force.
 
-    The verdicts are identified, prior-limited or confounded. The verdicts on the parameters are
-    those of `judge_posterior`. The verdicts on the changes C(F_max) − C(F_min) of compliances
+    The verdicts are identified, prior-limited or confounded. The verdicts on the parameters are the
+    same as in `judge_posterior`. The verdicts on the changes C(F_max) − C(F_min) of compliances
     follow by the same rules from posterior draws of the curves C(F) of compliance C against force
     F. In an average over models, the prior variance of a change is the unweighted mean of its prior
-    variances under all models that have draws.
+    variances under all models that have posterior draws.
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
     # The model with all parameters has every change of a compliance with force. From this model,
-    # `curve_changes` finds on which slopes each change depends.
+    # `curve_changes` finds the parameters on which each change depends.
     phi = np.concatenate([model.phi for model in models]).mean(axis=0)
     all_changes = curve_changes(bound, information_of(bound, phi))
     variances = [_variance_of_model(model, all_changes) for model in models]

@@ -158,7 +158,7 @@ def mixture_covariance(
 ) -> tuple[Array, Array]:
     """Return the mean (q,) and covariance (q, q) of a weighted mixture of k distributions.
 
-    All distributions are those of vectors with q elements.
+    Each distribution describes a vector of q elements.
 
     Parameters
     ----------

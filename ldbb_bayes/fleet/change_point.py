@@ -62,7 +62,7 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 
     The scatter r is the standard deviation of a machine's parameters from campaign to campaign.
     Nodes are values of r; an integral over r is computed as a weighted sum over the nodes. The
-    weights are those of the trapezoidal rule in ln r, and sum to one. The weight of the lowest node
+    weights follow from the trapezoidal rule in ln r, and sum to one. The weight of the lowest node
     includes the prior probability of all smaller values of r.
 
     Parameters
@@ -156,7 +156,7 @@ def hypothesis_probabilities(
 def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
     """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
 
-    Mean and covariance are those of the mixture of all hypotheses, in which each hypothesis has its
+    Mean and covariance describe the mixture of all hypotheses, in which each hypothesis has its
     probability as weight. A hypothesis assumes one of r values of the machine's scatter from
     campaign to campaign. It also assumes that one of the p parameters changed by a step just before
     one of the campaigns 2 to n, or that no parameter changed. Mean and covariance are in units of
@@ -182,8 +182,8 @@ class Levels(NamedTuple):
     """Values of p parameters of a machine at the last campaign, in units of their prior sds.
 
     It is uncertain whether a parameter has changed, which parameter has changed, and just before
-    which campaign. The values are therefore those of the mixture of all these possibilities, in
-    which each possibility has its probability as weight.
+    which campaign. The values therefore describe the mixture of all these possibilities, in which
+    each possibility has its probability as weight.
     """
 
     #: posterior means of the p parameters at the last campaign, in units of their prior sd, shape
@@ -200,7 +200,7 @@ class Levels(NamedTuple):
 def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 0.95) -> Levels:
     """Return every parameter's value at the last campaign: its first level plus any step.
 
-    The values are those of the mixture of all hypotheses, in which each hypothesis has its
+    The values describe the mixture of all hypotheses, in which each hypothesis has its
     probability as weight. A hypothesis assumes one of r values of the machine's scatter from
     campaign to campaign. It also assumes that one of the p parameters changed by a step just before
     one of the campaigns 2 to n, or that no parameter changed.

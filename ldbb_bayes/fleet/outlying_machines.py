@@ -249,11 +249,11 @@ def _two_sided_p_value(weights: Array, z: Array) -> tuple[Array, Array]:
     """Return two-sided p-values of c parameters of n machines, and the sides of the deviations.
 
     ``z``, shape (c, k, n), holds the deviations from the prediction, divided by their standard
-    deviations, for k random draws of the machines' spreads. The tail probabilities above and below
-    z are averaged over the draws; ``weights``, shape (n, k), holds the weights of the draws for
-    each machine. A p-value is twice the smaller of the two averages. The side is 1 for a deviation
-    above the prediction, and −1 for a deviation below the prediction. Both arrays returned have the
-    shape (n, c).
+    deviations, for k random draws of the spreads (standard deviations of the machines about the
+    mean of their population). The tail probabilities above and below z are averaged over the draws;
+    ``weights``, shape (n, k), holds the weights of the draws for each machine. A p-value is twice
+    the smaller of the two averages. The side is 1 for a deviation above the prediction, and −1 for
+    a deviation below the prediction. Both arrays returned have the shape (n, c).
     """
     above = np.einsum("mk,jkm->mj", weights, ndtr(-z))
     below = np.einsum("mk,jkm->mj", weights, ndtr(z))

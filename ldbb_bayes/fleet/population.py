@@ -506,7 +506,7 @@ def pool(
 class _Moments(NamedTuple):
     """Means, sds and credible intervals of c parameters, in units of their prior sds.
 
-    If the moments are those of n machines, each machine has its own row in the arrays.
+    If there are n machines with c parameters each, every machine has its own row in the arrays.
     """
 
     #: mean of each parameter in units of its prior sd, shape (c,), or (n, c) for n machines

@@ -210,13 +210,14 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 
 
 def _explained_variance(root: Array, response: Array) -> Array:
-    """Return the variance due to the uncertainty of μ and b, shape (c, k, n).
+    """Return the part of a variance that is due to the uncertainty of μ and b, shape (c, k, n).
 
-    The variance is that of c parameters (or standardised parameters z) of n machines, for each of k
-    values of the spreads (standard deviations of the machines about μ). μ is the population's mean
-    and b are the instrument's errors; together they are q quantities. ``root``, shape (k, q, q), is
-    the transposed square root of the covariance of μ and b. ``response``, shape (c, q, k, n), holds
-    the derivatives of the c quantities with respect to μ and b, or their negatives.
+    μ is the population's mean and b are the instrument's errors; together they are q quantities.
+    The variance is the variance of c parameters, or of c standardised parameters z, of n machines,
+    for each of k values of the spreads (standard deviations of the machines about μ). ``root``,
+    shape (k, q, q), is the transposed square root of the covariance of μ and b. ``response``, shape
+    (c, q, k, n), holds the derivatives of the parameters, or of z, with respect to μ and b; their
+    sign does not matter.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
@@ -314,7 +315,7 @@ class Spreads:
 
     @property
     def trusted(self) -> bool:
-        """Whether Pareto's k̂ of the weights is low enough for the draws to be trusted."""
+        """Whether Pareto's k̂ of the weights is low enough to trust the random draws of spreads."""
         return self.pareto_k <= self.good_k
 
     @property

@@ -580,9 +580,9 @@ def _parameter_change(
 def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
     """Return mean, sd and credible interval of the size of a parameter's step.
 
-    Mean, sd and interval are those of a mixture of hypotheses. Under each hypothesis, the step
-    occurred just before a certain campaign, and the machine's scatter from campaign to campaign has
-    a certain value. ``weight`` holds the weights of the hypotheses, which sum to one. ``mean`` and
+    Mean, sd and interval describe a mixture of hypotheses. Under each hypothesis, the step occurred
+    just before a certain campaign, and the machine's scatter from campaign to campaign has a
+    certain value. ``weight`` holds the weights of the hypotheses, which sum to one. ``mean`` and
     ``sd`` hold the mean and the standard deviation of the size under each hypothesis. All sizes are
     in units of the parameter's prior sd. ``prob`` is the probability of the interval.
     """
