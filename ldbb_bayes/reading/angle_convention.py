@@ -62,8 +62,8 @@ _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 # Regular expression for words which show that an axis in the same text is not the axis at which
 # angles begin.
 _OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
-# Regular expression for an angle of zero that may be followed by its axis, such as "0° =" or "zero
-# at".
+# Regular expression for an angle of zero, such as "0° =" or "zero at", after which an axis may
+# follow.
 _ZERO_DEGREES = re.compile(
     r"(?<![\d.,])0 ?(?:°|deg\w*) ?(?:=|is|at|on|along|bei|:)|\bzero at\b", re.I
 )
@@ -105,9 +105,9 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     """Return the conversion of the angles of a test that the user or the file states.
 
     If the user states the sign or the offset of angles, nothing else is used. If not, the axis and
-    the sense that the user states are used, and the words of the file for whichever of the two the
-    user does not state. If nothing is stated, angles are counted counter-clockwise from the plane's
-    first axis.
+    the sense that the user states are used. An axis or a sense that the user does not state is
+    taken from the words of the file. If nothing is stated, angles are counted counter-clockwise
+    from the plane's first axis.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ _FIELDS_OF_EACH = ("plane", "date")
 # Fields of a campaign that name people, places and instruments. If the files state several values
 # for one of these fields, the campaign lists all of the values.
 _NAMES = ("operator", "place", "ball_bar", "force_device")
-# Fields of a campaign for which its files may state different values without an error.
+# Fields of a campaign for which the files may state different values without an error.
 _MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
 # Two numbers that are stated for one field count as equal if they agree when rounded to this number
 # of decimals.
@@ -73,7 +73,7 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
     Files state fields in the lines above their tables; the names of files and sheets may state the
     plane. Planes and temperatures become fields of each test. All other fields become fields of the
     campaign, and so does the plane if it is the same for all tests. If no ``machine_id`` is stated,
-    the serial number of the machine is used, or else its type.
+    the serial number of the machine is used, or else the type of the machine.
 
     Parameters
     ----------
@@ -174,9 +174,10 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 
 
 def _source_of_named_plane(recording: Recording) -> str:
-    """Return how the names of a test state its plane, in words: "its name" for a usual plane.
+    """Return the source, in words, of a plane that is stated by a name of the test.
 
-    If its letters are swapped, as in XZ, the words say where angles are assumed to begin.
+    The source is "its name". If the letters of the plane are swapped, as in XZ, the source also
+    says where angles are assumed to begin and in which sense they run.
     """
     word = plane_word_in_name(recording.names()) or ""
     usual = PLANE_OF_SWAPPED.get(word)

@@ -51,7 +51,7 @@ def lie_on_circle(x: Array, y: Array) -> bool:
 def cure_of_positions(has_reading: bool) -> str:
     """Return the part of an error message that advises what to do with a table of positions.
 
-    ``has_reading`` is whether the table has a column of readings beside the positions.
+    ``has_reading`` states whether the table has a column of readings beside the positions.
     """
     cure = (
         "Positions are not read: add a column 'angle [deg]', arctan2(Y, X) about the centre of the"

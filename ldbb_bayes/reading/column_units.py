@@ -63,8 +63,8 @@ def unit_size(
     Raises
     ------
     InputError
-        If the unit is unknown for this role. Also if the user states no unit and sources in the
-        file contradict each other.
+        If the unit is unknown for this role, or if the user states no unit and sources in the file
+        contradict each other.
     """
     stated_unit: str | None = getattr(recording.layout, f"{role}_unit")
     evidence = _evidence(recording, role)

@@ -36,7 +36,7 @@ _ENCODINGS = (
     "euc_jp",
     "cp850",
 )
-# Number of lines with letters outside ASCII that are examined.
+# Largest number of lines that are examined. Only lines with letters outside ASCII are examined.
 _LINES_EXAMINED = 50
 # Fewest bytes outside ASCII for which the guess of the library charset_normalizer is used.
 _FEWEST_BYTES = 8
@@ -46,11 +46,11 @@ _WORD = re.compile(r"[^\W\d_]+|[°µμ]+")
 def encoding_of(raw: bytes) -> str:
     """Return the encoding of a text file.
 
-    A byte-order mark or many zero bytes determine the encoding. A text without them is taken as
-    UTF-8 if it can be decoded as UTF-8. If it cannot, several encodings are tried, and the one is
-    used with which the text contains the most known words for columns and units. If no encoding
-    gives a known word, the guess of the library charset_normalizer is used, or Windows-1252 if the
-    text has few letters outside ASCII.
+    A byte-order mark or many zero bytes determine the encoding. Any other text is taken as UTF-8 if
+    it can be decoded as UTF-8. If it cannot, several encodings are tried. The encoding is used with
+    which the text contains the most known words for columns and units. If no encoding gives a known
+    word, the guess of the library charset_normalizer is used, or Windows-1252 if the text has few
+    letters outside ASCII.
 
     Parameters
     ----------

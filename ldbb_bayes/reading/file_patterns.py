@@ -25,7 +25,7 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
     Raises
     ------
     InputError
-        For a pattern without matching files, and if no file is named.
+        If a pattern has no matching files, or if no file is named.
     """
     paths: list[Path] = []
     for file in files:

@@ -1,4 +1,4 @@
-"""Lines that state the law between the pressure in the ball bar and its force.
+"""Lines that state the law between the pressure in the ball bar and the force of the bar.
 
 An example is ``F = 118.5 N/bar * p - 9.0 N``.
 """

@@ -67,7 +67,7 @@ class MeasuredArc:
 def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
     """Return the arcs of a campaign after joining the two half circles of each divided test.
 
-    In the returned list, the joined arc stands in the place of the first of its two halves.
+    In the returned list, the joined arc takes the place of its first half.
     """
     remaining = list(arcs)
     joined = []
@@ -102,10 +102,9 @@ def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
 def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
     """Return the arc of one test that consists of two half circles.
 
-    Whole turns are added to the angles of the second half, so that its angles continue the angles
-    of the first half. The name of the test is the common beginning of the names of both halves, or
-    else the name of the first half. The start time of the test is the start time of the earlier
-    half.
+    Whole turns are added to the angles of the second half, so that they continue the angles of the
+    first half. The name of the test is the common beginning of the names of both halves, or else
+    the name of the first half. The start time of the test is the start time of the earlier half.
     """
     n_turns = round((first.angle_deg[-1] - second.angle_deg[0]) / TURN_DEG)
     first_name = str(first.fields["name"])

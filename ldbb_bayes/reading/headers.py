@@ -112,9 +112,9 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
     Raises
     ------
     NoTableError
-        For a sheet without a table of numbers.
+        If the sheet has no table of numbers.
     InputError
-        For a header that does not fit its table.
+        If the header does not fit the table.
     """
     block = _find_block(sheet, layout)
     header_row = _find_header_row(sheet, layout, block)

@@ -58,11 +58,10 @@ def _has_no_times(labels: dict[str, list[str]]) -> bool:
 def _time_of(number: int, labels: dict[str, list[str]]) -> str:
     """Return the time of a row as text.
 
-    The time is computed from the first time and the time step that the header states.
-
-    The text has the same decimal mark as the step. The text is empty if the first time or the step
-    is not a number. ``number`` is the number of the row, counted from 0. ``labels`` holds the cells
-    of each line in the header; the keys are the labels of the lines.
+    The time is computed from the first time and the time step that the header states. The text has
+    the same decimal mark as the step. The text is empty if the first time or the step is not a
+    number. ``number`` is the number of the row, counted from 0. ``labels`` holds the cells of each
+    line in the header; the keys are the labels of the lines.
     """
     start = labels.get("X0", ["0"])[0]
     step = labels.get("Delta_X", [""])[0]

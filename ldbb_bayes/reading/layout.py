@@ -106,7 +106,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     Raises
     ------
     pydantic.ValidationError
-        For an unknown field, and for a value that a field cannot have. This error is a ValueError.
+        If a field is unknown, or if a field cannot have the given value. This error is a
+        ValueError.
 
     Examples
     --------
@@ -210,7 +211,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
         return columns
 
     def with_given(self, options: dict[str, Any]) -> Layout:
-        """Return the layout with its fields replaced by the given command-line options.
+        """Return the layout after replacing fields by the given command-line options.
 
         The keys of ``options`` are names of fields; an option with the value None changes nothing.
         Each entry [[test]] of the layout states fields of one test. A field that an option states

@@ -156,8 +156,8 @@ _LENGTH = re.compile(
 )
 # Regular expression for a unit in brackets, followed by a number.
 _UNIT_AND_NUMBER = re.compile(rf"[\[(]([^\W\d]+)[\])]\s*[:=]?\s*({NUMBER_IN_TEXT})")
-# Regular expression for a letter for radius or diameter with a number directly behind it, such as
-# D200, or with a word for nominal between them, such as Rnom: 100.
+# Regular expression for a letter for radius or diameter and the number that follows the letter,
+# such as D200. A word for nominal may stand between letter and number, as in Rnom: 100.
 _LETTER_AND_NUMBER = re.compile(
     r"(?<![\w.])(?:CR|[RrDØø](?:[_ ]?(?:nom\w*|soll|0(?=\W)))?)\s?[:=]?\s?"
     r"(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?(?![\w.,])"
@@ -300,7 +300,7 @@ def _pattern(words: str) -> re.Pattern[str]:
 def _stated_number(
     quantity: _Quantity, match: re.Match[str], line: int | str
 ) -> LineStatement | None:
-    """Return the number that a line states for a quantity, in the unit of its field.
+    """Return the number that a line states for a quantity, in the unit of the field.
 
     The number is NaN if it can be read in two ways, such as 1,000. Return None if the number
     belongs to another quantity, is part of a title, has a unit that is not permitted, or is too
@@ -363,7 +363,7 @@ def _lists_numbers(match: re.Match[str], units: Mapping[str, float]) -> bool:
 def _length_with_extension(
     quantity: _Quantity, match: re.Match[str], line: int | str, is_extended: bool
 ) -> LineStatement | None:
-    """Return the length of a bar together with its extension [mm].
+    """Return the length of a bar including its extension [mm].
 
     The length is NaN if the lines do not show whether the stated length includes the extension.
     Return None if the quantity is not the radius, or if the bar has no extension.

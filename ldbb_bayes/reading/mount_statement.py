@@ -27,8 +27,8 @@ _NOT = re.compile(_WORDS["negation"], re.IGNORECASE)
 # Regular expression for other words for what was done with the deflection. A text with such a word
 # and a word for the mount is not understood.
 _DONE = re.compile(_WORDS["done"], re.IGNORECASE)
-# Regular expressions: for words for a deflection, and for words which say that the deflection is in
-# the readings.
+# Two regular expressions. The first is for words for a deflection, the second for words which say
+# that the deflection is in the readings.
 _DEFLECTION = re.compile(_WORDS["deflection"], re.IGNORECASE)
 _IN_READINGS = re.compile(_WORDS["in_readings"], re.IGNORECASE)
 # Regular expression for words for raw readings.

@@ -168,8 +168,9 @@ def name_as_words(name: str) -> str:
 def plane_in_name(names: Sequence[str]) -> str | None:
     """Return the plane (XY, YZ or ZX) that the name of a test, column, sheet or file states.
 
-    The first name that contains exactly one plane is used. A plane that is written in the other
-    order, such as XZ, is returned with its usual name, ZX. Return None if there is no such name.
+    The first name that contains exactly one plane is used. If the letters of the plane are in the
+    other order, as in XZ, the usual name of the plane, ZX, is returned. Return None if there is no
+    such name.
     """
     word = plane_word_in_name(names)
     if word is None:

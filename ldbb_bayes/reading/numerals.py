@@ -203,7 +203,7 @@ def numbers_in(
     Raises
     ------
     InputError
-        For a cell that is no finite number; the message names its line.
+        If a cell is no finite number. The message names the line of this cell.
     """
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):

@@ -1,4 +1,4 @@
-"""Error for files that leave a question open. The user can answer it in one of a few ways."""
+"""Error for files that leave a question open, to which there are a few possible answers."""
 
 from __future__ import annotations
 

@@ -124,8 +124,7 @@ def _heads_a_list(filled: Sequence[str]) -> bool:
 def _is_statement(filled: Sequence[str]) -> bool:
     """Return whether a row consists of two cells, a label and a statement.
 
-    An example of a statement is ``positive reading: bar shorter``.
-
-    ``filled`` are the cells of the row that are not empty.
+    An example of a statement is ``positive reading: bar shorter``. ``filled`` are the cells of the
+    row that are not empty.
     """
     return len(filled) == 2 and re.search(r"\w: +\w", filled[1]) is not None

@@ -49,7 +49,8 @@ _LABEL = re.compile(_WORDS["label"], re.IGNORECASE)
 _NAMED = re.compile(_WORDS["named"], re.IGNORECASE)
 # Regular expression for a word such as "means", which shows that a text defines something.
 _MEANS = re.compile(_WORDS["means"], re.IGNORECASE)
-# Regular expressions for "in" and "out" behind a sign, as in "+ = in", and in front of it.
+# Two regular expressions for "in" or "out" beside a sign. The first is for these words behind the
+# sign, as in "+ = in", the second for these words in front of the sign.
 _IN_OR_OUT = re.compile(_WORDS["in_or_out"], re.IGNORECASE)
 _IN_OR_OUT_FIRST = re.compile(_WORDS["in_or_out_first"], re.IGNORECASE)
 # Regular expression for a text that defines the reading as nominal radius minus actual radius.

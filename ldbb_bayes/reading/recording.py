@@ -94,7 +94,8 @@ class Recording:
     stated: dict[str, Any]  #: fields that the entry [[test]] of the layout states for this test
     campaign: Mapping[str, Any]  #: fields of the campaign that options state
     log: AssumptionLog  #: log to which assumptions about the test are added
-    #: fields of the test from columns, such as setup, that have one value in all rows of the test
+    #: fields of the test that columns such as setup state; each of these columns has one value in
+    #: all rows of the test
     fields: dict[str, Any]
     #: place (line number and sheet) and text of each line, in sheets without a table, that concerns
     #: all tests

@@ -1,4 +1,4 @@
-"""Functions that split foreign tables into recordings of single tests, and convert the cells."""
+"""Functions that split foreign tables into tests, and convert the cells to numbers."""
 
 from __future__ import annotations
 
@@ -109,10 +109,9 @@ class _SheetColumns:
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
         """Return the cells of a column in some rows.
 
-        Each cell has the unit that stood behind its number in the file.
-
-        If the column holds units, a number with a unit, such as 0.1 µm, is a unit with a factor.
-        ``column`` and ``rows`` are the indices of the column and of the rows.
+        Each cell has the unit that stood behind its number in the file. If the column holds units,
+        a number with a unit, such as 0.1 µm, is a unit with a factor. ``column`` and ``rows`` are
+        the indices of the column and of the rows.
         """
         texts = []
         for row in rows:
@@ -564,7 +563,7 @@ def _note_stated_mark(
 
 
 def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
-    """Return a dict with the numbers of the columns with a role; its keys are the roles.
+    """Return a dict with the numbers of the columns with a role; the keys are the roles.
 
     A role is what a column holds, such as angle or time. Columns of readings, and columns of words
     (test, direction), are left out. Times of day are converted to seconds.

@@ -139,7 +139,7 @@ def _separator_score(sample: Sequence[str], separator: str) -> float:
 
     The score is p (1 + q), where p is the share of the lines in ``sample`` that have the most
     frequent number of cells, and q is the share of numbers among the filled cells. The score is
-    zero if most lines have only one cell.
+    zero if lines with one cell are the most frequent.
     """
     widths = []
     n_filled = 0

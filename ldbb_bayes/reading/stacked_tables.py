@@ -142,10 +142,8 @@ def _named_sheets(sheet: Sheet, tables: Sequence[list[Row]]) -> list[Sheet]:
     """Return one sheet for each table.
 
     A sheet is named after the file or sheet and the direction of travel that is stated above the
-    table.
-
-    If the directions do not distinguish the tables, the numbers of the tables are used in place of
-    the directions.
+    table. If the directions do not distinguish the tables, the numbers of the tables are used in
+    place of the directions.
     """
     names = []
     for number, rows in enumerate(tables, start=1):

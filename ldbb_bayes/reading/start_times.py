@@ -66,7 +66,7 @@ class _Times(NamedTuple):
 def take_start_times(
     campaign: Mapping[str, Any], recordings: Sequence[Recording], log: AssumptionLog
 ) -> None:
-    """Set the field ``time_s`` of every test to the time from the first start to its start [s].
+    """Set the field ``time_s`` of every test to its start time, counted from the first test [s].
 
     Start times are the dates and times that columns, lines above the tables, and names of files
     state. They are used, and noted, only if they are known for all tests and no test states the

@@ -54,7 +54,7 @@ _OPEN_DATE = re.compile(r"(\d\d?)[/-](\d\d?)[/-](\d{4}|\d\d)")
 _CENTURY = 2000
 _HOUR_S = 3_600.0
 _MINUTE_S = 60.0
-# Earliest and latest time of a test, in seconds since 1970: the years 2000 and 2100.
+# Earliest and latest time of a test, in seconds since 1970: the beginning of 2000 and of 2100.
 _EPOCH_S = (946_684_800.0, 4_102_444_800.0)
 
 
@@ -280,9 +280,8 @@ def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
 def epoch_stamp(header: str, text: str) -> Timestamp | None:
     """Return the timestamp for a cell with the number of seconds or milliseconds since 1970.
 
-    Return None for any other text.
-
-    ``text`` is the first cell of a column, whose header must be about the time of a test.
+    Return None for any other text. ``text`` is the first cell of a column. The header of this
+    column must be about the time of a test.
     """
     if _rank_of(header) not in (Rank.START, Rank.TEST):
         return None

@@ -286,7 +286,7 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
     the kind, or else it is found from the median of the readings. Raise an `InputError` if the
     readings seem to be distances on a circle of another radius, or if they contradict what the user
     states. ``recording`` holds the rows of the test in its file, and all statements about the test;
-    ``reading_um`` are its readings.
+    ``reading_um`` are the readings of the test [µm].
     """
     radius_mm = recording.radius_mm
     # ``is_far`` is true for distances on a circle of any radius. On a circle of another radius,
@@ -326,8 +326,8 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
 
     A lap is one turn of the bar. If the layout does not say that laps are averaged, all laps are
     kept. This is noted, unless the layout says that laps are kept. ``recording`` holds the rows of
-    the test in its file, and all statements about the test; ``trace`` holds its angles and
-    readings.
+    the test in its file, and all statements about the test; ``trace`` holds the angles and readings
+    of the test.
     """
     angle = trace.angle_deg
     if len(angle) < 2:
