@@ -44,22 +44,34 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
     cell of such a row is returned as ``header: cell``.
     """
     lines = OverviewLines()
-    wanted = {comparable(name) for name in names}
+    wanted = {_without_blanks(name) for name in names}
     for sheet in sheets:
-        header: list[str] = []
-        for row in sheet.rows[:LONGEST_OVERVIEW]:
-            place = f"{row.line} of {sheet.place}"
-            filled = [cell for cell in row.cells if cell]
-            if not filled:
-                continue
-            if _is_row_of_test(filled, wanted):
-                lines.of_this_test += _labelled_cells(place, header, row.cells)
-            elif _heads_a_list(filled):
-                header = list(row.cells)
-            elif not header or _has_label(filled[0]):
-                separator = sheet.separator or ";"
-                lines.of_all_tests.append((place, separator.join(filled)))
+        _add_lines_of(sheet, wanted, lines)
     return lines
+
+
+def _add_lines_of(sheet: Sheet, wanted: set[str], lines: OverviewLines) -> None:
+    """Add the lines of one sheet to ``lines``.
+
+    ``wanted`` are the possible spellings of the name of the test, without blanks.
+    """
+    header: list[str] = []
+    words: list[str] = []  # last row of words, which may head a list of unknown quantities
+    for row in sheet.rows[:LONGEST_OVERVIEW]:
+        place = f"{row.line} of {sheet.place}"
+        cells = sheet.cells_as_written(row)
+        filled = [cell for cell in cells if cell]
+        if not filled:
+            continue
+        if _is_row_of_test(filled, wanted):
+            lines.of_this_test += _labelled_cells(place, header or words, cells)
+        elif _heads_a_list(filled):
+            header = cells
+        elif not header or _has_label(filled[0]):
+            separator = sheet.separator or ";"
+            lines.of_all_tests.append((place, separator.join(filled)))
+            if names_columns(filled):
+                words = cells
 
 
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
@@ -70,10 +82,15 @@ def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
     label is the value of the label, and not the name of the test. ``filled`` are the cells of the
     row that are not empty.
     """
-    named = wanted & {comparable(cell) for cell in filled}
+    named = wanted & {_without_blanks(cell) for cell in filled}
     if not named:
         return False
-    return comparable(filled[0]) in named or not _has_label(filled[0])
+    return _without_blanks(filled[0]) in named or not _has_label(filled[0])
+
+
+def _without_blanks(name: str) -> str:
+    """Return a name in a form for comparison, in which ``100 N`` is the same as ``100N``."""
+    return comparable(name).replace(" ", "")
 
 
 def _labelled_cells(

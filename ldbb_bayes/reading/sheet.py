@@ -58,6 +58,13 @@ class Sheet:
             return f"{self.path}, {kind} {self.name!r}"
         return str(self.path)
 
+    def cells_as_written(self, row: Row) -> list[str]:
+        """Return the cells of a row, each with the unit that stood behind its number."""
+        cells = []
+        for column, cell in enumerate(row.cells):
+            cells.append(f"{cell} {self.cell_units.get((row.line, column), '')}".strip())
+        return cells
+
     def texts(self, rows: Iterable[Row]) -> Iterator[tuple[int, str]]:
         """Yield the line number and the cells of each row, with the cells as one line of text."""
         for row in rows:

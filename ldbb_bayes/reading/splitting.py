@@ -22,6 +22,7 @@ from ldbb_bayes.reading.column_roles import BRACKET, unit_of
 from ldbb_bayes.reading.headers import Heading, note_heading, unused_columns
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import Lines, LineStatement, statements_in
+from ldbb_bayes.reading.list_columns import unread_headers, with_loads_named
 from ldbb_bayes.reading.numerals import (
     OTHER_MARK,
     constant_value,
@@ -283,7 +284,9 @@ def split_sheet(
                 fields[key] = columns.constant(title, key, column, rows)
             name = label or sheet.name or sheet.path.stem
             overview = overview_lines(left_out, [name, sheet.path.name])
-            lines_above = [*test_heading.lines_above, *overview.of_this_test]
+            listed = with_loads_named(overview.of_this_test)
+            lines_above = [*test_heading.lines_above, *listed]
+            _note_unread_list(sheet, unread_headers(listed, [name, sheet.path.name]), log)
             statements = _statements_of_all_tests(overview.of_all_tests)
             statements |= columns.constant_statements(rows)
             statements |= statements_in(lines_above)
@@ -305,6 +308,18 @@ def split_sheet(
                 lines_of_all_tests=overview.of_all_tests,
                 constant_columns=columns.constant_lines(rows),
             )
+
+
+def _note_unread_list(sheet: Sheet, headers: Sequence[str], log: AssumptionLog) -> None:
+    """Add to the log the columns of a list of tests, by their headers, that are not used."""
+    if headers:
+        log.add(
+            sheet.place,
+            "columns not used",
+            ", ".join(headers)[:LONGEST_NAME],
+            "in the list of tests on another sheet, no role is known for them",
+            "a [[test]] in --layout",
+        )
 
 
 def _without_placeholders(

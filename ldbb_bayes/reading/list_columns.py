@@ -1,0 +1,64 @@
+"""Columns of a list of tests on a sheet without a table, such as ``F cal. [kN]`` and ``Setup``.
+
+A list of tests has a row for each test, and a column for each quantity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.lines_above import statements_in
+from ldbb_bayes.reading.timestamps import stamps_in
+from ldbb_bayes.reading.travel_direction import directions_stated
+from ldbb_bayes.reading.words import UNITS, comparable
+
+__all__ = ["unread_headers", "with_loads_named"]
+
+# Roles of the columns of loads, whose headers are replaced by the name of the role.
+_LOADS = ("force", "pressure")
+
+
+def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return the cells of a row of a list of tests, with loads under the name force or pressure.
+
+    A header of a load with its unit, such as ``F cal. [kN]``, becomes ``force [kN]``, which later
+    code can read.
+
+    Parameters
+    ----------
+    cells
+        Place and text of each cell; the text is "header: cell".
+    """
+    named = []
+    for place, text in cells:
+        header, _, cell = text.rpartition(": ")
+        stated = unit_of(header)
+        for role in _LOADS:
+            is_read = bool(statements_in([(place, text)]))
+            if has_role(stated.name, role) and stated.unit in UNITS[role] and not is_read:
+                text = f"{role} [{stated.unit}]: {cell}"
+        named.append((place, text))
+    return named
+
+
+def unread_headers(cells: Iterable[tuple[str, str]], names: Collection[str]) -> list[str]:
+    """Return the headers of a list of tests under which nothing is read for a test.
+
+    Parameters
+    ----------
+    cells
+        Place and text of each cell in the row of the test; the text is "header: cell".
+    names
+        Names of the test, which the row also holds.
+    """
+    names_of_test = {comparable(name).replace(" ", "") for name in names}
+    headers = []
+    for place, text in cells:
+        header, _, cell = text.rpartition(": ")
+        lines = [(place, text)]
+        is_read = bool(statements_in(lines)) or bool(stamps_in(text))
+        is_name = comparable(cell).replace(" ", "") in names_of_test
+        if not (is_name or is_read or directions_stated(lines)):
+            headers.append(header)
+    return headers
