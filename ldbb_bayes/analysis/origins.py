@@ -41,7 +41,7 @@ __all__ = ["MAJORITY", "Origin", "edition_terms", "is_prior_stated", "is_size_st
 # smaller by about 30 % or more.
 MAJORITY = 0.5
 # An effect counts as measured here if its standard uncertainty from the readings alone, with a flat
-# prior of the effect, is below this share of its prior standard deviation.
+# prior of the effect, is below this share of the effect's prior standard deviation.
 MEASURED_SD_RATIO = 0.5
 
 

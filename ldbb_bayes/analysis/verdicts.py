@@ -253,7 +253,7 @@ class Identifiability(Result):
     #: remedies for each of ``degeneracies``: further tests that would resolve the degeneracy, or a
     #: calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: class names of the terms of the model's preset that the user switched off. The credible
+    #: class names of those terms of the model's preset that the user has switched off. The credible
     #: intervals of the parameters do not cover the effects of these terms.
     not_modelled: tuple[str, ...]
     #: effective number of parameters that the readings determine: the sum of the contractions of
@@ -682,7 +682,7 @@ def variance_share_removed(information: Information, names: Sequence[str]) -> Ar
 
 
 def not_modelled(bound: BoundModel) -> tuple[str, ...]:
-    """Return the class names of the terms of a model's preset that the user switched off.
+    """Return the class names of those terms of a model's preset that the user has switched off.
 
     The result is empty for the preset ``paper``, which has no terms.
     """

@@ -50,10 +50,11 @@ __all__ = [
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
-# Hypotheses differ in the parameter that changed by a step, in the campaign just before which it
-# changed, and in the scatter; one kind of hypothesis is that no parameter changed. A hypothesis is
-# left out of the computation of quantiles if its probability, divided by the probability of the
-# most probable hypothesis, is at most this number.
+# A hypothesis states which parameter changed by a step, just before which campaign the parameter
+# changed, and how large the machine's scatter from campaign to campaign is; or it states that no
+# parameter changed, and how large the scatter is. A hypothesis is left out of the computation of
+# quantiles if its probability, divided by the probability of the most probable hypothesis, is at
+# most this number.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 

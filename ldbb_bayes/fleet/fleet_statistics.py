@@ -209,7 +209,7 @@ def _common_parameters(rows: pd.DataFrame) -> list[str]:
 
 
 def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Return the names of the instrument errors in the model of at least one campaign.
+    """Return the names of the instrument errors that the model of at least one campaign contains.
 
     Instrument errors are errors of the mount's deflection and of the force; they are the same in
     all campaigns with one instrument. The names are sorted by the kind of the model term to which

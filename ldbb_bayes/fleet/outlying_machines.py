@@ -177,7 +177,7 @@ def _leave_out_each(
 def _draw_without(
     density: SpreadDensity, separate: Estimates, mode: Array, m: int, seed: int
 ) -> tuple[Spreads, Array]:
-    """Return k draws of the spreads without machine m, and z of machine m, shape (c, k, 1).
+    """Return k draws of the spreads given all machines except m, and z of m, shape (c, k, 1).
 
     Spreads s are the standard deviations of the machines about the mean of their population. They
     are drawn from their posterior density given all machines except the machine with the index m.
