@@ -151,8 +151,8 @@ def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
     if typed in (int, float):
         return _number(field_option, flag, text)
     if field_option.kind is NUMBERS and ";" in text:
-        # The text has decimal commas, and semicolons between numbers. Convert it to decimal points,
-        # and commas between numbers.
+        # The text has decimal commas, and semicolons between numbers. Replace the commas by decimal
+        # points, and the semicolons by commas.
         return text.replace(",", ".").replace(";", ",")
     return text
 

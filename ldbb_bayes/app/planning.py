@@ -43,8 +43,9 @@ _MOST_SEARCHED_CIRCLES = 12
 # Least number of forces from which the best tests are chosen: the lowest, the middle and the
 # highest force.
 _FEWEST_LEVELS = 3
-# Number of possible machines over which a forecast is averaged while the user moves a slider. The
-# number is smaller than for the final forecast, to make the forecast fast.
+# Number of possible machines over which a forecast is averaged while the user moves a slider.
+# Possible machines are machines that are likely given the readings so far. The number is smaller
+# than for the final forecast, to make the forecast fast.
 _QUICK_STATES = 16
 
 

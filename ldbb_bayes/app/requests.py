@@ -219,7 +219,10 @@ async def _remove_file(house: House, session: Session, request: Request) -> Resp
 
 
 async def _take_example(house: House, session: Session, request: Request) -> Response:
-    """Replace the files of the session (one browser tab) by those of the published experiment."""
+    """Replace the files of the session by the files of the published experiment.
+
+    A session is one browser tab.
+    """
     session.drop()
     for path in Path(lb.embedded_campaign()).iterdir():
         if path.suffix in (".csv", ".toml"):

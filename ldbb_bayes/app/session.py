@@ -202,8 +202,8 @@ def kill_process(process: asyncio.subprocess.Process | None) -> None:
     Parameters
     ----------
     process
-        Process to end. All processes of its group are ended too, except on Windows. If the process
-        is None or has already ended, nothing is done.
+        Process to end. All processes of its group are ended too; on Windows, only the process
+        itself is ended. Nothing is done if the process is None or has already ended.
     """
     if process is None or process.returncode is not None:
         return

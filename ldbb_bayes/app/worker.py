@@ -105,7 +105,7 @@ def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 @contextmanager
 def _steps_in_file(folder: Path) -> Iterator[Begin]:
-    """Yield a function to be called when each step in making a report begins.
+    """Yield a function that must be called whenever a step in making a report begins.
 
     A step is, for example, the fit of the model. The function gets the name of the step and returns
     another function, which writes the progress of this step to the file ``progress.json`` in
