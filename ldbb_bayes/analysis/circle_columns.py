@@ -97,7 +97,7 @@ def squareness_name(bound: BoundModel, plane: str) -> str:
 
 
 def first_circle(bound: BoundModel, plane: str) -> int:
-    """Return the index of the first test that was run in a plane, such as XY."""
+    """Return the index of the first test of the campaign in a plane, such as XY."""
     return list(bound.setting.plane).index(plane)
 
 
