@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import LABELS, PER_TEST
 from ldbb_bayes.campaign.text_table import Row, columns_of
@@ -23,6 +24,7 @@ from ldbb_bayes.reading.headers import Heading, note_heading, unused_columns
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import Lines, LineStatement, statements_in
 from ldbb_bayes.reading.list_columns import unread_headers, with_loads_named
+from ldbb_bayes.reading.missing_readings import missing_in
 from ldbb_bayes.reading.numerals import (
     OTHER_MARK,
     constant_value,
@@ -123,12 +125,39 @@ class _SheetColumns:
     def numbers(self, role: str, column: int) -> Array:
         """Return the numbers in a column as an array, one for each of the n rows, shape (n,).
 
+        The number of a row without a reading is NaN where its cell is empty, or says so.
         ``column`` is the index of the column from 0; ``role`` is the role of the column, which
         error messages name.
         """
         title = self.heading.column_title(role, column)
         place = self.sheet.place
-        return numbers_in(place, title, self.lines, self.cells[column], self.decimal)
+        cells = self.cells[column]
+        may_be_missing = self._rows_without_reading(role, column)
+        numbers = np.full(len(cells), np.nan)
+        present = []
+        for row, cell in enumerate(cells):
+            if not (may_be_missing[row] and (not cell or is_missing(cell))):
+                present.append(row)
+        numbers[present] = numbers_in(
+            place,
+            title,
+            [self.lines[row] for row in present],
+            [cells[row] for row in present],
+            self.decimal,
+        )
+        return numbers
+
+    def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
+        """Return whether the number of a column may be missing in each of the n rows, shape (n,).
+
+        A reading may be missing. Another number may be missing where all readings of its row are.
+        """
+        if role == "reading":
+            return missing_in(self.cells[column])
+        without_reading = np.full(len(self.lines), bool(self.heading.readings))
+        for reading_column in self.heading.readings:
+            without_reading &= missing_in(self.cells[reading_column])
+        return without_reading
 
     def constant(self, test: str, key: str, column: int, rows: Sequence[int]) -> str | float | None:
         """Return the value of a column in all rows of one test; None if these cells are empty.
@@ -277,7 +306,8 @@ def split_sheet(
             numbers["reading"] = columns.numbers("reading", column)
         for label, all_rows in rows_by_label.items():
             title = label or test_heading.label
-            rows = _without_placeholders(columns, test_heading, numbers, all_rows, title, log)
+            rows = _with_readings(columns, test_heading, numbers, all_rows, title, log)
+            rows = _without_placeholders(columns, test_heading, numbers, rows, title, log)
             stated = _stated_fields(sheet, title, layout, holds_several)
             fields = {}
             for key, column in field_columns.items():
@@ -322,6 +352,51 @@ def _note_unread_list(sheet: Sheet, headers: Sequence[str], log: AssumptionLog) 
         )
 
 
+def _with_readings(
+    columns: _SheetColumns,
+    heading: Heading,
+    numbers: Mapping[str, Array],
+    rows: Sequence[int],
+    title: str,
+    log: AssumptionLog,
+) -> list[int]:
+    """Return the rows of a test whose reading is not missing. The other rows are noted.
+
+    The arguments are those of `_without_placeholders`.
+    """
+    if "reading" not in numbers or not heading.readings:
+        return list(rows)
+    readings = numbers["reading"]
+    with_reading = [row for row in rows if np.isfinite(readings[row])]
+    without_reading = [row for row in rows if not np.isfinite(readings[row])]
+    if not with_reading:
+        raise InputError(
+            f"{_place_of_test(columns, title)}: a test must have readings, got none in lines"
+            f" {columns.lines[rows[0]]} to {columns.lines[rows[-1]]}. Say which column holds them"
+            " (--reading-column), or remove these lines."
+        )
+    if without_reading:
+        cells = [columns.cells[heading.readings[0]][row] for row in without_reading]
+        words = dict.fromkeys(repr(cell) if cell else "no number" for cell in cells)
+        reason = f"{', '.join(words)} from line {columns.lines[without_reading[0]]} on"
+        place = _place_of_test(columns, title)
+        count = _count_left_out(len(without_reading))
+        log.add(place, "missing readings", count, reason, "numbers in these cells")
+    return with_reading
+
+
+def _place_of_test(columns: _SheetColumns, title: str) -> str:
+    if not title:
+        return columns.sheet.place
+    return f"{columns.sheet.place}, test {title!r}"
+
+
+def _count_left_out(n_rows: int) -> str:
+    if n_rows == 1:
+        return "1 row left out"
+    return f"{n_rows} rows left out"
+
+
 def _without_placeholders(
     columns: _SheetColumns,
     heading: Heading,
@@ -360,17 +435,13 @@ def _without_placeholders(
     if len(left_out) == len(rows):  # no row is left that a later message could name
         return list(rows)
     if left_out:
-        count = "1 row left out"
-        if len(left_out) > 1:
-            count = f"{len(left_out)} rows left out"
         shown = ", ".join(dict.fromkeys(left_out.values()))[:LONGEST_NAME]
         reason = (
             f"{shown} from line {columns.lines[min(left_out)]} on, far from all other numbers of"
             " the column"
         )
-        place = columns.sheet.place
-        if title:
-            place += f", test {title!r}"
+        place = _place_of_test(columns, title)
+        count = _count_left_out(len(left_out))
         log.add(place, "missing readings", count, reason, "other numbers in these cells")
     return [row for row in rows if row not in left_out]
 

@@ -10,6 +10,7 @@ import field_files as field
 import numpy as np
 from field_directions import direction_cases
 from field_files import TRUTH, Circle, FieldCase
+from field_shapes import shape_cases
 from openpyxl import Workbook
 
 __all__ = ["word_cases"]
@@ -42,6 +43,7 @@ def word_cases() -> dict[str, FieldCase]:
         **column_cases(),
         **log_start_cases(),
         **direction_cases(),
+        **shape_cases(),
         **harmless_cases(),
     }
 

@@ -50,6 +50,12 @@ def with_line(number: int, line: str) -> bytes:
     return "\n".join([*LINES[: number - 1], line, *LINES[number:], ""]).encode()
 
 
+def without_readings() -> bytes:
+    """The plain table with nan in place of each reading."""
+    rows = [f"{line.split(',')[0]},nan" for line in LINES[1:]]
+    return "\n".join([LINES[0], *rows, ""]).encode()
+
+
 def without_lines(first: int, last: int) -> bytes:
     return "\n".join([*LINES[: first - 1], *LINES[last:], ""]).encode()
 
@@ -175,8 +181,10 @@ CASES: dict[str, Malformed] = {
     "08_word_in_row": Malformed(
         "a word for a reading", with_line(40, "195.0,missing"), (NAME, "line 40", "'missing'")
     ),
-    "09_empty_cell": Malformed("an empty cell", with_line(40, "195.0,"), (NAME, "line 40")),
-    "10_nan": Malformed("nan", with_line(40, "195.0,nan"), (NAME, "line 40", "'nan'")),
+    "09_empty_cell": Malformed(
+        "an empty cell in the column of angles", with_line(40, ",1.0"), (NAME, "line 40")
+    ),
+    "10_nan": Malformed("nan for every reading", without_readings(), (NAME, "table", "'nan'")),
     "11_infinite": Malformed("infinity", with_line(40, "195.0,inf"), (NAME, "line 40", "'inf'")),
     "12_overflow": Malformed(
         "a number beyond all doubles", with_line(40, "195.0,1e999"), (NAME, "line 40", "'1e999'")
@@ -353,7 +361,10 @@ CASES: dict[str, Malformed] = {
         "book.xlsx",
     ),
     "48_error_cell": Malformed(
-        "an error value", sheet(put("B40", "#DIV/0!")), ("book.xlsx", "line 40"), "book.xlsx"
+        "an error value for an angle",
+        sheet(put("A40", "#DIV/0!")),
+        ("book.xlsx", "line 40"),
+        "book.xlsx",
     ),
     "49_date": Malformed(
         "a number the spreadsheet took for a date",

@@ -411,15 +411,15 @@ def test_names_say_plane_and_radius(tmp_path: Path) -> None:
         ),
         *[
             ("", [*CIRCLE[:3], bad, *CIRCLE[4:]], {}, "line [34]")
-            for bad in ("-,-", ",", "pause", "15.0", "15,-3,1")
+            for bad in ("pause", "15.0", "15,-3,1")
         ],
         *[
-            (HEADER, [*CIRCLE[:5], f"25,{bad}", *CIRCLE[6:]], {}, r"line 7: reading \(column")
+            (HEADER, [*CIRCLE[:5], f"{bad},1.5", *CIRCLE[6:]], {}, r"line 7: angle \(column")
             for bad in ("---", "NaN", "")
         ],
         *[
             (HEADER, [*CIRCLE[:3], f"{bad},{bad}", *CIRCLE[3:]], {}, "line 5")
-            for bad in ("NaN", "n/a", "#DIV/0!", "paused")
+            for bad in ("paused", "1.2.3")
         ],
     ],
 )
@@ -430,6 +430,21 @@ def test_refused(
 
 
 # ---- what is read
+
+
+@pytest.mark.parametrize("bad", ["25,", "25,NaN", "25,---", "NaN,n/a", ",", "#DIV/0!,#DIV/0!"])
+def test_rows_without_a_reading_are_left_out_and_told(bad: str, tmp_path: Path) -> None:
+    result = imported(table(tmp_path / NAME, HEADER, [*CIRCLE[:5], bad, *CIRCLE[6:]]))
+    (test,) = result.campaign.tests
+    assert 25.0 not in test.angle_deg
+    assert len(test.angle_deg) == len(CIRCLE) - 1
+    (note,) = [note for note in result.assumptions if note.what == "missing readings"]
+    assert note.value == "1 row left out"
+
+
+def test_a_column_of_few_readings_is_refused(tmp_path: Path) -> None:
+    rows = [f"{5 * k}," for k in range(40)] + CIRCLE[40:]
+    refuses(r"line 2: reading \(column", imported, table(tmp_path / NAME, HEADER, rows), {})
 
 
 @pytest.mark.parametrize("units", ["°;µm;-", "°;µm;°C", "Grad;µm;"])
