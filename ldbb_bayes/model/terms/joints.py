@@ -85,8 +85,8 @@ class JointLoad(Term):
         require(
             reference_N > 0.0,
             f"reference_force_N must be positive in a model with JointLoad, got {reference_N:g}:"
-            " joints that yield to their own load have no finite compliance without load. Give a force"
-            " that was tested, or leave the term out (--without joint-load).",
+            " joints that yield to their own load have no finite compliance without load."
+            " Give a force that was tested, or leave the term out (--without joint-load).",
         )
         columns = []
         for axis, size in setting.driven_axes():
