@@ -121,9 +121,9 @@ def _branch_transform(
 ) -> Array:
     """Return the homogeneous transforms from the machine's foundation to tool or workpiece.
 
-    There is one matrix of shape (4, 4) for each of n angles of the bar; the result has the shape
-    (n, 4, 4). ``branch`` is ``tool`` or ``workpiece``. ``errors`` maps the names of geometric
-    errors to their values.
+    There is one matrix of shape (4, 4) for each of n angles of the bar (``angle_rad``) on the
+    nominal circle ``circle``; the result has the shape (n, 4, 4). ``branch`` is ``tool`` or
+    ``workpiece``. ``errors`` maps the names of geometric errors to their values.
     """
     transform = np.broadcast_to(np.eye(4), (len(angle_rad), 4, 4))
     position = circle.position_mm(angle_rad)

@@ -57,13 +57,14 @@ _ANGLES = 64
 # compliance.
 _PARALLEL = 1e-10
 # A compliance is treated as having no effect if the norm of its column (the readings per unit of
-# the compliance) is smaller than this share of the largest norm of any compliance's column.
+# the compliance) is smaller than this fraction of the largest norm of any compliance's column.
 _NULL_SHARE = 1e-10
-# A compliance that is not kept as a parameter of the model can have a part of its effect in common
-# with a kept compliance. This part is a rounding error if it is smaller than this share of the
-# whole effect. A kept compliance represents a weighted sum of compliances. A negative eigenvalue of
-# the matrix of these weights is a rounding error if its absolute value is smaller than this share
-# of the largest weight.
+# This number is used as a limit of rounding errors in two comparisons. First, a compliance that is
+# not kept as a parameter of the model can have a part of its effect in common with a kept
+# compliance; a part smaller than this fraction of the whole effect is a rounding error. Second, a
+# kept compliance represents a weighted sum of compliances; a negative eigenvalue of the matrix of
+# the weights is a rounding error if its absolute value is smaller than this fraction of the largest
+# weight.
 _ROUNDING_WEIGHT = 1e-7
 # A column holds the readings per unit of a compliance, scaled to length one. A column is
 # independent of other columns if it has a part that is not a linear combination of the other
@@ -83,9 +84,10 @@ class ErrorBearer(NamedTuple):
 def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
     """Return the reading per unit force and per unit of each planar compliance, at n angles.
 
-    This is the wrench Jacobian of the paper. It has the shape (n, 18) for one plane; the unit of an
-    element is 1, mm or mm². Columns are in the order of `wrench_names`. ``angle_rad`` (n,) are
-    angles of the bar from the first axis of the plane [rad].
+    This is the wrench Jacobian of the paper, for the nominal circle ``circle`` on ``machine``. It
+    has the shape (n, 18) for one plane; the unit of an element is 1, mm or mm². Columns are in the
+    order of `wrench_names`. ``angle_rad`` (n,) are angles of the bar from the first axis of the
+    plane [rad].
     """
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
@@ -124,16 +126,22 @@ def compliance_jacobian(
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
     """Return the reading per unit of each geometric error, at n angles (Eq. 16-18 of the paper).
 
-    The result has the shape (n, number of geometric errors) [mm per unit of the error], with one
-    column for each name that `geometric_names` returns. ``angle_rad`` (n,) are angles of the bar
-    from the first axis of the plane [rad].
+    ``circle`` is the nominal circle of the test on ``machine``. The result has the shape (n, number
+    of geometric errors) [mm per unit of the error], with one column for each name that
+    `geometric_names` returns. ``angle_rad`` (n,) are angles of the bar from the first axis of the
+    plane [rad].
     """
     columns = [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)]
     return np.stack(columns, axis=1)
 
 
 def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: GeometricName) -> Array:
-    """Return the change of the reading at n angles per unit of a geometric error, shape (n,)."""
+    """Return the change of the reading at n angles per unit of a geometric error, shape (n,).
+
+    ``name`` is the name of the geometric error. ``circle`` is the nominal circle of the test on
+    ``machine``, and ``angle_rad`` (n,) are angles of the bar from the first axis of the plane
+    [rad].
+    """
     direction = circle.direction(angle_rad)
     component = COMPONENTS.index(name.component)
     if name.kind == "offset":
@@ -152,8 +160,9 @@ def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
     A squareness error concerns two axes. If both carry the tool, or both the workpiece, the error
     acts after the motion of the reference axis. If one axis carries the tool and the other the
     workpiece, the error acts before the motion of the axis that is not the reference. Gains and
-    straightness deviations act at the joint of their axis, after its motion. ``name`` must not be
-    an offset of the tool, because tool offsets act at no joint.
+    straightness deviations act at the joint of their axis, after its motion. ``name`` is the name
+    of the error and ``machine`` the machine that has the error. ``name`` must not be an offset of
+    the tool, because tool offsets act at no joint.
     """
     if name.kind != "squareness":
         return ErrorBearer(machine.joint(name.axis), before_motion=False)
@@ -257,8 +266,8 @@ class _Candidates:
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     """Return the compliances that may change readings on given circles, with their effects.
 
-    The compliances are all planar compliances of the tested planes, and all further compliances of
-    the joints that change a reading.
+    The compliances are those of ``machine``: all planar compliances of the tested planes, and all
+    further compliances of the joints that change a reading on one of ``circles``.
     """
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     names = joint_names(machine)
@@ -288,10 +297,10 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
 def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     """Return the compliances that circles can separate; they are kept as parameters of the model.
 
-    Each kept compliance represents a weighted sum of compliances, which is also returned. A column
-    holds the readings per unit of a compliance. Compliances with proportional columns form a set.
-    One compliance of every set is kept, unless its column depends linearly on the columns of
-    compliances that are already kept.
+    ``circles`` are the nominal circles of tests on ``machine``. Each kept compliance represents a
+    weighted sum of compliances, which is also returned. A column holds the readings per unit of a
+    compliance. Compliances with proportional columns form a set. One compliance of every set is
+    kept, unless its column depends linearly on the columns of compliances that are already kept.
     """
     candidates = _candidates(machine, circles)
     names = candidates.names
@@ -438,6 +447,7 @@ class _TableOrder(NamedTuple):
 def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
     """Return the sort key of a compliance for the order of Table 1 of the paper.
 
+    ``name`` is the name of the compliance and ``machine`` the machine that has the compliance.
     Translations caused by forces come first, then rotations caused by forces, then rotations caused
     by moments. Joints are in the order in which the names of the tested planes list the axes.
     """

@@ -140,12 +140,12 @@ def _sort_columns(bound: BoundModel) -> _SortedColumns:
 def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:
     """Return for each test the index of the first test that has the same noise covariance.
 
-    Two tests have the same noise if both have the same angles, the same noise factor λ of the
-    circle, and the same columns of all nuisance effects that act as noise (``noises``). Nuisances
-    are effects that are modelled but not of interest; a column is the reading per unit of one
-    coefficient. Equal angles are recognised only in a plan; in a campaign with readings, all tests
-    count as different. ``phi``, shape (w, h), are the hyper-parameters, among them the factors λ.
-    Indices count from 0.
+    ``bound`` is the model of the campaign. Two tests have the same noise if both have the same
+    angles, the same noise factor λ of the circle, and the same columns of all nuisance effects that
+    act as noise (``noises``). Nuisances are effects that are modelled but not of interest; a column
+    is the reading per unit of one coefficient. In a campaign with readings, the angles of any two
+    tests count as different. ``phi``, shape (w, h), are the hyper-parameters, among them the
+    factors λ. Indices count from 0.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}
@@ -166,11 +166,11 @@ def _noise_covariances(
     """Return, for each source of noise, the covariance of one test's reduced readings [mm²].
 
     The result is a dict of arrays of shape (m, m), for m reduced readings. Its keys are the class
-    names of the nuisance terms (effects modelled but not of interest) that act as noise; the white
-    noise of the readings has the key ``NOISE``. Reduced readings are the at most 25 numbers to
-    which the readings of a test are reduced. ``factor`` (m, 25) turns Fourier coefficients into
-    reduced readings, ``hyper`` holds the hyper-parameters by name, with lengths in mm, and ``test``
-    is the index of the test, from 0.
+    names of the nuisance terms (effects modelled but not of interest) in ``noises``, which act as
+    noise; the white noise of the readings has the key ``NOISE``. Reduced readings are the at most
+    25 numbers to which the readings of a test are reduced. ``factor`` (m, 25) turns Fourier
+    coefficients into reduced readings, ``hyper`` holds the hyper-parameters by name, with lengths
+    in mm, and ``test`` is the index of the test, from 0.
     """
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:

@@ -58,10 +58,11 @@ class ParameterConditional(Gaussian):
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return random parameters without negative compliances, and whether each draw is valid.
 
-        The first array holds one draw of the p parameters from each of the w Gaussian densities,
-        shape (w, p). The second array, shape (w,), is true for draws that the rejection sampler
-        accepted and that have no negative compliance. The other draws do not follow the density and
-        may have negative compliances.
+        Each of the w Gaussian densities, restricted to parameters without negative compliances, is
+        sampled once by rejection. The first array holds the draws of the p parameters, shape
+        (w, p). The second array, shape (w,), is true for valid draws: the sampler accepted the
+        draw, and no compliance is negative. Where it is false, the draw does not follow the
+        restricted density and may have negative compliances.
         """
         z, accepted = self.orthant.draw_standard(rng)
         beta = self.from_standard(z)

@@ -10,9 +10,9 @@ factor L of
 
 How it works:
 
-1. Order. `ordering` divides the columns into groups that are eliminated together, once for each
-   campaign. When a group of s columns is eliminated, the entries of P change for some of the later
-   columns. These m later columns are the border of the group.
+1. Order. `ordering` divides the columns of A into groups, once for each campaign. The columns of a
+   group are eliminated together. When a group of s columns is eliminated, the entries of P change
+   for some of the later columns. These m later columns are the border of the group.
 2. Entries. A group has s columns of L. Each of these columns is stored as s + m + 1 entries: s for
    the columns of the group, m for the columns of the border, and a last one for the right-hand
    side. All entries of all groups are rows of one array, the workspace. The second dimension of the
@@ -21,12 +21,15 @@ How it works:
    variance D). A term of the sum is a scalar product of columns, which does not depend on φ, times
    1/D (`gram_entries`).
 4. Elimination. The groups are treated one after the other. The s columns of L of a group are
-   computed in place (`eliminate`). The products of the entries of these columns in the border are
-   then subtracted from the entries of P that belong to columns of the border. Groups of the same
-   shape that do not depend on each other are a `Front`: they are eliminated by the same calls.
+   computed in place (`eliminate`). Each of these columns has m entries for the columns of the
+   border. The products of all pairs of these m entries are then subtracted from the entries of P
+   that belong to pairs of columns of the border. Groups of the same shape that do not depend on
+   each other are a `Front`: they are eliminated by the same function calls.
 
-Prior variances may be negative (`Observations.signs`). Then P = L S Lᵀ, where the diagonal matrix S
-holds the signs ±1 of the Cholesky pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a sum of squares with these signs.
+Prior variances may be negative: the coefficient then removes noise from the readings instead of
+adding noise (`Observations.signs`). With negative prior variances, P = L S Lᵀ, where the diagonal
+matrix S holds the signs ±1 of the Cholesky pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a sum of squares with
+these signs.
 """
 
 from __future__ import annotations
@@ -55,14 +58,15 @@ _CACHE_SIZE = 1 << 19
 # values, the library of matrix products (BLAS) always rounds in the same way, so that results do
 # not depend on how many values are processed together.
 BLAS_MULTIPLE = 8
-# Largest number of orders of elimination that the cache holds. Design matrices with zeros in the
-# same places have the same order, so that a comparison of a hundred models needs fewer orders than
-# this.
+# Largest number of elimination plans (orders in which columns are eliminated) that the cache holds.
+# Design matrices with zeros in the same places have the same plan, so that a comparison of a
+# hundred models needs fewer plans than this number.
 _KEPT_PLANS = 64
 # When columns are eliminated, sums of products of their entries are subtracted from the entries of
 # later columns. Each sum has one term for every eliminated column. If there are at least this many
-# terms, each call computes the sums for one later column. If there are fewer terms, a call computes
-# the sums for several later columns, which takes fewer calls but moves more memory.
+# terms, each function call computes the sums for one later column. If there are fewer terms, each
+# function call computes the sums for several later columns; this takes fewer calls but moves more
+# memory.
 _MANY_TERMS = 12
 
 
@@ -82,10 +86,11 @@ class Update(NamedTuple):
     #: have a column in common.
     borders: int
     #: Index, within the border (the set of later columns that a group changes), of the first row
-    #: for which the update computes products with the following rows.
+    #: whose entries the update multiplies with the entries of this row and of all following rows.
     first: int
     #: Index, within the border (the set of later columns that a group changes), of the row after
-    #: the last row for which the update computes products.
+    #: the last row whose entries the update multiplies with the entries of the row itself and of
+    #: all following rows.
     stop: int
     #: Rows of the workspace (the array of all matrix entries) from which the products are
     #: subtracted, shape (borders, stop − first, m + 1 − first). A border is the set of m later
@@ -120,11 +125,11 @@ class Front(NamedTuple):
     updates: list[Update]
 
     def eliminate(self, workspace: Array) -> None:
-        """Compute the Cholesky factor's entries for groups of columns, and change later columns.
+        """Compute the columns of the Cholesky factor for this front, and change later columns.
 
-        Products of the computed columns of the factor are subtracted from the entries of later
-        columns. ``workspace`` (entries, w) holds all matrix entries for w values of the
-        hyper-parameters, and is changed in place.
+        A front consists of groups of columns. Products of their computed entries are subtracted
+        from the entries of later columns. ``workspace`` (entries, w) holds all matrix entries for w
+        values of the hyper-parameters, and is changed in place.
         """
         w = workspace.shape[1]
         columns = self.shape[1]
@@ -146,8 +151,8 @@ class Front(NamedTuple):
 
         P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
         ``workspace`` (entries, w) holds the entries of L. ``solution`` (columns of A, w) is changed
-        in place. It already holds the coefficients of all columns that are eliminated after these
-        groups.
+        in place. Before the call, it holds L⁻¹ Aᵀ D⁻¹ r in the rows of the columns of this front,
+        and the coefficients in the rows of all columns that are eliminated after this front.
         """
         columns = self.shape[1]
         matrix = workspace[self.entries].reshape(*self.shape, workspace.shape[1])
@@ -419,8 +424,9 @@ class DesignRows:
     kinds
         Index of each row's kind (rows of one kind have the same variance), shape (rows,).
     signs
-        Signs ±1 of the prior variances of the coefficients, shape (columns,). A negative variance
-        removes noise (`Observations.signs`) and makes the Cholesky pivot of the column negative.
+        Signs ±1 of the prior variances of the coefficients, shape (columns,). A coefficient with a
+        negative variance removes noise from the readings instead of adding noise
+        (`Observations.signs`); the Cholesky pivot of its column is negative.
     shared
         Number of columns whose coefficients are the same in all tests; they are the first columns.
     """
@@ -488,10 +494,10 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
     """Sort groups of columns into fronts, and the groups of each front into families.
 
     The border of a group is the set of later columns that the group changes. The groups of a front
-    can be eliminated at the same time (the function `heights` returns the same number for all of
-    them). They have equal numbers of columns, and borders with equal numbers of columns. The groups
-    of a family also have the same border. Fronts are in the order of elimination; within a front,
-    families with more groups come first.
+    do not depend on each other and can be eliminated at the same time: their heights (function
+    `heights`) are equal. The groups of a front also have equal numbers of columns, and borders with
+    equal numbers of columns. The groups of a family have the same border. Fronts are in the order
+    of elimination; within a front, families with more groups come first.
     """
     fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):

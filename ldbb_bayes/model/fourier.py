@@ -26,7 +26,10 @@ _ROUNDING = 1e-13
 
 
 def basis(angle_rad: Array) -> Array:
-    """Return 1, cos θ, sin θ, …, cos 12θ, sin 12θ at n angles θ [rad], shape (n, 25)."""
+    """Return 1, cos θ, sin θ, …, cos 12θ, sin 12θ at n angles θ, shape (n, 25).
+
+    ``angle_rad`` holds the angles θ [rad], shape (n,).
+    """
     rotation = np.exp(1j * np.asarray(angle_rad, dtype=float))
     columns = np.empty((len(rotation), SIZE))
     columns[:, 0] = 1.0

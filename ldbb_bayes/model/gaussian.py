@@ -10,7 +10,8 @@ that is linear and Gaussian:
 | prior of known mean and covariance | `Gaussian.of(mean, covariance or variances)` |
 | likelihood of whitened rows y = J x + N(0, I) | `Gaussian.from_rows(J, y)` |
 | prior × likelihood | `prior.observe(J, y)` |
-| sums of precisions, possibly singular | `Gaussian(P, η, constant)`; `+` multiplies densities |
+| function with a precision matrix P that may be singular | `Gaussian(P, η, constant)` |
+| product of two Gaussian functions f and g of the same coefficients | `f + g` |
 | ∫ g, moments, marginal densities | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)` |
 | random draws, standardised x, densities | `draw`, `from_standard`, `standardize`, `log_density` |
 

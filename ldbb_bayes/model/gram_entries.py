@@ -26,8 +26,8 @@ from ldbb_bayes.results import Array
 __all__ = ["EntryBlock", "GramEntries"]
 
 # A block of Gram entries (scalar products of columns of the design matrix) is stored as a dense
-# matrix if at least this share of its entries is not zero. For each entry, a dense product takes a
-# third of the time of a sparse product (measured).
+# matrix if at least this fraction of its entries is not zero. For each entry, a dense product takes
+# a third of the time of a sparse product (measured).
 _DENSE_SHARE = 0.35
 # A block of scalar products of columns is stored as a dense matrix only if each product with this
 # matrix uses at least this number of entries that are not zero. With fewer entries, the function
@@ -147,9 +147,9 @@ def _sparse_gram(
 ) -> csr_array:
     """Return all Gram entries, shape (entries, kinds), for a design matrix and readings.
 
-    ``size`` is the number of entries; `GramEntries` explains the other arguments. Each row of the
-    design matrix adds, to the entries, the products of all pairs of its elements that are not zero.
-    The readings count as a last column of the matrix.
+    ``size`` is the number of entries; `GramEntries` explains ``place``, ``columns``, ``values`` and
+    ``kinds``. Each row of the design matrix adds, to the entries, the products of all pairs of its
+    elements that are not zero. The readings count as a last column of the matrix.
     """
     order = np.argsort(np.diagonal(place))
     table = np.column_stack([columns[:, order], values])

@@ -84,7 +84,8 @@ _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay",
 # every circle has a noise factor λ of its own. Otherwise no circle has a noise factor.
 _FEWEST_SCALED_CIRCLES = 4
 # Error tolerance [nat] for the log prior probability that compliances are not negative. It applies
-# separately to each group of compliances that depend on common parameters.
+# separately to each group of compliances; compliances that depend on a common parameter are in one
+# group.
 _TRUNCATION_TOLERANCE = 1e-4
 # Largest number of machines (sets of parameters) that are drawn at random from the prior, to find
 # one without a negative compliance. With the default prior and three tested planes, about one in 60
@@ -206,8 +207,9 @@ class HybridModel(Result):
     def first(cls, degree: int = 1) -> HybridModel:
         """Return the model's first edition (preset ``first``), with fewer effects than the default.
 
-        The prior sd of a form error of the balls with n waves in a turn is proportional to 1/n.
-        ``degree`` is the degree of the compliance as a polynomial in force, 0, 1 or 2.
+        The prior sd of a form error of the balls with n waves around the circle is proportional to
+        1/n, and not to a power of n that the readings help to determine. ``degree`` is the degree
+        of the compliance as a polynomial in force, 0, 1 or 2.
         """
         return cls(degree, first_edition(), Prior.first(), preset="first")
 
@@ -249,9 +251,9 @@ class HybridModel(Result):
     def with_slope_scale(self, scale: float) -> HybridModel:
         """Return the same model with another ``slope_scale``, a factor without unit.
 
-        The prior sds of all slopes (changes of compliances with force) are proportional to this
-        factor. Prior sds that the user gave for slopes are multiplied by the ratio of the new
-        factor to the old factor.
+        ``scale`` is the new factor. The prior sds of all slopes (changes of compliances with force)
+        are proportional to this factor. Prior sds that the user gave for slopes are multiplied by
+        the ratio of the new factor to the old factor.
         """
         factor = scale / self.prior.slope_scale
         overrides = dict(self.prior.overrides)
@@ -568,8 +570,9 @@ def _draw_hyper_parameters(
 ) -> dict[str, float]:
     """Return a dict with a value for each name of a hyper-parameter; lengths are in mm.
 
-    Values given in ``hyper_um``, with lengths in µm, are used. All other hyper-parameters are drawn
-    at random from their priors. Raise an `InputError` for an unknown name or a value out of range.
+    The hyper-parameters are those of the model ``bound``. Values given in ``hyper_um``, with
+    lengths in µm, are used. All other hyper-parameters are drawn at random from their priors. Raise
+    an `InputError` for an unknown name or a value out of range.
     """
     prior = bound.hyper_prior
     check_known("hyper-parameter", hyper_um, prior.names)
@@ -587,10 +590,11 @@ def _draw_hyper_parameters(
 def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[float]) -> None:
     """Raise an `InputError` if a true hyper-parameter is out of range.
 
-    ``value`` is the true value that a user gives for a simulation. It is in µm for a length; the
-    decay and the noise factor of a circle have no unit. ``law`` is the kind of the
-    hyper-parameter's prior. ``bounds`` are the least and the greatest permitted value; they are
-    used only for the decay p (form errors with n waves in a turn are proportional to n^(−p)).
+    ``name`` is the name of the hyper-parameter, and ``value`` the true value that a user gives for
+    a simulation. The value is in µm for a length; the decay and the noise factor of a circle have
+    no unit. ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the least and the
+    greatest permitted value; they are used only for the decay p (form errors with n waves around
+    the circle are proportional to n^(−p)).
     """
     if law == "decay":
         low, high = bounds
@@ -644,7 +648,8 @@ _KEPT_ESTIMATES = 64
 # model can be shared, because nothing changes it after it was made.
 _BOUND_MODELS: list[BoundModel] = []
 # Largest number of models bound to campaigns that the cache holds. An average over models with
-# constant and linear compliance uses sixteen, and a fit of the same campaign may use further ones.
+# constant and linear compliance uses sixteen bound models, and a fit of the same campaign may use
+# further bound models.
 _KEPT_BOUND_MODELS = 24
 
 
@@ -747,9 +752,9 @@ class BoundModel(Shown):
     def _with_circles(self, setting: Setting) -> Setting:
         """Return the conditions of all tests, completed with the names of the noise factors λ.
 
-        A noise factor λ is a hyper-parameter that multiplies the noise of one circle. Circles have
-        such factors only if the model has the term `CircleScale`, and the campaign or its pilot has
-        at least four tests.
+        ``setting`` are the conditions to complete. A noise factor λ is a hyper-parameter that
+        multiplies the noise of one circle. Circles have such factors only if the model has the term
+        `CircleScale`, and the campaign or its pilot has at least four tests.
         """
         count = len(self.campaign.tests)
         if self.pilot is not None:
@@ -823,9 +828,10 @@ class BoundModel(Shown):
         """Return the matrix A of the region A β ≥ 0 of physical parameters, shape (rows, p).
 
         β are the p parameters of interest; A β holds the compliances C(F) that must not be
-        negative, at tested forces F. For compliances constant in force, one force suffices; for
-        compliances linear in force, the smallest and the largest force suffice. For quadratic
-        compliances, all tested forces are used.
+        negative, at tested forces F. The reference force ``reference_force_N`` is subtracted from
+        each F. For compliances constant in force, one force suffices; for compliances linear in
+        force, the smallest and the largest force suffice. For quadratic compliances, all tested
+        forces are used.
         """
         forces = distinct_forces(self.campaign.forces_N)
         if self.model.degree == 0:
@@ -859,7 +865,8 @@ class BoundModel(Shown):
     def keeping(self, names: Sequence[str]) -> BoundModel:
         """Return the same model with only the named tests of the campaign.
 
-        Reference force, force range and other properties of the whole campaign do not change.
+        ``names`` are the names of the tests to keep. Reference force, force range and other
+        properties of the whole campaign do not change.
         """
         return BoundModel(self.model, self.campaign, keep_tests=names, pilot=self.pilot)
 
@@ -990,18 +997,19 @@ class BoundModel(Shown):
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
         """Return the log likelihood ln p(y | β, φ) of the readings y, shape (w,).
 
-        φ (w, h) are w values of the h hyper-parameters, the scales of noise and nuisances, with
-        lengths in mm. β (w, p) are w values of the p parameters of interest (compliances, slopes
-        and geometric errors) in mm, N and rad.
+        ``phi`` (w, h) are w values of the h hyper-parameters φ, the scales of noise and nuisances,
+        with lengths in mm. ``beta`` (w, p) are w values of the p parameters of interest β
+        (compliances, slopes and geometric errors) in mm, N and rad.
         """
         return self.given_interest.log_density(phi, beta - self.centre)
 
     def log_prior(self, beta: Array) -> Array:
-        """Return the log prior density of the p parameters of interest β (..., p), shape (...).
+        """Return the log prior density of the p parameters of interest, shape (...).
 
-        The parameters are in mm, N and rad. If the prior is flat, the log density is 0. If the
-        prior excludes negative compliances, the log density is −inf where a compliance is negative,
-        and the integral of the density over all other values of the parameters is one.
+        ``beta``, shape (..., p), holds values of the parameters in mm, N and rad. If the prior is
+        flat, the log density is 0. If the prior excludes negative compliances, the log density is
+        −inf where a compliance is negative, and the integral of the density over all other values
+        of the parameters is one.
         """
         if self.model.prior.flat:
             return np.zeros(beta.shape[:-1])
@@ -1041,10 +1049,10 @@ class BoundModel(Shown):
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """Return the log evidence ln p(y | φ), shape (w,), and the density p(β | y, φ).
 
-        y are the readings, β the p parameters of interest, and φ (w, h) are w values of the h
-        hyper-parameters (scales of noise and nuisances), with lengths in mm. Negative compliances
-        are not excluded. With a flat prior of β, the evidence is defined only up to a constant
-        factor.
+        y are the readings, β the p parameters of interest, and φ the h hyper-parameters (scales of
+        noise and nuisances). ``phi``, shape (w, h), holds w values of φ, with lengths in mm.
+        Negative compliances are not excluded. With a flat prior of β, the evidence is defined only
+        up to a constant factor.
         """
         log_evidence, shifted = self.collapsed.conditional(phi, last=len(self.names))
         conditional = ParameterConditional.factored(
@@ -1056,9 +1064,9 @@ class BoundModel(Shown):
     def log_evidence(self, phi: Array) -> Array:
         """Return the log evidence ln p(y | φ) of the readings y, shape (w,).
 
-        φ (w, h) are w values of the h hyper-parameters (scales of noise and nuisances), with
-        lengths in mm. Parameters and nuisances are integrated out, and negative compliances are not
-        excluded. `given` returns the same log evidence.
+        φ are the h hyper-parameters (scales of noise and nuisances). ``phi``, shape (w, h), holds w
+        values of φ, with lengths in mm. Parameters and nuisances are integrated out, and negative
+        compliances are not excluded. `given` returns the same log evidence.
         """
         return self.collapsed.log_density(phi)
 
@@ -1130,9 +1138,9 @@ class BoundModel(Shown):
     def linearised_at(self, beta: Array) -> Setting:
         """Return the conditions of the tests for a machine whose parameters of interest are β.
 
-        β (p,) are the p parameters, in mm, N and rad; they replace the estimate of the machine.
-        Effects that depend on the machine, such as an error of the angle, are then computed for β
-        (``linearise``).
+        ``beta``, shape (p,), holds the parameters β in mm, N and rad; they replace the estimate of
+        the machine. Effects that depend on the machine, such as an error of the angle, are then
+        computed for β (``linearise``).
         """
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta
@@ -1146,7 +1154,8 @@ class BoundModel(Shown):
         """Return the linearisation error of one test's n readings, shape (n,) [mm].
 
         The error is the exact effect of the geometric errors on the reading (Eq. 1-14 of the paper)
-        minus the linear effect, for the p parameters of interest β (p,), in mm, N and rad.
+        minus the linear effect. ``beta``, shape (p,), holds the parameters of interest for which
+        the error is computed, in mm, N and rad.
         """
         values = dict(zip(self.names, beta.tolist(), strict=True))
         angle = test.angles_rad()
@@ -1164,7 +1173,8 @@ class BoundModel(Shown):
         """Return the largest absolute linearisation error of all readings [mm].
 
         The error is the exact effect of the geometric errors on the reading minus the linear
-        effect. It is computed for the p parameters of interest β (p,), in mm, N and rad.
+        effect. ``beta``, shape (p,), holds the parameters of interest for which the error is
+        computed, in mm, N and rad.
         """
         errors = []
         for test in self.campaign.tests:
@@ -1174,7 +1184,7 @@ class BoundModel(Shown):
 
 
 def require_model(model: object) -> None:
-    """Raise an `InputError` unless the argument is a `HybridModel`."""
+    """Raise an `InputError` unless ``model`` is a `HybridModel`."""
     require(
         isinstance(model, HybridModel),
         f"model must be a HybridModel, got {type(model).__name__}. Make one with"
@@ -1228,9 +1238,9 @@ def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
 
 
 def _reduce_plan(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return a `Reduced` object for every test of a plan, which has angles but no readings.
+    """Return the angles of every test of a plan as a `Reduced` object without readings.
 
-    Tests with equal angles share one `Reduced` object.
+    ``campaign`` is the plan. Tests with equal angles share one `Reduced` object.
     """
     reduced_by_angles: dict[bytes, Reduced] = {}
     for test in campaign.tests:

@@ -30,13 +30,13 @@ from ldbb_bayes.results import Array
 __all__ = ["HyperPrior"]
 
 
-# Lower bound of the decay p: the amplitude of a form error with n waves in a turn is proportional
-# to n^(−p).
+# Lower bound of the decay p, the exponent by which form errors become smaller with their order: the
+# amplitude of a form error with n waves around the circle is proportional to n^(−p).
 _LEAST_DECAY = 0.5
 
 
-# Upper bound of the decay p: the amplitude of a form error with n waves in a turn is proportional
-# to n^(−p).
+# Upper bound of the decay p, the exponent by which form errors become smaller with their order: the
+# amplitude of a form error with n waves around the circle is proportional to n^(−p).
 _MOST_DECAY = 3.5
 
 
@@ -50,10 +50,11 @@ _SHAPE = 1.5
 _RATE = 1.5
 
 
-# The keys are hyper-parameters that a model may lack. The value of a key is the hyper-parameter
-# that describes the same effect in such a model. If no ball is turned or certified, a model lacks
-# the size ω of the machine's pattern (geometric and cyclic errors of higher orders): the pattern is
-# then part of the balls' form, whose size is τ.
+# Used to carry values of hyper-parameters from one model to another. The keys are hyper-parameters
+# that the first model may lack. The value of a key is the hyper-parameter that describes the same
+# effect in the first model. If all balls keep their clocking (the angle by which a ball is turned
+# in its socket) and none is certified, a model lacks the size ω of the machine's pattern (geometric
+# and cyclic errors of higher orders): the pattern is then part of the balls' form, whose size is τ.
 _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 
 
@@ -195,7 +196,8 @@ class HyperPrior:
     def log_density_of_log_noise(self, log_noise: Array) -> Array:
         """Return the log prior density of ln λ, shape (w,), at w values of ln λ.
 
-        λ is the noise factor of a circle, and ln λ its unbounded coordinate.
+        ``log_noise``, shape (w,), holds the values of ln λ. λ is the noise factor of a circle, and
+        ln λ its unbounded coordinate.
         """
         noise_factor = np.exp(log_noise)[:, None]
         return self._log_density_of_noise_factors(noise_factor) + log_noise
@@ -339,9 +341,9 @@ class HyperPrior:
         """Return points from which the search for the posterior's maximum starts, shape (..., h).
 
         The points are in the unbounded coordinates of the h hyper-parameters that the method `free`
-        defines. ``level``, numbers in [0, 1] of shape (..., h), chooses the points: for lengths, 0
-        gives large and 1 gives small values; for hyper-parameters without unit, 0 gives small and 1
-        gives large values.
+        defines. ``level``, shape (..., h), holds one number in [0, 1] for each coordinate of each
+        point and chooses the coordinate. For lengths, 0 gives a large and 1 a small value; for
+        hyper-parameters without unit, 0 gives a small and 1 a large value.
         """
         reach = np.where(self.lower > 0.0, 12.0, 6.0)
         inside = self.free(self.quantile(0.1 + 0.8 * level))

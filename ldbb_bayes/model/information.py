@@ -239,14 +239,18 @@ class Information:
     def _covariance(self) -> Array:
         """Posterior covariance of all m coefficients.
 
-        The array is read-only, because all callers share it.
+        The array has the shape (m, m). It is read-only, because all callers share it.
         """
         covariance = self._covariance_without((), 1.0)
         covariance.flags.writeable = False
         return covariance
 
     def _covariance_without(self, fixed: Collection[str], times: float) -> Array:
-        """Return the posterior covariance that `covariance` returns, without the use of a cache."""
+        """Compute the posterior covariance of all m coefficients, shape (m, m), without a cache.
+
+        The arguments are those of `covariance`: ``fixed`` names terms and coefficients that are
+        taken as known, and ``times`` is the number of repetitions of all readings.
+        """
         root, free = self.root(fixed, times=times)
         inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))
         covariance = np.zeros((len(self.names), len(self.names)))

@@ -137,9 +137,9 @@ class ParametersOfInterest:
         The sds are in internal units (mm, N, rad). Sds that the user gave are not changed. The
         default prior sd of a slope is proportional to the size of its compliance. ``setting`` holds
         this size: the estimate of the compliance and its standard uncertainty, added in quadrature.
-        A very small size is replaced by a share of the compliance's prior sd. In the model's first
-        edition (preset ``first``), the prior sd of a slope is proportional to the prior sd of the
-        compliance instead.
+        A size smaller than 1/20 of the compliance's prior sd is replaced by this fraction of the
+        prior sd. In the model's first edition (preset ``first``), the prior sd of a slope is
+        proportional to the prior sd of the compliance instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
@@ -269,7 +269,8 @@ def _check_slope_has_compliance(
     free, no quadratic slope is free, and tested forces lie on both sides of the reference force.
     ``label`` is the name of the compliance, and ``parameters`` are the p parameters that are not
     fixed. ``rows`` holds one array (p,) for each tested force; the product of this array with the
-    parameters is the compliance at the force.
+    parameters is the compliance at the force. ``reference_force_N`` is the reference force F0 [N],
+    for the error message.
     """
     belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
     degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]

@@ -265,10 +265,11 @@ class StructuredGaussian:
                 normal = rng.standard_normal((self._columns.shape[1], len(batch.phi_index)))
                 normal[first : self._shared] = standard[batch.phi_index, k].T
                 if not elimination.is_positive:
-                    # Coefficients with a negative prior variance cannot be drawn. They belong to
-                    # single tests. Here all coefficients of single tests are eliminated first.
-                    # Draws of the coefficients common to all tests therefore do not depend on the
-                    # coefficients of single tests.
+                    # Coefficients with a negative prior variance cannot be drawn at random. They
+                    # belong to single tests. The random numbers of all coefficients of single tests
+                    # are therefore set to zero. This does not change the draws of the coefficients
+                    # common to all tests, because the coefficients of single tests are eliminated
+                    # first.
                     normal[self._shared :] = 0.0
                 draws[batch.phi_index, k] = elimination.solve(workspace, normal)[: self._shared].T
         return draws * self._unit[: self._shared]

@@ -9,9 +9,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["minimum_norm_solution", "singular_root", "sparse_or_dense"]
 
-# A matrix is stored as a sparse matrix if less than this share of its elements is not zero. For
-# each element that is not zero, a product with a sparse matrix takes about three times as long as a
-# product with a dense matrix (measured).
+# A matrix is stored as a sparse matrix if fewer than this fraction of its elements differ from
+# zero. For each element that is not zero, a product with a sparse matrix takes about three times as
+# long as a product with a dense matrix (measured).
 _SPARSE_SHARE = 0.35
 
 

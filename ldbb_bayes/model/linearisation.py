@@ -55,7 +55,11 @@ class MachineEstimate(NamedTuple):
 
     @classmethod
     def known(cls, compliances: Array, geometric_errors: Array) -> MachineEstimate:
-        """Return an estimate whose compliances count as known exactly."""
+        """Return an estimate of a machine whose compliances count as known exactly.
+
+        ``compliances`` and ``geometric_errors`` are the estimated values in internal units
+        (mm, N, rad). The standard uncertainties of the compliances are zero.
+        """
         return cls(compliances, np.zeros(len(compliances)), geometric_errors)
 
 
@@ -92,9 +96,9 @@ def linearise(
 def nominal_mount_offset(setting: Setting) -> Array:
     """Return the nominal mount deflection that the readings contain, as Fourier coefficients [mm].
 
-    The mount is that of the work ball; its nominal deflection is proportional to the pressure. The
-    result has shape (tests, 25), and is zero if the readings are compensated for the mount (Eq. 32
-    of the paper).
+    ``setting`` are the conditions of the tests. The mount is that of the work ball; its nominal
+    deflection is proportional to the pressure. The result has shape (tests, 25), and is zero if the
+    readings are compensated for the mount (Eq. 32 of the paper).
     """
     nominal = 0.0 if setting.compensated else setting.deflection_um_per_bar * 1e-3
     return setting.constant(setting.pressure_bar * nominal)[:, :, 0]

@@ -2,16 +2,17 @@
 
     z − H β = A x + N(0, D(φ))
 
-z are the readings of all tests, reduced to at most 26 numbers a test (`reduction`). β are the p
-parameters of interest (compliances, their slopes and geometric errors), with the design matrix H
-(rows, p). x are the coefficients of nuisances, which are effects modelled but not of interest, with
-the design matrix A (rows, coefficients); each coefficient is expressed in a unit of its own
-(`Observations.unit`). Shared coefficients are the same in all tests; each private coefficient
-belongs to a single test. The rows of a test are rotated so that the covariance of all noise in the
-test is diagonal. Every prior of a coefficient adds one row, unless the prior is flat. Only the
-diagonal matrix D depends on the hyper-parameters φ, the scales (standard deviations) of the noise
-and of nuisances. The entries of D are sums of known numbers times squared sources of variance; a
-source is a hyper-parameter or a product of hyper-parameters.
+z are the readings of all tests, reduced to at most 26 numbers for each test: 25 for the Fourier
+functions to order 12, and the norm of the part of the readings that these functions cannot describe
+(`reduction`). β are the p parameters of interest (compliances, their slopes and geometric errors),
+with the design matrix H (rows, p). x are the coefficients of nuisances, which are effects modelled
+but not of interest, with the design matrix A (rows, coefficients); each coefficient is expressed in
+a unit of its own (`Observations.unit`). Shared coefficients are the same in all tests; each private
+coefficient belongs to a single test. The rows of a test are rotated so that the covariance of all
+noise in the test is diagonal. Every prior of a coefficient adds one row, unless the prior is flat.
+Only the diagonal matrix D depends on the hyper-parameters φ, the scales (standard deviations) of
+the noise and of nuisances. The entries of D are sums of known numbers times squared sources of
+variance; a source is a hyper-parameter or a product of hyper-parameters.
 """
 
 from __future__ import annotations
@@ -80,7 +81,8 @@ class Observations(NamedTuple):
     #: coefficient's column.
     unit: Array
     #: Signs ±1 of the prior variances of the nuisance coefficients, shape (coefficients,). A
-    #: negative variance removes noise, as `_columns_for_uneven_angles` explains.
+    #: coefficient with a negative variance removes noise from the readings instead of adding noise;
+    #: `_columns_for_uneven_angles` explains why this is needed.
     signs: Array
     #: Number of nuisance coefficients that are the same in all tests. Their columns are the first
     #: columns of the design matrix.
@@ -108,7 +110,8 @@ class _Nuisances(NamedTuple):
     shared: list[Columns]
     private: list[Columns]
     #: Signs ±1 of the prior variances of the coefficients that belong to single tests, one for each
-    #: coefficient of one test; −1 stands for a negative variance, which removes noise.
+    #: coefficient of one test; −1 stands for a negative variance, with which the coefficient
+    #: removes noise from the readings instead of adding noise.
     private_signs: list[float]
 
     @property
@@ -326,11 +329,13 @@ def _reading_rows(
 ) -> Rows:
     """Return the rows of the observation equations that are readings, test by test.
 
-    The last row of each test represents the part of the test's readings that Fourier series to
-    order 12 cannot describe. ``offset`` (tests, 25) is the known part of the readings and
-    ``interest`` (tests, 25, p) the effect of the p parameters of interest, both as Fourier
-    coefficients [mm]. ``all_uniform`` states whether all tests are full circles with nearly uniform
-    angles.
+    ``reduced`` are the reduced readings of every test, ``nuisances`` the sorted nuisances (effects
+    modelled but not of interest) and ``sources`` the sources of variance (hyper-parameters and
+    their products). The last row of each test represents the part of the test's readings that
+    Fourier series to order 12 cannot describe. ``offset`` (tests, 25) is the known part of the
+    readings and ``interest`` (tests, 25, p) the effect of the p parameters of interest, both as
+    Fourier coefficients [mm]. ``all_uniform`` states whether all tests are full circles with nearly
+    uniform angles.
     """
     tests = len(reduced)
     shared_values = _stack_values(nuisances.shared, tests)
@@ -373,7 +378,7 @@ def _stack_values(terms: Sequence[Columns], tests: int) -> Array:
 
 
 def _concatenate(blocks: Sequence[Rows]) -> Rows:
-    """Return several sets of observation equations as one set, one below the other."""
+    """Return the observation equations of all ``blocks`` as one set, one block below the other."""
     return Rows(
         columns=np.concatenate([block.columns for block in blocks]),
         interest=np.concatenate([block.interest for block in blocks]),
@@ -417,7 +422,9 @@ def _add_priors(
 ) -> _Scaled:
     """Return the rows of the readings and of the priors, with rescaled nuisance coefficients.
 
-    `Observations.unit` states the unit of each coefficient. ``tests`` is the number of tests, and
+    ``reading_rows`` are the rows of the readings; the rows of the priors follow from ``nuisances``,
+    the sorted nuisances (effects modelled but not of interest). `Observations.unit` states the unit
+    in which each coefficient of the result is expressed. ``tests`` is the number of tests, and
     ``sources`` are the sources of variance: hyper-parameters and their products.
     """
     priors = _coefficient_priors(nuisances, tests, sources)
@@ -446,6 +453,7 @@ def _coefficient_priors(
 ) -> _CoefficientPriors:
     """Return the priors of all nuisance coefficients (of effects modelled but not of interest).
 
+    ``nuisances`` are the nuisances, sorted into groups, and ``tests`` is the number of tests.
     Coefficients that are the same in all tests come first, then the coefficients of each single
     test. ``sources`` are the sources of variance (hyper-parameters and their products) to which the
     indices in the result refer.
@@ -502,7 +510,9 @@ def _test_of_coefficients(
 ) -> NDArray[np.intp]:
     """Return the index of the test that each nuisance coefficient belongs to, (coefficients,).
 
-    For a coefficient that is the same in all tests, return the number of tests instead.
+    ``nuisances`` are the nuisances (effects modelled but not of interest) to which the coefficients
+    belong. For a coefficient that is the same in all tests, the result holds the number of tests
+    (``tests``) instead of an index.
     """
     shared = np.full(nuisances.shared_size, tests)
     private = np.repeat(np.arange(tests), nuisances.private_size)
@@ -512,9 +522,9 @@ def _test_of_coefficients(
 def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
     """Return columns that represent independent noise of the Fourier coefficients of each test.
 
-    There is one column for every Fourier function (such as cos 2θ) that has noise, and the column
-    is equal to this function. Each of ``tests`` tests has its own coefficient of the column, whose
-    prior sd is the sd of the noise.
+    ``term`` states the sd of the noise of each Fourier coefficient. There is one column for every
+    Fourier function (such as cos 2θ) that has noise, and the column is equal to this function. Each
+    of ``tests`` tests has its own coefficient of the column, whose prior sd is the sd of the noise.
     """
     functions = np.flatnonzero(term.sd)
     values = np.zeros((tests, SIZE, len(functions)))
@@ -532,10 +542,12 @@ def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
 def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> Columns | None:
     """Return columns that correct the reading noise for angles that are not spaced uniformly.
 
-    Suppose the 25 Fourier coefficients of a test are fitted to readings with the noise sd σ, and
-    each coefficient is multiplied by the norm of its Fourier function (diagonal matrix S). The
-    covariance of the 25 products is σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ), where the
-    orthogonal matrix V and the diagonal matrix λ are the directions and departures of
+    If the angles of a test are not spaced uniformly, the noise of its 25 Fourier coefficients is
+    larger or smaller than the model of uniform angles states, and correlated. The columns add or
+    remove the difference. Suppose the 25 Fourier coefficients of a test are fitted to readings with
+    the noise sd σ, and each coefficient is multiplied by the norm of its Fourier function (diagonal
+    matrix S). The covariance of the 25 products is σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ),
+    where the orthogonal matrix V and the diagonal matrix λ are the directions and departures of
     `NearUniform`. Each column v of V with a significant λ becomes a column S⁻¹ v √(|λ|/(1 + λ))
     whose coefficient has the sd σ.
 

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 
 __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 
-# Number of columns of a border (the later columns that a group of columns changes) that one call
-# multiplies with all columns of the border.
+# Number of columns that one function call multiplies with all columns of a border. A border is the
+# set of later columns that a group of columns changes when it is eliminated.
 PRODUCT_COLUMNS = 8
 # The following costs are measured times, in units of the time of one multiplication for all values
 # of the hyper-parameters that are processed together. Their exact values matter little. The first
@@ -188,9 +188,9 @@ def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
     ``neighbours`` (columns, columns) states which columns have a row in common; rows and columns of
     this matrix are in the order of elimination. The border of a column is the set of its neighbours
     that are eliminated later. When the column is eliminated, the columns of its border become
-    neighbours of each other. This function gives the other columns of the border only to the first
-    of these columns, as additional neighbours. When this first column is eliminated, the second
-    column gets the remaining columns in the same way, and so on.
+    neighbours of each other. To save time, this function adds the border, without its first member,
+    only to the neighbours of this first member. When the first member is eliminated, its neighbours
+    are passed on to the next member in the same way, and so on.
     """
     linked = _bit_sets(np.triu(neighbours, k=1))
     nodes = []
@@ -205,11 +205,11 @@ def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
 def _merge(single: list[_Node]) -> list[_Node]:
     """Merge nodes into their parents where this is faster, and return the nodes that remain.
 
-    A node is a set of columns that are eliminated together. The border of a node is the set of
-    later columns that change when the node is eliminated. The parent of a node is the node that
-    contains the first column of its border. Nodes with equal numbers of columns, and with borders
-    of equal size, are eliminated by the same calls and share the time of function calls. Merging is
-    repeated until no node is merged any more.
+    ``single`` holds one node for each column. A node is a set of columns that are eliminated
+    together. The border of a node is the set of later columns that change when the node is
+    eliminated. The parent of a node is the node that contains the first column of its border. Nodes
+    with equal numbers of columns, and with borders of equal size, are eliminated by the same calls
+    and share the time of function calls. Merging is repeated until no node is merged any more.
     """
     nodes = dict(enumerate(single))
     node_of = list(range(len(single)))
@@ -244,8 +244,10 @@ def _cost(shape: tuple[int, int], copies: int) -> float:
     """Return the time of eliminating a set of columns, in units of the time of one multiplication.
 
     ``shape`` holds the number of columns, and the number of later columns that they change.
-    ``copies`` is the number of sets with this shape. These sets share the time of function calls,
-    and the time of subtracting products from later columns.
+    ``copies`` is the number of sets with this shape, which are eliminated by the same function
+    calls. Two times are spent once for all of these sets: the time of the function calls, and the
+    time of subtracting sums of products from the matrix entries of later columns. The result
+    contains 1/``copies`` of these two times, and the whole time of the multiplications for one set.
     """
     columns = shape[0]
     border = shape[1]

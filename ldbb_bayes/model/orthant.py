@@ -35,7 +35,7 @@ __all__ = ["NoisyLogProbability", "Orthant", "OrthantMoments"]
 
 # Each constraint has a row of coefficients. A constraint counts as a linear combination of other
 # constraints if the part of its row that is perpendicular to the rows of these other constraints is
-# shorter than this share of the row.
+# shorter than this fraction of the whole row.
 _DEPENDENT = 1e-7
 # A constraint u_j ≥ 0 counts as certain to hold if the mean of u_j is more than this many sd of u_j
 # above zero.
@@ -47,7 +47,7 @@ _PUSHED_SD = -3.0
 # u_j is at least this many sd of u_j above zero.
 _NEAR_SD = 6.0
 # Constraints that hardly ever fail are left out only if leaving them out changes ln P(u ≥ 0) by at
-# most this share of the error tolerance. If ln P changes more, all constraints are used.
+# most this fraction of the error tolerance. If ln P changes more, all constraints are used.
 _LEFT_OUT_SHARE = 0.1
 # Largest number of proposals that the rejection sampler tries for one random draw.
 _MOST_PROPOSALS = 12_800
@@ -66,22 +66,24 @@ _SIZES = (32, 128, 512, 2048, 8192)
 # Factor (as Student's t) by which the standard error of a probability is enlarged, because the
 # standard error is computed from the scatter of only eight estimates.
 _STUDENT = 1.5
-# The stated error of a probability is at least this share of the error that the same number of
-# plain random points would give, because eight estimates may agree by chance.
+# The stated error of a probability is at least this fraction of the error that the same number of
+# plain random points would give. The lower limit is needed because the eight estimates, whose
+# scatter gives the error, may agree by chance.
 _LEAST_ERROR_SHARE = 0.1
 # Largest number of importance weights that are computed at once, to limit the memory used. There is
 # one weight for every quasi-random point and every probability P(u ≥ 0) of a batch.
 _CHUNK = 1 << 20
-# The quasi-random points for the moments of one Gaussian vector u given u ≥ 0 are shifted by the
-# lower bounds of its constraints times this factor, modulo 1. Different vectors thereby use
-# different points.
+# Factor used to compute different quasi-random points for different problems. Each problem has
+# constraints with lower bounds on a standard normal vector. The points of a problem are shifted by
+# these lower bounds times the factor, modulo 1, so that even small differences between the bounds
+# give different shifts.
 _DIGITS = 1e5
 # Absolute error of SciPy's implementation of Owen's T function. The probability that two
 # constraints both hold is computed from this function.
 _OWEN_ERROR = 1e-15
-# The bound of P(u ≥ 0) from pairs of constraints is not used if the two constraints that are most
-# likely to fail hold together with a probability smaller than this number. The bound is then too
-# inaccurate.
+# Smallest probability P(u₁ ≥ 0, u₂ ≥ 0) for which the bound of P(u ≥ 0) from pairs of constraints
+# is used, where u₁ ≥ 0 and u₂ ≥ 0 are the two constraints that are most likely to fail. Below this
+# probability, the bound is too inaccurate.
 _LEAST_PAIR = 1e-9
 # The computed probability that two constraints u_i ≥ 0 and u_j ≥ 0 both hold counts as too
 # inaccurate if the correlation of u_i and u_j is closer to ±1 than this.
@@ -153,12 +155,13 @@ class _Points:
     def of(self, tilted: Tilted, size: int) -> Array:
         """Return quasi-random points in the unit cube for w problems.
 
-        There are eight scrambles (randomly shifted copies of a lattice) of ``size`` points. The
-        result has the shape (dimensions, scrambles · size, 1) if all problems use the same points,
-        otherwise (dimensions, scrambles · size, w). In the second case, the points of each problem
-        are shifted by a further amount, which is computed from the bounds of the problem's
-        constraints alone. The points have no coordinate for the last element of the problem's
-        standard normal vector x, because the importance weights do not depend on this element.
+        ``tilted`` states the constraints of the problems. There are eight scrambles (randomly
+        shifted copies of a lattice) of ``size`` points. The result has the shape (dimensions,
+        scrambles · size, 1) if all problems use the same points, otherwise (dimensions, scrambles ·
+        size, w). In the second case, the points of each problem are shifted by a further amount,
+        which is computed from the bounds of the problem's constraints alone. The points have no
+        coordinate for the last element of the problem's standard normal vector x, because the
+        importance weights do not depend on this element.
         """
         dimensions = max(len(tilted.bound) - 1, 1)
         points = _scrambled_lattice(dimensions, size, self.seed).reshape(dimensions, -1, 1)
@@ -284,8 +287,9 @@ class Orthant:
         e is a vector of q elements in each of w problems. The moments describe the coordinates of e
         along the directions `axes`; perpendicular to these directions, e stays standard normal. The
         moments are weighted means over quasi-random points. The points of a problem are shifted by
-        an amount that is computed from its constraints alone. Errors therefore average out over
-        many problems, and the result of a problem does not depend on other problems in the batch.
+        an amount that is computed from its constraints alone. Different problems therefore use
+        different points, so that errors average out over many problems; and the result of a problem
+        does not depend on other problems in the batch.
 
         Parameters
         ----------
@@ -636,8 +640,8 @@ def _pair_probability(
 ) -> Array:
     """Return P(x < h, y < k) for standard normal x and y with correlation ρ.
 
-    The arguments are arrays; the probability is computed for each element, by Owen's T function
-    (Ann. Math. Stat. 27, 1075-1090, 1956).
+    ``h``, ``k`` and the correlation ``rho`` are arrays. There is one probability for each of their
+    elements; it is computed by Owen's T function (Ann. Math. Stat. 27, 1075-1090, 1956).
     """
     h = np.where(h == 0.0, _NEARLY_ZERO, h)
     k = np.where(k == 0.0, _NEARLY_ZERO, k)
@@ -665,8 +669,8 @@ def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
 def _shift_of_problem(tilted: Tilted) -> Array:
     """Return the shift of the quasi-random points of each of w problems, shape (d, 1, w).
 
-    Each problem has d constraints on a standard normal vector. Its shift is computed from the lower
-    bounds of its constraints alone.
+    Each problem has d constraints on a standard normal vector; ``tilted`` states them. The shift of
+    a problem is computed from the lower bounds of its constraints alone.
     """
     return np.asarray(tilted.bound[:, None] * _DIGITS)
 

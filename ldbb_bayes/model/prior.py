@@ -3,7 +3,8 @@
 Parameters of interest are the compliances, their slopes (changes with force) and the geometric
 errors. Hyper-parameters are the scales (standard deviations) of the noise and of the other effects,
 such as the form errors of the balls, and an exponent, the decay. The decay p states that the
-standard deviation of a form error of the balls with n waves in a turn is proportional to n^(−p).
+standard deviation of a form error of the balls with n waves around the circle is proportional to
+n^(−p).
 """
 
 from __future__ import annotations
@@ -98,8 +99,9 @@ _GEOMETRIC_NAMES: dict[GeometricKind, re.Pattern[str]] = {
 def compliance_unit(name: ComplianceName, degree: int = 0) -> str:
     """Return the internal unit of a compliance, or of its slope, such as mm/N or mm/N/N.
 
-    ``degree`` is 0 for the compliance itself, and 1 or 2 for its slope, that is, its linear or
-    quadratic change with force. Units are made of mm, N and rad.
+    ``name`` is the name of the compliance. ``degree`` is 0 for the compliance itself, and 1 or 2
+    for its slope, that is, its linear or quadratic change with force. Units are made of mm, N and
+    rad.
     """
     return _COMPLIANCES[name.kind].unit + ("", "/N", "/N^2")[degree]
 
@@ -115,8 +117,8 @@ def geometric_unit(kind: GeometricKind) -> str:
 def parameter_to_inside(parameter: str, value: float | str, words: str) -> float:
     """Return a value of a parameter in internal units (mm, N, rad).
 
-    Raise an `InputError` for a value that is no number, for a text whose unit does not fit, and for
-    a text if ``parameter`` is not the name of a parameter.
+    Raise an `InputError` if ``value`` is neither a number nor a text, or if it is a text and its
+    unit does not fit the parameter or ``parameter`` is not the name of a parameter.
 
     Parameters
     ----------
@@ -244,17 +246,17 @@ class Prior(Shown):
     #: scale of the half-normal prior of κ, the sd of the discrepancy (model inadequacy and change
     #: from circle to circle) [µm]
     kappa_um: float = 1.0
-    #: scale of the half-normal prior of τ, the sd of the balls' form error at 6 waves in a turn
-    #: [µm]
+    #: scale of the half-normal prior of τ, the sd of the balls' form error with 6 waves around the
+    #: circle [µm]
     tau_um: float = 1.5
     #: scale of the half-normal prior of ω, the sd of the machine's geometric and cyclic errors of
-    #: higher orders, at 6 waves in a turn [µm]
+    #: higher orders, with 6 waves around the circle [µm]
     omega_um: float = 1.5
     #: scale of the half-normal prior of η, the sd of hysteresis that does not depend on force [µm]
     eta_um: float = 2.0
     #: prior mean of the decay p: the sds of the balls' form errors, and of the machine's errors of
-    #: higher orders, are proportional to n^(−p) at the order n (waves in a turn). The prior is
-    #: Gaussian, restricted to [0.5, 3.5].
+    #: higher orders, are proportional to n^(−p), where the order n is the number of waves around
+    #: the circle. The prior is Gaussian, restricted to [0.5, 3.5].
     decay: float = 2.0
     #: prior sd of the decay p, which the field ``decay`` explains, before the restriction to [0.5,
     #: 3.5]
@@ -370,8 +372,8 @@ class Prior(Shown):
     def compliance_sd(self, names: Sequence[ComplianceName]) -> Array:
         """Return the prior sd of each named compliance, shape (compliances,), in mm, N and rad.
 
-        The sd is the value that the user gave for the compliance. If there is none, the sd is the
-        default for this kind of compliance.
+        ``names`` are the names of the compliances. The sd is the value that the user gave for the
+        compliance. If there is none, the sd is the default for this kind of compliance.
         """
         return self._overridden([name.label for name in names], self._usual_sd(names))
 
@@ -402,8 +404,9 @@ class Prior(Shown):
     def compliance_size(self, names: Sequence[ComplianceName]) -> Array:
         """Return the typical size of each named compliance, shape (compliances,), in mm, N and rad.
 
-        The size is the prior sd of the compliance. If the user gave a prior mean for the
-        compliance, the size is the default prior sd of its kind instead.
+        ``names`` are the names of the compliances. The size is the prior sd of the compliance. If
+        the user gave a prior mean for the compliance, the size is the default prior sd of its kind
+        instead.
         """
         has_mean = [name.label in self.means for name in names]
         return np.where(has_mean, self._usual_sd(names), self.compliance_sd(names))
@@ -414,8 +417,8 @@ class Prior(Shown):
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
         """Return the prior sd of each named geometric error, shape (errors,), in mm and rad.
 
-        The sd is the value that the user gave for the error. If there is none, the sd is the
-        default for this kind of error.
+        ``names`` are the names of the errors. The sd is the value that the user gave for the error.
+        If there is none, the sd is the default for this kind of error.
         """
         return self._overridden(
             [name.label for name in names],
@@ -470,8 +473,9 @@ class Prior(Shown):
 def _check_mean(name: str, mean: float) -> None:
     """Raise an `InputError` if the prior mean of a named parameter is not permitted.
 
-    A prior mean is not permitted if it is not finite, belongs to a slope, or is more than 1000
-    default prior sds from zero.
+    ``name`` is the name of the parameter and ``mean`` the prior mean, in internal units
+    (mm, N, rad). A prior mean is not permitted if it is not finite, belongs to a slope, or is more
+    than 1000 default prior sds from zero.
     """
     require(
         bool(np.isfinite(mean)),

@@ -42,8 +42,8 @@ TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
 # (CCW) negative.
 TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
 _SECONDS_PER_HOUR = 3600.0
-# If the times of all tests differ from their mean by less than this share of an hour, the tests are
-# treated as having been run at the same time.
+# If the times of all tests differ from their mean by less than this number of hours, all tests are
+# treated as if they were run at the same time.
 _SAME_TIME_H = 1e-9
 # Fourier coefficients of powers |u|^a of a component u of the bar's direction are set to zero if
 # they are below this size, because they are then rounding errors.
@@ -302,11 +302,14 @@ class Setting:
 
 @lru_cache(maxsize=_KEPT_POWERS)
 def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> Array:
-    """Return Fourier coefficients of |u|^a for every test, as `Setting.along` does, (tests, 25).
+    """Return Fourier coefficients of a power of the bar's component along an axis, (tests, 25).
 
-    ``first_harmonics`` are the bytes of an array of shape (tests, 2): the coefficients of cos θ and
-    sin θ of u, which is a component of the unit vector along the bar. Results are kept in a cache,
-    because the models of a campaign need the same powers hundreds of times.
+    Let u be the component, along one machine axis, of the unit vector along the bar, as a function
+    of the angle θ on the circle. The function is |u|^``power``, multiplied by the sign of u if
+    ``signed`` is true. ``first_harmonics`` are the bytes of an array of shape (tests, 2), which
+    holds the Fourier coefficients of u for cos θ and sin θ. The method `Setting.along` states the
+    formula. Results are kept in a cache, because the models of a campaign need the same powers
+    hundreds of times.
     """
     first = int(signed)
     series = np.zeros(MAX_ORDER + 1)
@@ -336,9 +339,9 @@ class _MachineColumns(NamedTuple):
     geometric: Array
 
 
-# Cache of the effects of compliances and geometric errors on every campaign's readings; the inner
-# keys are the names of the compliances. A cache is useful because a comparison combines one
-# campaign with hundreds of models.
+# Cache of the effects of compliances and geometric errors on the readings, for every campaign and,
+# within a campaign, for every choice of compliances (the inner keys). A cache is useful because a
+# comparison combines one campaign with hundreds of models.
 _MACHINE_COLUMNS: WeakKeyDictionary[Campaign, dict[tuple[ComplianceName, ...], _MachineColumns]] = (
     WeakKeyDictionary()
 )
@@ -434,8 +437,9 @@ def setting_of(
 def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) -> _MachineColumns:
     """Return the bar's direction and the reading per unit of each parameter, for every test.
 
-    The parameters are the named compliances and all geometric errors of the machine. Results are
-    Fourier coefficients of shape (tests, 25, columns).
+    The parameters are the compliances with the names ``compliances``, and all geometric errors of
+    the machine that ``campaign`` describes. Results are Fourier coefficients of shape
+    (tests, 25, columns).
     """
     of_campaign = _MACHINE_COLUMNS.setdefault(campaign, {})
     names = tuple(compliances)
@@ -550,7 +554,8 @@ def _relative_to_mean(
 def _recorded(field: str, campaign: Campaign) -> Array:
     """Return the values of one field, such as time_s, for all tests, shape (tests,).
 
-    ``field`` is the name of the field. The value is NaN for tests in which it is not recorded.
+    ``field`` is the name of the field. The tests are those of ``campaign``. The value is NaN for
+    tests in which it is not recorded.
     """
     values = [getattr(test, field) for test in campaign.tests]
     return np.array([np.nan if value is None else value for value in values], dtype=float)

@@ -262,8 +262,8 @@ class Truths:
 def is_truths(path: Path) -> bool:
     """Return whether a file is a TOML file of true values for a simulation.
 
-    Every valid TOML file (suffix ``.toml``) that lists no tests counts as such a file; the file of
-    a campaign lists tests.
+    ``path`` is the path of the file. A valid TOML file (suffix ``.toml``) counts as a file of true
+    values if it lists no tests; the file of a campaign lists tests.
     """
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False
@@ -275,8 +275,8 @@ def is_truths(path: Path) -> bool:
 def read_truths(path: Path) -> Truths:
     """Return the plan and true values of a simulation from a TOML file.
 
-    For a mistake in the file, raise an `InputError` that names the file and the place of the
-    mistake.
+    ``path`` is the path of the file. For a mistake in the file, raise an `InputError` that names
+    the file and the place of the mistake.
     """
     file = validated(_TruthsFile, read_toml(path), str(path))
     with placed(path):

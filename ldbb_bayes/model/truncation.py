@@ -55,7 +55,10 @@ class Truncation:
         return len(self.rows) > 0
 
     def holds(self, beta: Array) -> Array:
-        """Return whether no compliance is negative for the p parameters β (..., p), shape (...)."""
+        """Return whether no compliance is negative for given parameters, shape (...).
+
+        ``beta``, shape (..., p), holds values of the p parameters β.
+        """
         return np.all(beta @ self.rows.T >= 0.0, axis=-1)
 
     def orthants(self, mean: Array, spread: Array) -> Orthant:

@@ -30,10 +30,11 @@ _FORM_ORDERS = range(2, MAX_ORDER + 1)
 # higher orders). They start at 4, because other geometric errors describe the lower orders.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
 # Hyper-parameter p (decay). The sds of the balls' form errors, and of the machine's errors of
-# higher orders, are proportional to n^(−p) at the order n (waves in a turn).
+# higher orders, are proportional to n^(−p), where the order n is the number of waves around the
+# circle.
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
-# Prior variance of each coefficient of a ball's form at the orders 2 and 3 (waves in a turn),
-# divided by the square of the ball's deviation from sphericity (peak to valley).
+# Prior variance of each coefficient of a ball's form with 2 or 3 waves around the circle, divided
+# by the square of the ball's deviation from sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
 # At orders n up to this number, a harmonic cos nθ or sin nθ of a ball's form may hold the ball's
 # whole deviation from sphericity. If the deviation is stated, the sds at higher orders fall as 1/n.
@@ -89,14 +90,14 @@ class BallForm(Term):
 
     θ is the angle on the circle and ψ the clocking angle, by which the ball is turned in its
     socket. Each ball adds to the prior variance of each coefficient. Let S be the ball's deviation
-    from sphericity, peak to valley. If its certificate or grade states S, the ball adds
-    S²/24 · min(1, 3/n)², because what is stated bounds the form at every order. If nothing is
-    stated about a ball, it adds τ²/2 (n/6)^(−2p) at all orders, and also S²/24 at the orders 2 and
-    3, with ``sphericity_um`` for S. The hyper-parameters are τ, the scale of the form of both balls
-    at order 6, and p, the exponent of the decrease with the order n. Both exist only if the form of
-    at least one ball is not stated. For harmonics that a certificate states, mean and variance are
-    taken from the certificate. If the field ``law`` is ``1/n``, as in the model's first edition
-    (preset ``first``), the prior sd is τ/n instead.
+    from sphericity, peak to valley. If its certificate or grade states S, the ball adds S²/24 ·
+    min(1, 3/n)², because the stated deviation is an upper limit of the form at every order. If
+    nothing is stated about a ball, it adds τ²/2 (n/6)^(−2p) at all orders, and also S²/24 at the
+    orders 2 and 3, with ``sphericity_um`` for S. The hyper-parameters are τ, the scale of the form
+    of both balls at order 6, and p, the exponent of the decrease with the order n. Both exist only
+    if the form of at least one ball is not stated. For harmonics that a certificate states, mean
+    and variance are taken from the certificate. If the field ``law`` is ``1/n``, as in the model's
+    first edition (preset ``first``), the prior sd is τ/n instead.
 
     If both balls keep their clocking in all tests, the forms of the two balls are modelled as one
     sum. If the clocking of a ball changes between tests, each ball has its own form: the work ball
@@ -115,8 +116,8 @@ class BallForm(Term):
     #: deviation from sphericity, peak to valley [µm], assumed for a ball without certificate or
     #: grade
     sphericity_um: float = 2.5
-    #: how the prior sd of a ball's form falls with the order n (waves in a turn): in proportion to
-    #: n^(−p) with a hyper-parameter p (``decay``), or to 1/n
+    #: how the prior sd of a ball's form becomes smaller with the order n (number of waves around
+    #: the circle): in proportion to n^(−p) with a hyper-parameter p (``decay``), or to 1/n
     law: Literal["decay", "1/n"] = "decay"
     stem = ("form", "work_form", "tool_form")
     calibration = "a calibration of the balls' form"
@@ -127,9 +128,9 @@ class BallForm(Term):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameters of the balls' form: the scale τ at Fourier order 6, and the decay p.
 
-        The prior sd of a form error with n waves in a turn is proportional to n^(−p). If the field
-        ``law`` is ``1/n``, there is only τ. If the form of both balls is stated, a campaign's model
-        has neither τ nor p, because no coefficient depends on them.
+        The prior sd of a form error with n waves around the circle is proportional to n^(−p). If
+        the field ``law`` is ``1/n``, there is only τ. If the form of both balls is stated, a
+        campaign's model has neither τ nor p, because no coefficient depends on them.
         """
         tau = Scale("tau", "tau_um", "τ", "ball form")
         return (tau, _DECAY) if self.law == "decay" else (tau,)
@@ -137,9 +138,9 @@ class BallForm(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the balls' form for the tests of a campaign.
 
-        A column is the reading per unit of one coefficient. Every plane has one set of columns for
-        each ball, or one set for the sum of both balls. The columns of a plane are zero for tests
-        in other planes.
+        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        coefficient. Every plane has one set of columns for each ball, or one set for the sum of
+        both balls. The columns of a plane are zero for tests in other planes.
         """
         columns = []
         for group in setting.groups_by("plane"):
@@ -219,12 +220,12 @@ class BallForm(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield what the term assumes about the form of each ball, order by order.
 
-        The assumptions are the sds of the coefficients, and the amplitudes and sds that
-        certificates state. The orders are 2 to 12 if a certificate or grade states the deviation
-        from sphericity. If no certificate or grade states this deviation, the orders are 2, 3 and
-        the orders of all harmonics that a certificate states. The part of the sd from the
-        hyper-parameter τ, the scale of form, is not included. If the field ``law`` is ``1/n``,
-        nothing is yielded.
+        ``campaign`` holds the certificates and grades of the balls. The assumptions are the sds of
+        the coefficients, and the amplitudes and sds that certificates state. The orders are 2 to 12
+        if a certificate or grade states the deviation from sphericity. If no certificate or grade
+        states this deviation, the orders are 2, 3 and the orders of all harmonics that a
+        certificate states. The part of the sd from the hyper-parameter τ, the scale of form, is not
+        included. If the field ``law`` is ``1/n``, nothing is yielded.
         """
         if self.law != "decay":
             return
@@ -293,9 +294,10 @@ class BallForm(Term):
 def _forms(setting: Setting) -> list[_Form]:
     """Return the form errors of the balls that the model of a campaign contains.
 
-    If clockings (angles by which a ball is turned in its socket) differ between tests, there is one
-    form error for each ball, as a function of the angle on this ball. Otherwise there is only the
-    sum of the form errors of both balls, as a function of the angle on the work ball.
+    ``setting`` are the conditions of the campaign's tests. If clockings (angles by which a ball is
+    turned in its socket) differ between tests, there is one form error for each ball, as a function
+    of the angle on this ball. Otherwise there is only the sum of the form errors of both balls, as
+    a function of the angle on the work ball.
     """
     work = setting.instrument.work
     tool = setting.instrument.tool
@@ -357,10 +359,10 @@ class MachinePattern(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the machine's pattern for the tests of a campaign.
 
-        The pattern is made of the machine's geometric and cyclic errors of higher orders. A column
-        is the reading per unit of one coefficient. The result is an empty tuple if every ball has
-        the same clocking (angle by which it is turned in its socket) in all tests and the form of
-        no ball is stated.
+        The pattern is made of the machine's geometric and cyclic errors of higher orders.
+        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        coefficient. The result is an empty tuple if every ball has the same clocking (angle by
+        which it is turned in its socket) in all tests and the form of no ball is stated.
         """
         if not (setting.clocked or _states_form(setting.instrument)):
             return ()
@@ -373,7 +375,10 @@ class MachinePattern(Term):
 
 
 def _states_form(instrument: Instrument) -> bool:
-    """Return whether a certificate or grade states the form of a ball, at least in part."""
+    """Return whether ``instrument`` has a certificate or grade that states the form of a ball.
+
+    A certificate that states the form only in part (some harmonics) is enough.
+    """
     for ball in (instrument.work, instrument.tool):
         if ball.stated_sphericity_um is not None or ball.harmonics_um:
             return True
@@ -383,11 +388,11 @@ def _states_form(instrument: Instrument) -> bool:
 def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[Columns]:
     """Return the columns of the machine's pattern in one plane at one radius.
 
-    The pattern is an error of the machine that repeats with every turn: cosine and sine of several
-    orders of the angle. A column is the reading per unit of one coefficient; it is zero in tests of
-    other planes and radii. Each direction of travel in which the tests run has its own columns. The
-    prior sd of a coefficient of the order n is ω (n/6)^(−p), with the hyper-parameters ω
-    (``omega``) and p (``decay``).
+    The pattern is an error of the machine that is a function of the angle on the circle: a sum of
+    cosines and sines of several orders. A column is the reading per unit of one coefficient; it is
+    zero in tests of other planes and radii. Each direction of travel in which the tests run has its
+    own columns. The prior sd of a coefficient of the order n is ω (n/6)^(−p), with the
+    hyper-parameters ω (``omega``) and p (``decay``).
 
     Parameters
     ----------

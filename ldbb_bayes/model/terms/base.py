@@ -168,7 +168,7 @@ class Term(Shown):
 
     Examples
     --------
-    Five waves in each turn, the same in all tests:
+    An effect with five waves around the circle, the same in all tests:
 
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
@@ -256,15 +256,17 @@ class Term(Shown):
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the term's hyper-parameters under the conditions of a campaign's tests.
 
-        By default, these are the ``scales`` of the term, which do not depend on the campaign.
+        ``setting`` are these conditions. By default, the result is ``scales``, which does not
+        depend on the campaign.
         """
         return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
         """Return the term's columns under the conditions of a campaign's tests.
 
-        A column is the reading per unit of one coefficient, as 25 Fourier coefficients for each
-        test. The result is an empty tuple if the term has no effect on these tests.
+        ``setting`` are these conditions. A column is the reading per unit of one coefficient, as 25
+        Fourier coefficients for each test. The result is an empty tuple if the term has no effect
+        on these tests.
         """
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 

@@ -30,8 +30,8 @@ Covariate = Literal["time", "temperature"]
 _FIRST_EDITION_ORDERS = 4
 # Highest order n of the harmonics cos nθ, sin nθ of hysteresis in a plane whose circles all run in
 # one direction. In such a plane, hysteresis cannot be distinguished from bar length, geometric
-# errors and compliances. The effects of these have orders up to this number; only a rotation caused
-# by a moment can also have an effect of order 4.
+# errors and compliances. The effects of bar length, geometric errors and compliances have orders up
+# to this number; only a rotation caused by a moment can also have an effect of order 4.
 _ONE_WAY_ORDERS = 3
 # Prior sd of the part of hysteresis that is proportional to force, in a plane whose circles all run
 # in one direction, divided by the prior sd in a plane with both directions.
@@ -80,8 +80,9 @@ class SetupShift(Term):
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
         """Return the random shift as noise of the Fourier coefficients of 1, cos θ, sin θ.
 
-        The readings' zero, the circle's centre or both shift between circles. The noise is
-        independent between the tests of a campaign.
+        ``setting`` are the conditions of the tests. The field ``moves`` states whether the
+        readings' zero (coefficient of 1), the circle's centre (coefficients of cos θ and sin θ) or
+        both shift between circles. The noise is independent between the tests of a campaign.
         """
         zero_sd = np.where(ORDERS == 0, 1.0, 0.0)
         centre_sd = np.where(ORDERS == 1, 1.0, 0.0)
@@ -94,7 +95,7 @@ class SetupShift(Term):
 
 @dataclass(frozen=True)
 class Discrepancy(Term):
-    """Model inadequacy and change from run to run, in harmonics of the orders n = 2 … 12.
+    """Model inadequacy and change from circle to circle, in harmonics of the orders n = 2 … 12.
 
     The harmonics are cos nθ and sin nθ, with θ the angle on the circle. Every test has separate
     coefficients. Their prior sd is κ/n^decay, with the hyper-parameter κ and the fixed power
@@ -118,8 +119,9 @@ class Discrepancy(Term):
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
         """Return the discrepancy as noise of the Fourier coefficients of the orders 2 to 12.
 
-        The discrepancy consists of model inadequacy and change from run to run. The noise is
-        independent between the tests of a campaign.
+        ``setting`` are the conditions of the tests. The discrepancy consists of model inadequacy
+        and change from one circle to the next. The noise is independent between the tests of a
+        campaign.
         """
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
         return (BasisNoise("kappa", sd, setting.circle),)
@@ -148,7 +150,8 @@ class CircleScale(Term):
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the noise factors λ of all circles as hyper-parameters, one for each test.
 
-        The result is an empty tuple for campaigns with fewer than four tests.
+        ``setting`` are the conditions of the tests. The result is an empty tuple for campaigns with
+        fewer than four tests.
         """
         scales = []
         for name in dict.fromkeys(setting.circle.tolist()):
@@ -158,7 +161,10 @@ class CircleScale(Term):
         return tuple(scales)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return no columns, because the noise factors λ only scale the noise of other terms."""
+        """Return an empty tuple, whatever the conditions of the tests (``setting``) are.
+
+        The noise factors λ need no columns, because they only scale the noise of other terms.
+        """
         return ()
 
 
@@ -188,16 +194,19 @@ class Hysteresis(Term):
     motion). The prior sds fall as 1/n with the order n; at order 0, they are not divided. Each
     plane has separate coefficients.
 
-    In a plane whose circles run in both directions, the orders are n = 0 … 12. The prior sds are
-    η/n, with the hyper-parameter η, and ``proportional_um_per_kN``/n. If all circles of a plane run
+    In a plane whose circles run in both directions, the orders are n = 0 … 12. The prior sd is η/n
+    for the part that does not depend on force, with the hyper-parameter η, and
+    ``proportional_um_per_kN``/n for the part proportional to force. If all circles of a plane run
     in one direction, or none states its direction, hysteresis cannot be separated from bar length,
     geometric errors and compliances; hysteresis then widens the intervals of these parameters. In
     this case, hysteresis has the orders n = 0 … 3, which are nearly all orders of the effects of
-    bar length, geometric errors and compliances. The prior sds are ``constant_um``/n and 0.6
-    ``proportional_um_per_kN``/n.
+    bar length, geometric errors and compliances. The prior sd is then ``constant_um``/n for the
+    part that does not depend on force, and 0.6 ``proportional_um_per_kN``/n for the part
+    proportional to force.
 
     If ``law`` is ``fixed``, as in the model's first edition (preset ``first``), the term acts only
-    in planes with both directions, on the orders n = 0 … 4, and ``constant_um`` replaces η.
+    in planes whose circles run in both directions. The orders are then n = 0 … 4, and
+    ``constant_um`` replaces η.
 
     Examples
     --------
@@ -237,8 +246,9 @@ class Hysteresis(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of hysteresis in every plane of a campaign.
 
-        A column is the reading per unit of one coefficient, in every test of a campaign. If the
-        field ``law`` is ``fixed``, only planes whose circles run in both directions have columns.
+        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        coefficient, in every test of a campaign. If the field ``law`` is ``fixed``, only planes
+        whose circles run in both directions have columns.
         """
         columns: list[Columns] = []
         for plane in setting.groups_by("plane"):
@@ -300,9 +310,9 @@ def _columns_of_plane(
 ) -> list[Columns]:
     """Return the columns of hysteresis in one plane of a campaign.
 
-    First come the columns of the part of hysteresis that does not depend on force, then the columns
-    of the part proportional to force. ``plane`` states which tests are in the plane, and ``prior``
-    is the prior of the coefficients.
+    ``setting`` are the conditions of the tests. First come the columns of the part of hysteresis
+    that does not depend on force, then the columns of the part proportional to force. ``plane``
+    states which tests are in the plane, and ``prior`` is the prior of the coefficients.
     """
     suffixes = ["0"]
     for order in range(1, prior.last_order + 1):
@@ -364,10 +374,11 @@ class Drift(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the drift of bar length and circle centre for a campaign's tests.
 
-        A column is the reading per unit of one coefficient. The result is an empty tuple if the
-        campaign states that nothing drifts. For a drift with time, the result is also empty if the
-        times of the tests are unknown or all equal. Raise an `InputError` if a test lacks the
-        temperature to which the drift is proportional.
+        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        coefficient. The result is an empty tuple if the campaign states that nothing drifts. For a
+        drift with time, the result is also empty if the times of the tests are unknown or all
+        equal. Raise an `InputError` if a test lacks the temperature to which the drift is
+        proportional.
         """
         if not setting.drifts:
             return ()

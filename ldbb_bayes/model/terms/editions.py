@@ -18,9 +18,9 @@ def first_edition() -> tuple[Term, ...]:
     """Return the nuisance terms of the model's first edition (preset ``first``).
 
     Nuisance terms are effects modelled but not of interest. The prior sd of a form error of the
-    balls with n waves in a turn is proportional to 1/n. Mount deflection and force error have no
-    curvature. The noise of all circles has the same scale. The part of hysteresis that does not
-    depend on force has a fixed prior sd.
+    balls with n waves around the circle is proportional to 1/n. Mount deflection and force error
+    have no curvature. The noise of all circles has the same scale. The part of hysteresis that does
+    not depend on force has a fixed prior sd.
     """
     return (
         BallForm(law="1/n"),

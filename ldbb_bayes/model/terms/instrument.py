@@ -56,8 +56,8 @@ class BarLength(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the bar's length error, one for each nominal radius of a campaign.
 
-        A column is the reading per unit of length error: 1 in tests with this radius, 0 in all
-        other tests.
+        ``setting`` are the conditions of the tests. A column is the reading per unit of length
+        error: 1 in tests with this radius, 0 in all other tests.
         """
         names = []
         constants = []
@@ -111,8 +111,8 @@ class Mount(Term):
     [('mount', 4.66e-05)]
     """
 
-    #: prior sd of the error of the mount's deflection, as a share of the nominal deflection; used
-    #: if no certificate states an uncertainty
+    #: prior sd of the error of the mount's deflection, as a fraction of the nominal deflection;
+    #: used if no certificate states an uncertainty
     relative_sd: float = 0.10
     #: prior sd of the curvature, the deviation of the mount's deflection from a straight line at
     #: half the largest force [µm]; 0 if there is no curvature
@@ -126,7 +126,8 @@ class Mount(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the mount's deflection and of its curvature with force.
 
-        A column is the reading per unit of one coefficient, in every test of a campaign.
+        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        coefficient, in every test of a campaign.
         """
         relative = self._relative_sd(setting.instrument)
         sd = np.array([relative * (setting.deflection_um_per_bar * 1e-3)])
@@ -190,12 +191,12 @@ class ForceError(Term):
     [('force_gain', 0.005, '1'), ('force_random', 4.0, 'N')]
     """
 
-    #: prior sd of the gain error of the force, as a share of the force; used if no certificate
+    #: prior sd of the gain error of the force, as a fraction of the force; used if no certificate
     #: states an uncertainty
     gain_sd: float = 0.01
     #: prior sd of the curvature, which is the deviation of the force error from a straight line at
-    #: half the largest force, as a share of the largest force. The value is used if no certificate
-    #: states the linearity. If it is 0, there is no curvature.
+    #: half the largest force, as a fraction of the largest force. The value is used if no
+    #: certificate states the linearity. If it is 0, there is no curvature.
     curvature_sd: float = 0.01
     #: prior sd of the random force error of every test [N]; used if no certificate states it
     random_sd_N: float = 4.0
@@ -209,7 +210,8 @@ class ForceError(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of gain error, curvature and random error of the force.
 
-        A column is the reading per unit of one coefficient, in every test of a campaign.
+        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        coefficient, in every test of a campaign.
         """
         deflection = (setting.elastic @ setting.compliance_estimate)[:, :, None]
         sd = self._sd_by_name(setting.instrument)
@@ -305,7 +307,8 @@ class Angle(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the error of the angle's reference and of the trace's lag.
 
-        A column is the reading per unit coefficient (per rad), for the tests of a campaign.
+        ``setting`` are the conditions of the tests. A column is the reading per unit coefficient
+        (per rad), in every test of a campaign.
         """
         slope = derivative(setting.fitted)
         lag = slope * setting.travel[:, None]

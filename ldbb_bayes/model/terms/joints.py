@@ -21,8 +21,9 @@ from ldbb_bayes.results import Array
 __all__ = ["JointLoad", "Position", "joint_load_columns"]
 
 # A bolted contact of an axis changes the reading in proportion to |u| to this power, where u is the
-# component along the axis of the unit vector along the bar: the contact deflects as (force along
-# the axis)^(2/3), and projecting the deflection on the bar multiplies it by |u| once more.
+# component along the axis of the unit vector along the bar. The contact deflects along the axis in
+# proportion to |F u|^(2/3), with the force F of the bar. The reading changes by the part of this
+# deflection along the bar, which is |u| times the deflection; 2/3 + 1 = 5/3.
 _CONTACT_POWER = 5.0 / 3.0
 
 
@@ -69,8 +70,8 @@ class JointLoad(Term):
     'contact of axis X under its own load'
     """
 
-    #: prior sd of each coefficient of the nonlinear deflection, as a share of the size of the axis'
-    #: direct compliance
+    #: prior sd of each coefficient of the nonlinear deflection, as a fraction of the size of the
+    #: axis' direct compliance
     relative_sd: float = 0.4
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
@@ -79,7 +80,8 @@ class JointLoad(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the nonlinear deflection of each axis that the circles drive.
 
-        A column is the reading per unit of one coefficient, in every test of a campaign.
+        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        coefficient, in every test of a campaign.
         """
         reference_N = setting.reference_force_N
         require(
@@ -102,11 +104,12 @@ class JointLoad(Term):
         return tuple(columns)
 
     def secants(self, setting: Setting, force_N: Array) -> Array:
-        """Return the change of an axis' compliance per unit of three coefficients, shape (n, 3).
+        """Return the change of an axis' compliance at n forces per unit of each coefficient.
 
-        The term has three coefficients for each axis. The change is the nonlinear deflection, with
-        the bar along the axis, divided by the force. ``force_N`` holds n forces, none of them zero,
-        shape (n,).
+        The term has three coefficients for each axis; the result has the shape (n, 3). The change
+        is the nonlinear deflection of the axis, with the bar along the axis, divided by the force
+        of the bar. ``force_N``, shape (n,), holds the n forces, none of them zero. ``setting``
+        states the reference force and the largest force of the campaign.
         """
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
@@ -150,10 +153,11 @@ class JointLoad(Term):
     ) -> Array:
         """Return the deflections of rolling contact, bolted contact and seat per unit compliance.
 
-        `JointLoad` states the formulas. The result has the shape (..., 3) [N]. u is the component
-        along an axis of the unit vector along the bar. ``u_squared`` is u², ``u_cubed``
-        |u|³ and ``u_contact`` |u|^(5/3): numbers, or Fourier coefficients that are broadcast
-        against the forces.
+        `JointLoad` states the formulas. ``force_N`` are the forces F, and ``setting`` states the
+        reference force F0 and the largest force F_max. The result has the shape (..., 3) [N]. u is
+        the component along an axis of the unit vector along the bar. ``u_squared`` is u²,
+        ``u_cubed`` |u|³ and ``u_contact`` |u|^(5/3): numbers, or Fourier coefficients that are
+        broadcast against the forces.
         """
         reference_N = setting.reference_force_N
         rolling = force_N * (force_N * u_cubed - reference_N * u_squared) / setting.largest_force_N
@@ -178,9 +182,9 @@ def joint_load_columns(
 ) -> dict[str, Columns]:
     """Return a dict with the columns of `JointLoad`; its keys are the letters of the axes.
 
-    A column is the reading per unit of one coefficient. ``columns`` are the columns of the term in
-    the model bound to a campaign. If the model lacks the term, ``columns`` and the result are
-    empty.
+    ``setting`` are the conditions of the tests. A column is the reading per unit of one
+    coefficient. ``columns`` are the columns of the term in the model bound to a campaign. If the
+    model lacks the term, ``columns`` and the result are empty.
     """
     shared = [block for block in columns if isinstance(block, Columns)]
     if not shared:
@@ -209,11 +213,11 @@ class Position(Term):
     'linear change of the compliance along X'
     """
 
-    #: prior sd of the linear change of an axis' compliance along its travel, as a share of the size
-    #: of the axis' direct compliance
-    linear_sd: float = 0.07
-    #: prior sd of the quadratic change of an axis' compliance along its travel, as a share of the
+    #: prior sd of the linear change of an axis' compliance along its travel, as a fraction of the
     #: size of the axis' direct compliance
+    linear_sd: float = 0.07
+    #: prior sd of the quadratic change of an axis' compliance along its travel, as a fraction of
+    #: the size of the axis' direct compliance
     quadratic_sd: float = 0.04
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
@@ -222,7 +226,8 @@ class Position(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the compliance's change along the travel of each driven axis.
 
-        A column is the reading per unit of one coefficient, in every test of a campaign.
+        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        coefficient, in every test of a campaign.
         """
         force = setting.force_N[:, None]
         columns = []
