@@ -65,19 +65,20 @@ class UncertaintyAim:
     #: their prior standard deviations
     weights: Array
     target: float  #: largest standard uncertainty of w·β at which the aim is reached
-    #: factor by which unknown hyper-parameters increase the standard uncertainty of w·β: the
-    #: present standard uncertainty, divided by the root mean square of the present standard
-    #: uncertainties given several known values of the hyper-parameters
+    #: factor by which the standard uncertainty of w·β is larger because the hyper-parameters are
+    #: not known. It is computed for the present state of the campaign: the standard uncertainty,
+    #: divided by the root mean square of the standard uncertainties that would hold if the
+    #: hyper-parameters had known values.
     inflation: float
     is_reached: bool  #: whether the aim is reached already
 
     def sd(self, covariance: Array) -> Array:
         """Return the standard uncertainties of the combination w·β, shape (K, ...).
 
-        β are the p parameters and w their weights ``weights``. ``covariance``, shape (K, ..., p,
-        p), are covariances of the p parameters, in units of their prior standard deviations, at K
-        values of the hyper-parameters. The dimensions (...), if there are any, run over possible
-        circles.
+        β are the p parameters and w their weights ``weights``. The uncertainties include the factor
+        ``inflation``. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in
+        units of their prior standard deviations, at K values of the hyper-parameters. The
+        dimensions (...), if there are any, run over possible circles.
         """
         variance = covariance @ self.weights @ self.weights
         return np.asarray(self.inflation * np.sqrt(np.maximum(variance, 0.0)))
@@ -120,10 +121,11 @@ class SlopesAim:
 def total_distance(aims: Sequence[Aim], covariance: Array) -> Array:
     """Return the weighted sum of the distances from all aims, shape (...).
 
-    Distances from aims that are reached already, and distances below zero, are multiplied by 0.001.
-    ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of their
-    prior standard deviations, at K values of the hyper-parameters. The dimensions (...), if there
-    are any, run over possible circles.
+    The distance from each of ``aims`` is averaged over the hyper-parameters. A distance below zero
+    is multiplied by 0.001. The distance from an aim that is reached already is also multiplied by
+    0.001. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of
+    their prior standard deviations, at K values of the hyper-parameters. The dimensions (...), if
+    there are any, run over possible circles.
     """
     total = np.zeros(covariance.shape[1:-2])
     for aim in aims:

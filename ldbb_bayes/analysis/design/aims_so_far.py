@@ -39,16 +39,17 @@ __all__ = [
 
 # Number of values of the hyper-parameters at which possible circles are compared.
 _NODES = 16
-# Number of posterior draws of the parameters. The means and standard deviations of the parameters
-# are computed from the same number of values of the hyper-parameters.
+# Number of posterior draws of the parameters. It is also the largest number of values of the
+# hyper-parameters over which the posterior means and standard deviations of the parameters are
+# averaged.
 _DRAWS = 1024
 # Least distance between an estimate and a tolerance limit, in present standard uncertainties. When
 # the next circle is chosen, a smaller distance is replaced by this distance. If the estimate were
 # exactly at the limit, no campaign would be long enough for a decision.
 _LEAST_DISTANCE = 0.2
-# Smallest standard uncertainty that may be the target of an aim, as a fraction of the present
-# standard uncertainty. Without this limit, the target of a goal in percent of a parameter would be
-# zero if the parameter may be zero.
+# The target of an aim is a standard uncertainty. A target below this fraction of the present
+# standard uncertainty is replaced by this fraction. Without this limit, the target of a goal in
+# percent of a parameter would be close to zero if the parameter itself may be close to zero.
 _LEAST_TARGET = 1e-3
 
 
@@ -64,10 +65,12 @@ class GoalSoFar(Result):
     unit: str
     value: float  #: posterior mean of the parameter
     U: float  #: expanded uncertainty of the parameter now
-    #: largest U that the goal permits; a goal in percent is a percentage of the posterior mean here
+    #: largest U that the goal permits. If the goal is in percent of the parameter, the percentage
+    #: is taken of ``value``.
     limit: float
-    #: probability that the goal is met already. The probability is 0 or 1, unless the goal is a
-    #: percentage of the parameter: the true value of the parameter is not known.
+    #: probability that the goal is met already. It is 0 or 1 for a goal with a fixed limit. If the
+    #: goal is in percent of the parameter, the limit is not known exactly, because the parameter is
+    #: not known exactly, and the probability may lie between 0 and 1.
     probability: float
     U_next: float  #: U expected after the best next circle
     probability_next: float  #: probability that the goal is met after the best next circle
@@ -139,10 +142,10 @@ class GoalState:
     aim: UncertaintyAim
 
     def is_met(self) -> Array:
-        """Return, for each posterior draw of the parameter, whether the goal is met now.
+        """Return whether the goal is met now, for each posterior draw of the parameter, shape (n,).
 
-        The result has the shape (n,), for n draws. If the goal limits U to a percentage of the
-        parameter, the percentage is taken of each draw.
+        Each draw is taken as the true value of the parameter. The draws differ in the result only
+        if the goal limits U to a percentage of this value.
         """
         return self.goal.is_met(self.draws, self.sd)
 
@@ -186,9 +189,9 @@ class GoalState:
 def goal_states(
     goals: Mapping[str, Goal], known: Known, covariance: Array, confidence: float
 ) -> dict[str, GoalState]:
-    """Return every goal with the present estimate of its parameter, and as an aim.
+    """Return, for every goal, the present estimate of its parameter and the aim of the campaign.
 
-    The keys of the result are the names of the goals' parameters.
+    The aim is to reach the goal. The keys of the result are the names of the goals' parameters.
 
     ``known`` is the posterior given the circles run. ``covariance``, shape (K, p, p), are the
     present covariances of the parameters at K values of the hyper-parameters. ``confidence`` is the

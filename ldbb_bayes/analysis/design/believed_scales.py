@@ -9,8 +9,9 @@ that a fourth circle would agree with them.
 The normal score of a scale is the standard normal quantile of the scale's cumulative prior
 probability, so that the prior of the scores v is N(0, 1). Readings y ~ N(0, V(v)) carry the Fisher
 information I_ij = ½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV) about the scores. The posterior of the scores is
-approximated by a Gaussian with the precision 1 + I and the mean (1 + I)⁻¹ I v̂. Here v̂ ~ N(v, I⁻¹)
-is a random estimate of the true scores v, with the covariance of an efficient estimate.
+approximated by a Gaussian with the precision 1 + I and the mean (1 + I)⁻¹ I v̂, where 1 is the
+identity matrix. Here v̂ ~ N(v, I⁻¹) is a random estimate of the true scores v, with the covariance
+of an efficient estimate.
 """
 
 from __future__ import annotations
@@ -96,17 +97,16 @@ class _Belief(NamedTuple):
 def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """Return Gaussian approximations of the posteriors of h normal scores in K analyses.
 
-    The normal score of a scale (hyper-parameter) is the standard normal quantile of the scale's
-    cumulative prior probability.
-
-    ``truth``, shape (K, h), are the true scores. ``information``, shape (K, h, h), is the Fisher
-    information of the readings about the scores. ``error``, shape (K, h), are standard normal
-    random numbers, from which the errors of the estimated scores are computed.
+    The K analyses are those of K possible machines. ``truth``, shape (K, h), are the true scores of
+    the machines. ``information``, shape (K, h, h), is the Fisher information of the readings about
+    the scores. ``error``, shape (K, h), are standard normal random numbers, from which the errors
+    of the estimated scores are computed.
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
-    # All matrices below are symmetric functions of the information matrix. They therefore do not
-    # depend on the signs and the order of its eigenvectors.
+    # Each matrix below is a function of the symmetric information matrix: it has the same
+    # eigenvectors. Such a matrix does not depend on the signs and the order that the eigenvectors
+    # happen to have.
     weight = _along(axes, size / (size + 1.0))
     noise = _along(axes, np.sqrt(size) / (size + 1.0))
     mean = np.einsum("kij,kj->ki", weight, truth) + np.einsum("kij,kj->ki", noise, error)

@@ -3,7 +3,8 @@
 A clocking is the pair of angles by which the two balls are turned. A pilot is the campaign or plan
 that a design starts from. A candidate is a test that could be run, once or several times. The share
 of a candidate is its number of runs divided by the number of all runs, where numbers of runs need
-not be whole. The efficiency of a design compares the design with the best shares.
+not be whole. The efficiency of a design is its value of the criterion relative to the value for the
+best shares.
 """
 
 from __future__ import annotations
@@ -44,10 +45,11 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# The share of a candidate test is its number of runs divided by the number of all runs. The
-# sensitivity of the candidate is the derivative of the criterion with respect to its share. The
-# shares are treated as proven optimal if the largest sensitivity exceeds the mean of the
-# sensitivities, weighted by the shares, by at most this relative amount.
+# Tolerance with which the shares of candidate tests are proven to be the best. The share of a
+# candidate test is its number of runs divided by the number of all runs. Its sensitivity is the
+# derivative of the criterion with respect to the share. The bound is the mean of the sensitivities,
+# weighted by the shares. The proof holds if the largest sensitivity exceeds the bound by at most
+# this fraction of the bound.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests with a share below this number are left out of the table of the best shares.
 _LISTED_SHARE = 1e-4
@@ -91,9 +93,9 @@ class Judged(Forecast):
     #: table of the design's tests, one row per test: force_N, and the columns that `Design.columns`
     #: names
     tests: Records
-    #: efficiency of these tests by the criterion of the design, relative to the best division of
-    #: the same number of tests among the candidate tests; zero if these tests leave a parameter
-    #: undetermined
+    #: efficiency of these tests by the criterion of the recommended design. It is relative to the
+    #: best division of the same number of tests among the candidate tests. It is zero if these
+    #: tests leave a parameter undetermined.
     efficiency: float
 
 
@@ -105,12 +107,12 @@ class Limits(Result):
     #: forces, or if the tests only add to tests already run. The forces are too few if the tests
     #: cannot show that compliances are polynomials of force of a higher degree than in the model.
     levels: int | None
-    #: direction of travel of each plane in which all circles run in the same direction although the
-    #: model includes hysteresis in this plane; the keys are the planes
+    #: planes in which the model includes hysteresis, but in which all circles of the design run in
+    #: one direction of travel. The keys are the planes, and the values are these directions.
     one_way: dict[str, str]
     #: whether drift may limit the result: the model includes drift, and the machine may have
-    #: drifted in the campaign that the design starts from. The forecast assumes that drift does not
-    #: depend on the settings of the tests.
+    #: drifted in the campaign that the design starts from. The forecast does not show this limit,
+    #: because it assumes that the drift is independent of the settings of the tests.
     drift: bool
     #: parameters whose expected standard deviation would decrease by less than 20 % even if every
     #: test were run very many times
@@ -458,8 +460,8 @@ def design(
     require_model(model)
     require_campaign(pilot)
     if pilot.is_plan and pilot.pilot is not None:
-        # A plan adds no readings to the campaign that it starts from: start from this campaign
-        # instead of the plan.
+        # The given pilot is a plan that itself starts from an earlier campaign. The plan adds no
+        # readings to those of the earlier campaign: start from the earlier campaign instead.
         pilot = pilot.pilot
     check_seed(seed)
     if goals is not None:
@@ -521,9 +523,9 @@ def design(
 
 
 def _refuse_beside_goals(names: Sequence[str]) -> None:
-    """Raise an `InputError` if there are arguments that cannot be combined with goals.
+    """Raise an `InputError` if the caller gave arguments that cannot be combined with goals.
 
-    ``names`` are the names of the arguments of this kind that the caller gave.
+    ``names`` are the names of these arguments. If there are none, nothing is raised.
     """
     require(
         not names,
@@ -559,7 +561,10 @@ def _planned_tests(campaign: Campaign) -> tuple[CircularTest, ...]:
 
 
 def _force_levels(forces_N: Sequence[float]) -> tuple[float, ...]:
-    """Return the force levels [N] that a user gave, as numbers."""
+    """Return the force levels ``forces_N`` that a user gave [N], converted to numbers.
+
+    An `InputError` is raised if a force level is not a number.
+    """
     try:
         return tuple(float(force) for force in forces_N)
     except (TypeError, ValueError):
@@ -678,8 +683,8 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
     """Return the limits of what the tests of a design can show, and remedies for these limits.
 
-    More tests of the same kind would not remove these limits. ``forecast`` is the forecast of the
-    tests' results.
+    More tests of the same kind would not remove these limits. ``space`` holds the pilot, the model
+    and the parameters of interest. ``forecast`` is the forecast of the tests' results.
     """
     bound = bind_tests(space.model, space.pilot, tests, keep_pilot_tests=space.augment)
     term_types = {type(term) for term in space.model.nuisances}
@@ -706,9 +711,9 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | None:
     """Return the number of different forces of tests if there are too few forces, else None.
 
-    The model describes compliances as polynomials of force. There are too few forces if the tests
-    cannot show that compliances are polynomials of a higher degree. The result is also None if the
-    tests only add to tests already run.
+    The model of ``space`` describes compliances as polynomials of force. There are too few forces
+    if ``tests`` could not show that the true degree of these polynomials is higher. The result is
+    also None if the tests only add to tests already run.
     """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     if space.augment or levels > space.model.degree + 2:
@@ -717,7 +722,12 @@ def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | Non
 
 
 def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) -> tuple[str, ...]:
-    """Return the names of parameters whose expected sd further circles would hardly reduce."""
+    """Return the names of parameters that are hardly improved by further circles.
+
+    The expected standard deviation of these parameters, which ``forecast`` states, would decrease
+    by less than 20 % even if every test were run very many times. Only the parameters of interest
+    of ``space`` are examined.
+    """
     names = []
     for name in space.chosen:
         entry = forecast.expected[name]
@@ -727,7 +737,7 @@ def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) ->
 
 
 def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degeneracy, ...]:
-    """Return the degeneracies of a bound model that involve any of the named parameters.
+    """Return the degeneracies of a bound model that involve a parameter in ``names``.
 
     A degeneracy is a combination of coefficients that no reading resolves.
     """

@@ -71,7 +71,7 @@ class CampaignFamily:
 
     @cached_property
     def quick(self) -> QuickForecast:
-        """Quick forecast of how far campaigns of the family are from their goals."""
+        """Quick forecast of how far each campaign of the family is from the goals."""
         bound = self.bound
         number = len(self.states.phi)
         chosen = np.unique(np.linspace(0, number - 1, _QUICK_STATES).round().astype(int))
@@ -121,11 +121,11 @@ class CampaignFamily:
     def best_counts(self, circles: int, start: Array | None = None) -> Array:
         """Return the number of circles of each candidate test in the best campaign.
 
-        If the best circles are all at one force although compliances may depend on force, one
-        circle is replaced by the best candidate at another force. ``circles`` is the number of all
-        circles of the campaign. The search adds circles to a campaign with ``start`` circles of
-        each candidate test, by default to none. ``start`` and the result have the shape
-        (candidates,).
+        ``circles`` is the number of all circles of the campaign. The search begins with the
+        campaign that has ``start`` circles of each candidate test, and adds circles one by one. By
+        default, it begins without circles. If all circles found are at one force although
+        compliances may depend on force, one circle is replaced by the best candidate at another
+        force. ``start`` and the result have the shape (candidates,).
         """
         if start is None:
             start = np.zeros(self.quick.candidates, dtype=int)
@@ -166,11 +166,14 @@ class CampaignFamily:
         )
 
     def minutes(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
-        """Return the machine time of tests [min]."""
+        """Return the machine time of ``tests`` [min] for the times that ``costs`` states."""
         return minutes_of(costs, tests)
 
     def price(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
-        """Return the price of the machine time of tests, plus the price of the certificates."""
+        """Return the price of the machine time of ``tests``, plus the price of the certificates.
+
+        ``costs`` states the times of circles and set-ups, and the price of an hour.
+        """
         return price_of(costs, minutes_of(costs, tests), self.certificates_price)
 
     def plan_of(self, tests: Sequence[CircularTest]) -> Campaign:
@@ -192,7 +195,8 @@ def families_of(
     A clocking is a pair of angles by which the two balls are turned. ``space`` holds the clockings
     and radii to choose from. Every subset of clockings that contains the first clocking is combined
     with every non-empty subset of the radii and with every set of the certificates that could be
-    bought.
+    bought, ``sets_of_certificates``. All families have the same goals and possible states of the
+    machine, ``goals`` and ``states``.
     """
     first = space.clockings_deg[0]
     others = space.clockings_deg[1:]
@@ -204,7 +208,7 @@ def families_of(
 
 
 def _subsets(values: Sequence[Clocking] | Sequence[float]) -> list[tuple[Any, ...]]:
-    """Return all subsets of some values, the empty one first."""
+    """Return all subsets of ``values``, beginning with the empty subset."""
     subsets = []
     for number in range(len(values) + 1):
         subsets += list(combinations(values, number))

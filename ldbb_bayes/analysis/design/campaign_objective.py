@@ -103,9 +103,9 @@ def objective_of(
 
 
 class _Layout(NamedTuple):
-    """Columns and rows of the tests' matrices G that an objective needs.
+    """Selection of the columns and rows of the tests' matrices G that an objective needs.
 
-    Every test has a matrix G. The test adds its information GᵀG to the precision (inverse
+    G has one column for each coefficient. A test adds the information GᵀG to the precision (inverse
     covariance) of the coefficients.
     """
 
@@ -118,8 +118,9 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
     """Return the columns and rows of the tests' matrices G that an objective needs.
 
     ``blocks``, shape (tests, rows, m), holds the matrix G of each test for m coefficients, at one
-    value of the hyper-parameters; GᵀG is the information of the test. The layout is the same for
+    value of the hyper-parameters; GᵀG is the information of the test. The result is the same for
     all values of the hyper-parameters. ``chosen`` are the names of the parameters of interest.
+    ``information`` states the names of the coefficients, and whether their priors are flat.
     """
     interest = [information.names.index(name) for name in chosen]
     columns = _connected_columns(blocks, interest)

@@ -4,8 +4,8 @@ The pilot is the campaign or plan that a design starts from. The model takes its
 its range of force, and the estimate Ĉ of the compliances about which it is linearised, from the
 pilot. A clocking is the pair of angles by which the two balls are turned. If the tests have
 different clockings, the model has separate terms for the form errors of the two balls. If all tests
-have the same clocking, the model has one common term for both balls instead, which is then
-equivalent.
+have the same clocking, the readings cannot distinguish the form errors of the two balls, and the
+model has one common term for both balls.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ Clocking = tuple[float, float]
 def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[CircularTest, ...]:
     """Return a test without readings for every plane and every direction of travel.
 
-    ``pilot`` is the campaign or plan that a design starts from. By default, each plane has the
-    directions in which the pilot runs it. All other settings are copied from one of the pilot's
-    tests in the plane: the test with the median number of readings. The angles of the tests
-    returned are in equal steps.
+    ``pilot`` is the campaign or plan that a design starts from, and ``directions`` are the
+    directions of travel. By default, each plane has the directions in which the pilot runs it. All
+    other settings are copied from one of the pilot's tests in the plane: the test with the median
+    number of readings. The angles of the tests returned are in equal steps.
     """
     tests: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
@@ -79,12 +79,13 @@ def add_foreseen_tests(
     candidates: Sequence[CircularTest],
     compared_tests: Sequence[CircularTest] = (),
 ) -> Campaign:
-    """Return the pilot with one foreseen test of every new kind that a design may contain.
+    """Return the pilot, extended so that its model has all parameters that a design may need.
 
-    The kind of a test is its plane, set-up, centre, radius and direction. A foreseen test is one
-    that may be run later. The model of a campaign has all parameters with effects that the tests of
-    the campaign, run or foreseen, can show. Because of the foreseen tests, the same model applies
-    to every design.
+    A campaign may list foreseen tests, which may be run later. The model of the campaign has every
+    parameter that has an effect in a test that is run or foreseen. The function therefore adds a
+    foreseen test of every kind that a design may contain and that the pilot lacks. The same model
+    then applies to every design. The kind of a test is its plane, set-up, centre, radius and
+    direction.
 
     Parameters
     ----------
@@ -146,9 +147,10 @@ def _tests_by_kind(
 
     The kind of a test consists of its plane, set-up, centre, radius and direction of travel.
 
-    ``candidates`` are the tests to choose from; ``compared_tests`` are tests of other designs and
-    come after the candidates. The kind has a direction only for candidates in a plane in which
-    candidates run in both directions. The kind has a radius only if ``uses_radius`` is true.
+    ``candidates`` are the tests to choose from; ``compared_tests`` are tests of other designs. If
+    tests of both groups have the same kind, the result holds a candidate. The kind has a direction
+    only for candidates in a plane in which candidates run in both directions. The kind has a radius
+    only if ``uses_radius`` is true.
     """
     both_ways = _planes_run_both_ways(candidates)
     possible = []
@@ -292,7 +294,7 @@ def _bind_to_pilot(
 def running_order(
     tests: Sequence[CircularTest], rng: np.random.Generator
 ) -> tuple[CircularTest, ...]:
-    """Return tests in an order in which a drift does not look like an effect of force.
+    """Return ``tests`` in a random order in which a drift does not look like an effect of force.
 
     Tests of one set-up form a block. Within this block, tests of one plane and radius form a block.
     Within that block, tests with one angle of the work ball form a block. All these blocks are in

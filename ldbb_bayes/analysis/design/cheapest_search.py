@@ -44,8 +44,8 @@ _BEGIN_SHARE = 0.85
 # This is the number of bisection steps.
 _HALVINGS = 10
 # A full forecast of a campaign is made only if ln(u/u*) is at most this number. Here u is the
-# standard uncertainty that the full forecast is expected to give for the parameter of a goal, and
-# u* is the largest standard uncertainty that the goal permits.
+# standard uncertainty of a goal's parameter that the full forecast is expected to give. It is
+# estimated from the quick forecast. u* is the largest standard uncertainty that the goal permits.
 _NEAR = 0.03
 # Largest number of full forecasts in one family of campaigns.
 _MOST_FORECASTS = 8
@@ -68,7 +68,7 @@ class FoundCampaign:
     stated: StatedByMachines  #: uncertainties to expect on every possible machine
 
     def price(self, costs: Costs) -> float:
-        """Return the price of the campaign with its certificates."""
+        """Return the price of the campaign's machine time by ``costs``, and of its certificates."""
         return self.family.price(costs, self.tests)
 
 
@@ -77,9 +77,10 @@ class CheapestCampaigns:
     """Result of the search: campaigns that reach all goals, or the one nearest to the goals."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
-    #: the best of the campaigns with the largest number of circles, of all families, if none of
-    #: them reaches the goals: the campaign that reaches all goals on the largest share of the
-    #: possible machines. None if one of them reaches the goals, or if no full forecast was made.
+    #: campaign that is nearest to the goals, if no family reaches them. In each family, the
+    #: campaign with the largest number of circles is examined. The nearest of these campaigns is
+    #: the one that meets all goals on the largest share of the possible machines. None if one of
+    #: these campaigns reaches the goals, or if no full forecast was made.
     nearest: FoundCampaign | None
 
 
@@ -131,8 +132,8 @@ class _Progress:
     #: number of circles of every candidate test in the campaign that was tried last, shape
     #: (candidates,)
     counts: Array
-    #: natural logarithm of the ratio of the uncertainty in the full forecast to that in the quick
-    #: forecast, for the campaign with the largest number of circles
+    #: natural logarithm of the ratio of two uncertainties of the campaign with the largest number
+    #: of circles: the uncertainty in the full forecast to that in the quick forecast
     lasting_inflation: float = 0.0
     #: coefficient a: for n circles, the natural logarithm of the ratio of the uncertainty in the
     #: full forecast to that in the quick forecast is ``lasting_inflation`` + a/n; None before the
@@ -249,8 +250,10 @@ class _Search:
         self._inflation = np.inf
         #: whether the largest campaign of at least one family reaches all goals
         self.is_reachable = False
-        #: the best campaign that misses the goals: of the largest campaigns of all families, the
-        #: campaign that reaches all goals on the largest share of the possible machines
+        #: campaign that comes nearest to the goals without reaching them. It is chosen among the
+        #: largest campaigns of the families in which even the largest campaign meets the goals on
+        #: too few of the possible machines. Of these campaigns, it meets all goals on the largest
+        #: share of the machines.
         self.nearest: FoundCampaign | None = None
         self.effort = 0  #: sum of the squared numbers of circles of all full forecasts
 
@@ -282,9 +285,9 @@ class _Search:
 
         u is the standard uncertainty of a goal's parameter, and u* the largest standard uncertainty
         that the goal permits. The full forecast gives ln(u/u*) of every goal on each possible
-        machine. The largest value of all goals is taken for each machine, and then the quantile of
-        these values at the required probability. The quick forecast gives a single value.
-        ``counts`` is the campaign's number of circles of every candidate test.
+        machine. For each machine, the largest value of all goals is taken. Of the values of all
+        machines, the quantile at the required probability is taken. The quick forecast gives a
+        single value. ``counts`` is the campaign's number of circles of every candidate test.
         """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
@@ -338,9 +341,9 @@ class _Search:
     def _judge(self, progress: _Progress, counts: Array) -> FoundCampaign:
         """Return a campaign of a family with its full forecast.
 
-        ``counts`` is the campaign's number of circles of every candidate test. The function also
-        updates the expected ratio of the uncertainty in the full forecast to that in the quick
-        forecast.
+        ``progress`` states the family, and ``counts`` is the campaign's number of circles of every
+        candidate test. The function also updates ``progress``: from the new forecast, it learns by
+        which factor the uncertainties of full forecasts exceed those of quick forecasts.
         """
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))
@@ -351,7 +354,9 @@ class _Search:
     def _with_fewer_circles(self, progress: _Progress, campaign: FoundCampaign) -> FoundCampaign:
         """Return a campaign that meets the goals with fewer circles than ``campaign``, if possible.
 
-        Circles are removed one by one as long as the campaign still meets the goals.
+        Circles are removed one by one as long as the campaign still meets the goals. ``progress``
+        is the progress of the search in the family of ``campaign``; it is updated with every
+        forecast.
         """
         family = progress.family
         best = campaign
@@ -369,22 +374,27 @@ class _Search:
         return best
 
     def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
-        """Update the expected ratio of uncertainties in the full and in the quick forecast.
+        """Learn by which factor full forecasts of the uncertainty exceed quick forecasts.
 
-        The ratio is computed from the full forecast of a campaign.
+        The factor is found from both forecasts of ``campaign``. ``progress.inflation`` is set so
+        that it agrees with this factor. ``counts`` is the campaign's number of circles of every
+        candidate test.
         """
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
         progress.inflation = max(added, 0.0) * len(campaign.tests)
         self._inflation = min(self._inflation, progress.inflation)
 
     def _expected_inflation(self, progress: _Progress) -> float:
-        """Return ln of the expected ratio of uncertainties in the full and in the quick forecast.
+        """Return ln of the ratio of uncertainties that is expected for the next campaign.
 
-        Both forecasts are those of the next campaign of the family.
+        The ratio is the uncertainty in the full forecast of the campaign, divided by the
+        uncertainty in its quick forecast. It is expected from the ratios of earlier campaigns,
+        which ``progress`` states.
 
-        The quick forecast takes the scales of noise and effects as known. The more circles there
-        are, the better the analysis knows these scales. The logarithm is therefore a constant, plus
-        a part that is inversely proportional to the number of circles.
+        Only the quick forecast takes the scales of noise and effects as known. The more circles
+        there are, the better these scales are known in the full forecast too. The logarithm is
+        therefore taken to be a constant, plus a part that is inversely proportional to the number
+        of circles.
         """
         inflation = progress.inflation
         if inflation is None:
@@ -393,11 +403,11 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return the factor by which a campaign's circles are multiplied to bring it near its goals.
+    """Return the factor by which the circles of a campaign are multiplied to reach a distance.
 
-    ``counts`` are the campaign's numbers of circles of all candidate tests. If all these numbers
-    are multiplied by the factor, the quick forecast gives the distance ``distance`` from the goals.
-    A distance of zero means that the goals are just met. The multiplied numbers need not be whole.
+    ``distance`` is the distance from the goals of ``family`` that the quick forecast is to give; at
+    a distance of zero, the goals are just met. ``counts`` are the campaign's numbers of circles of
+    all candidate tests, which are all multiplied by the factor. The products need not be whole.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)

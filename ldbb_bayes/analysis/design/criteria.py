@@ -112,23 +112,23 @@ class Variance:
 
 @dataclass(frozen=True)
 class LogBayesFactor:
-    """Expected log Bayes factor in favour of the true one of two models: Φ = ¼ size² Σ λ²/(1 + λ).
+    """Criterion Φ: expected log Bayes factor in favour of the true one of two models.
 
     In one model, the s parameters of interest are free; in the other, they are zero. Both models
     are equally probable before the tests. B is the Bayes factor of the model with free parameters
     over the model without them.
 
     S is the precision matrix of the parameters after the tests, in units of their prior precision.
-    The eigenvalues of S are 1 + λ, where λ is the part that the readings add. ``rows`` and
-    ``prior`` of an `Objective` with this criterion must therefore be scaled so that S without tests
-    is the identity.
+    The eigenvalues of S are 1 + λ, where λ is the part that the readings add; Σ below is the sum
+    over all eigenvalues. ``rows`` and ``prior`` of an `Objective` with this criterion must
+    therefore be scaled so that S without tests is the identity.
 
     If the model with free parameters is true, and if the root mean square of the parameters is
     ``size`` prior standard deviations, the mean of ln B is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 +
     λ)]. If the parameters are zero, the mean of ln B is ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the
-    difference of these two means. Φ never decreases when tests are added. For one parameter, the
-    design with the largest Φ is T-optimum. As Φ is not concave, a search may end at a local
-    maximum.
+    difference of these two means: Φ = ¼ size² Σ λ²/(1 + λ). Φ never decreases when tests are added.
+    For one parameter, the design with the largest Φ is T-optimum. As Φ is not concave, a search may
+    end at a local maximum.
     """
 
     concave: ClassVar[bool] = False
@@ -149,14 +149,14 @@ class LogBayesFactor:
         return np.asarray(0.25 * self.size**2 * (gain**2 / (1.0 + gain)).sum(axis=-1))
 
     def directions(self, root: Array) -> Array:
-        """Return Q, shape (..., s, s), where Q Qᵀ is the derivative of the log Bayes factor Φ.
+        """Return Q, shape (..., s, s), with Q Qᵀ = ∂Φ/∂S for the expected log Bayes factor Φ.
 
-        Φ is an expected value. The Bayes factor compares the model in which the s parameters of
-        interest are free with the model in which they are zero. The derivative is taken with
-        respect to S, the precision of these parameters in units of their prior, so that S without
-        readings is the identity. ``root`` is the Cholesky factor of S, shape (..., s, s). The
-        columns of Q are the eigenvectors of S, each times √(dΦ/dμ) at the eigenvalue μ of S. The
-        leading dimensions (...) run over designs or values of the hyper-parameters.
+        Φ is the expected log Bayes factor in favour of the true one of two models: in one, the s
+        parameters of interest are free; in the other, they are zero. S is the precision of these
+        parameters, in units of their prior precision; without readings, S is the identity. ``root``
+        is the Cholesky factor of S, shape (..., s, s). The columns of Q are the eigenvectors of S,
+        each multiplied by √(dΦ/dμ), where μ is the eigenvalue of S that belongs to the eigenvector.
+        The leading dimensions (...) run over designs or values of the hyper-parameters.
         """
         eigenvalues, vectors = np.linalg.eigh(_square(root))
         rate = 0.25 * self.size**2 * (1.0 - 1.0 / np.maximum(eigenvalues, 1.0) ** 2)

@@ -24,8 +24,8 @@ DECISIVE = 5.0
 # Probabilities of the log Bayes factor are computed from this number of quasi-random samples for
 # each value of the hyper-parameters.
 _POINTS = 256
-# Variances of the slopes, and the shares of these variances that remain after the tests, are raised
-# to at least this value. This avoids a division by zero.
+# Variances of the slopes are raised to at least this value, to avoid a division by zero. So are the
+# shares of these variances that remain after the tests.
 _LEAST_VARIANCE = 1e-12
 
 
@@ -56,8 +56,9 @@ class Discrimination(Result):
     decisive_without: float  #: probability of decisive evidence against slopes if there are none
     misleading_with: float  #: probability of decisive evidence against slopes if there are slopes
     misleading_without: float  #: probability of decisive evidence for slopes if there are none
-    #: probability of decisive evidence for slopes if only one slope exists. The key is the name of
-    #: this slope; the value of the slope is plus or minus ``size`` prior standard deviations.
+    #: probability of decisive evidence for slopes, if a single slope exists and the others are
+    #: zero. The keys are the names of the slopes. The existing slope is plus or minus ``size``
+    #: prior standard deviations.
     power: dict[str, float]
 
 
@@ -112,8 +113,8 @@ def discrimination_of(
         slope_variance = size**2
     root = np.linalg.cholesky(covariance)
     remaining, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
-    # Each eigenvalue e belongs to a combination of the slopes. The eigenvalue is the share of the
-    # variance of this combination that remains after the tests.
+    # Each eigenvalue in ``remaining`` belongs to a combination of the slopes. The eigenvalue is the
+    # share of the variance of this combination that remains after the tests.
     remaining = np.clip(remaining, _LEAST_VARIANCE, 1.0)
     learnt = 1.0 - remaining
     to_components = np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))

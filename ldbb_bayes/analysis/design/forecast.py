@@ -53,8 +53,8 @@ _STATES = 64
 # machine's tests finds likely. The variance that the analysis states is an average over these sets.
 _BELIEFS = 4
 # Number of posterior means that a forecast draws at random for each possible machine if the
-# analysis knows the scales of noise and effects. An analysis of the new tests may find any of these
-# means.
+# analysis knows the scales of noise and effects. Several means are drawn because an analysis finds
+# different means for different readings.
 _MEANS_PER_STATE = 4
 # On this share of the possible machines, the analysis states at most the likely standard
 # uncertainty of a parameter (`Expected.likely_sd`).
@@ -65,8 +65,8 @@ _ERROR_OF_MEDIAN = 1.2533
 # The floor of a parameter's uncertainty is the standard deviation expected if every test were run
 # this many times.
 _REPETITIONS_OF_FLOOR = 1e6
-# To find whether the tests determine every parameter, singular values of the design matrix that are
-# below this number are treated as zero.
+# Singular values of the design matrix below this number are treated as zero when it is decided
+# whether the tests determine every parameter.
 _RANK_TOLERANCE = 1e-6
 # Seed of the random numbers. It is the same for all forecasts, so that two forecasts of one plan
 # agree to the last digit.
@@ -215,8 +215,10 @@ def stated_by_machines(
 def states_of(model: HybridModel, plan: Campaign, machines: int | None = None) -> States:
     """Return the possible states of the machine before a plan is run, for the plan's forecast.
 
-    A state is one possible machine: values of its parameters and hyper-parameters. ``machines`` is
-    the number of states, by default 64.
+    A state is one possible machine: values of the parameters and hyper-parameters of ``model``.
+    ``machines`` is the number of states, by default 64. The states are random draws. They follow
+    the posterior given the campaign that ``plan`` starts from or, if there are no readings, the
+    prior.
     """
     pilot = plan.pilot or plan
     number = machines or _STATES
@@ -274,9 +276,10 @@ def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     """Return covariances of the parameters for scales that the analysis may find likely.
 
     The scales are the hyper-parameters of the noise and of other effects. The result has the shape
-    (K, n, p, p), for K possible machines, n sets of scales for each machine, and p parameters. The
-    covariances are in units of the prior standard deviations of the parameters. The condition that
-    compliances are not negative is not used.
+    (K, n, p, p), for the K possible machines ``states``, n sets of scales for each machine, and p
+    parameters. ``run`` is the number of tests of ``bound`` that are run already. The covariances
+    are in units of the prior standard deviations of the parameters. The condition that compliances
+    are not negative is not used.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
     scales = believed_scales(bound, phi, _BELIEFS, _SEED)
@@ -295,7 +298,8 @@ def _evidence(
     ``states`` are K possible states of the machine before the tests: values of its parameters and
     hyper-parameters. ``covariance`` are the posterior covariances of the p parameters in each
     state, shape (K, p, p), in units of the prior standard deviations. ``run`` is the number of
-    tests that are run already.
+    tests that are run already. ``slopes`` states for which slopes the evidence is expected, and how
+    large they are.
     """
     if not slopes.names:
         return None
@@ -426,8 +430,9 @@ def stated_variances(
 def _is_possible(bound: BoundModel, states: States) -> Array:
     """Return, for each possible state of the machine, whether all compliances are at least zero.
 
-    A state is a set of values of the machine's parameters. The result has the shape (states,). If
-    all states have a negative compliance, the result is true for all states.
+    A state is a set of values of the machine's parameters. The result has the shape (states,). It
+    is true for all states if the model allows negative compliances. It is also true for all states
+    if all of them have a negative compliance.
     """
     if not bound.truncation.active:
         return np.ones(len(states.beta), bool)

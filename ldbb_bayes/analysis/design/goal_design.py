@@ -326,7 +326,9 @@ def _describe(
 
     ``needed`` are these goals. ``known`` are all goals, with the present estimates and
     uncertainties of their parameters. The keys of both dictionaries are the names of the
-    parameters.
+    parameters. ``space`` holds the circles to choose from, and ``offers`` are the certificates that
+    could be bought. ``probability`` is the least share of the possible machines on which all goals
+    are to be met.
     """
     plans: tuple[GoalPlan, ...] = ()
     customary: tuple[CustomaryPlan, ...] = ()
@@ -370,7 +372,12 @@ def _reachable(
     goals: Mapping[str, Goal],
     states: States,
 ) -> dict[str, Goal]:
-    """Return the goals that very many circles reach with at least one set of certificates."""
+    """Return the goals that very many circles reach with at least one set of certificates.
+
+    ``sets`` are the sets of certificates that could be bought, and ``states`` are possible states
+    of the machine. ``space`` holds the circles to choose from. The keys of the result are the names
+    of the parameters.
+    """
     reachable: dict[str, Goal] = {}
     for offers in sets:
         floor = CampaignFamily(space, offers, goals, states).quick.floor()
@@ -388,7 +395,8 @@ def _near_misses(
     """Return the goals that the campaign ``nearest`` meets on too few machines, with the reasons.
 
     Campaigns of one family have the same ball angles, radii and certificates. Of the largest
-    campaigns of all families, ``nearest`` comes nearest to the goals. If ``nearest`` meets every
+    campaigns of all families, ``nearest`` comes nearest to the goals. A goal is missed if the share
+    of the possible machines on which it is met is below ``probability``. If ``nearest`` meets every
     single goal on enough machines, but not all goals together, all goals are returned.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
@@ -406,7 +414,7 @@ def _near_misses(
 
 
 def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:
-    """Return a campaign with its costs and its forecast, as a result for the user."""
+    """Return a campaign with its costs and with the forecast for every goal, for the user."""
     family = campaign.family
     shares = shares_of_machines(campaign.stated, goals)
     expected = forecast_plan(family.space.model, campaign.plan).expected
@@ -437,12 +445,13 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
 def _customary_plans(
     best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs
 ) -> tuple[CustomaryPlan, ...]:
-    """Return customary campaigns, each with the best campaign of the same number of circles.
+    """Return customary campaigns, each compared with the best campaign of as many circles.
 
-    A customary campaign is of a kind that people run today.
+    Customary campaigns are of the kinds that people run today.
 
-    The customary campaigns have only the certificates that the instrument has already, and the
-    first of the radii to choose from in the family of the campaign ``best``.
+    They have only the certificates that the instrument has already. All their circles have the
+    first radius of the family of ``best``, the cheapest campaign. The best campaigns belong to this
+    family too.
     """
     family = best.family
     uncertified = CampaignFamily(family.space, (), goals, family.states)

@@ -25,8 +25,8 @@ __all__ = ["COVERAGE_FACTOR", "Goal", "goals_in"]
 COVERAGE_FACTOR = 2.0
 # Regular expression of a goal in percent of the parameter's value, such as "5 %".
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
-# Regular expression of the signs that may stand before a goal. These signs are ignored, because a
-# goal always is an upper limit of U, which extends equally to both sides.
+# Regular expression of the signs ±, ≤ and <= that may stand before a goal. These signs are ignored:
+# every goal is an upper limit of U, and U extends equally to both sides of the estimate.
 _SIGN = re.compile(r"^\s*(±|≤|<=)\s*")
 
 
@@ -141,7 +141,11 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
 
 
 def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
-    """Return the goal that ``entry`` states: a text, a number in internal units, or a `Goal`."""
+    """Return the goal that ``entry`` states: a text, a number in internal units, or a `Goal`.
+
+    ``name``, ``unit`` and ``group`` are the name, the internal unit and the group of the goal's
+    parameter; groups are compliances, slopes and geometric errors.
+    """
     subject = f"goal of {name}"
     goal: Goal
     if isinstance(entry, Goal):
@@ -181,8 +185,9 @@ def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
 def _check_size(subject: str, group: str, goal: Goal, entry: object) -> None:
     """Raise an `InputError` if a goal is not above zero, or is a percentage that has no meaning.
 
-    A percentage must be below 100 %, and the parameter must be a compliance, because all other
-    parameters may be zero.
+    A percentage must be below 100 %. It is refused for a parameter whose ``group`` is not
+    "compliance", because such a parameter may be zero. ``entry`` is the goal as the user stated it,
+    and ``subject`` names the goal; both are for the error message.
     """
     size = goal.share if goal.absolute is None else goal.absolute
     require(

@@ -65,7 +65,7 @@ _TOLERANCE = 0.2
 _CONTINUED = 12
 _MOST_CIRCLES = 20
 # The uncertainty that would remain after very many circles is computed as if each of the best
-# possible circles were run this many times.
+# possible next circles were run this many times.
 _VERY_MANY = 1e6
 # Number of possible next circles that the result lists, the best first.
 _LISTED = 5
@@ -294,10 +294,13 @@ def _states_of_tolerances(
     before: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return the present decision on every tolerance; the keys are names of quantities.
+    """Return, for every tolerance, the present decision and the aim to reach a decision.
 
-    ``before`` are the covariances of the parameters before the next circle. The decisions need
-    posterior draws, which take time. Without tolerances, no draws are made.
+    The keys are the names of the quantities with tolerances. ``space`` holds the model and the
+    campaign, and ``known`` is the posterior given the circles run. ``before`` are the covariances
+    of the parameters before the next circle. ``confidence`` is the least probability at which a
+    decision is made. The decisions need posterior draws, which take time; without tolerances, no
+    draws are made.
     """
     if not tolerances:
         return {}
@@ -359,9 +362,10 @@ def _clockings_of(campaign: Campaign) -> list[Clocking]:
 
 
 def _objective(space: Space, known: Known) -> Objective:
-    """Return the objective with the information of the circles run and of every possible circle.
+    """Return an objective that holds the information of the circles run and of possible circles.
 
-    All parameters are of interest. The criterion of the objective is not used.
+    All parameters are of interest. ``space`` holds the possible circles, and ``known`` the likely
+    values of the hyper-parameters. The criterion of the objective is not used.
     """
     bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
     names = known.bound.names
@@ -370,7 +374,7 @@ def _objective(space: Space, known: Known) -> Objective:
 
 
 def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
-    """Return the posterior probability that all goals are met."""
+    """Return the posterior probability that all goals are met together, without further circles."""
     met = np.ones(len(known.draws), bool)
     for state in states.values():
         met &= state.is_met()
@@ -378,7 +382,7 @@ def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
 
 
 def _covariances_after_very_many(objective: Objective) -> Array:
-    """Return the covariances that the parameters would have after very many runs of each circle.
+    """Return the covariances of the parameters if every candidate circle were run very many times.
 
     The circles are the candidate tests of ``objective``.
 
@@ -394,8 +398,9 @@ def _covariances_after_very_many(objective: Objective) -> Array:
 def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
     """Return the number of further circles after which every aim is expected to be reached.
 
-    The circles are chosen one after another; each is the best possible next circle. Return None if
-    the aims are not reached after 20 circles.
+    The circles are chosen one after another from the candidates of ``objective``. Each of them is
+    the best next circle after those chosen before. Return None if the aims are not reached after 20
+    circles.
     """
     circles = CandidateCovariances(objective)
     for number in range(1, _MOST_CIRCLES + 1):
@@ -450,6 +455,8 @@ class _ModelOdds:
         """Return the odds of linear over constant compliance; None for a model without slopes.
 
         The odds are averaged over rival explanations of why compliance seems to change with force.
+        ``known`` is the posterior given the circles run. ``evidences`` computes the evidences of
+        the two models. ``confidence`` is the least probability that is enough for a decision.
         """
         parameters = known.bound.parameters
         columns = [k for k, parameter in enumerate(parameters) if parameter.group == "slope"]

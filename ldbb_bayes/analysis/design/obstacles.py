@@ -26,7 +26,7 @@ __all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 # A certificate is named only if, after very many circles, the uncertainty with the certificate is
 # less than this share of the uncertainty without the certificate.
 _WORTH_SHARE = 0.9
-# Very many runs of a possible circle are computed as this number of runs.
+# Number of runs of each possible circle that stands for very many runs.
 _VERY_MANY = 1e6
 _ALL_CERTIFICATES = "all certificates together"
 
@@ -104,9 +104,9 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
 
     The keys are the names of the goals' parameters.
 
-    ``family`` is a family of campaigns with all ball angles and radii that may be used, and with
-    only the certificates that the instrument has already. Goals that circles can reach are left
-    out.
+    Goals that circles can reach are left out. ``family`` is the family of campaigns whose goals are
+    examined. It has all ball angles and radii that may be used, and only the certificates that the
+    instrument has already.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
     stuck = [name for name, distance in floor.items() if distance > 0.0]
@@ -161,8 +161,8 @@ def _most_helpful(
     uncertainty that the goal permits. All values hold after very many circles. The function returns
     the first certificate with which the goal is reached. If no single certificate is enough, but
     all certificates together are enough, the name "all certificates together" is returned. If even
-    these are not enough, the single certificate that reduces u most is returned, or an empty string
-    if u falls by less than a tenth. ``floor`` is ln(u/u*) without further certificates.
+    all together are not enough, the single certificate that reduces u most is returned, or an empty
+    string if u falls by less than a tenth. ``floor`` is ln(u/u*) without further certificates.
     ``floors_with`` holds ln(u/u*) with each certificate. Its keys are the names of the
     certificates, then the names of the goals' parameters.
     """
@@ -180,10 +180,10 @@ def _most_helpful(
 
 
 def _typical_limits(family: CampaignFamily) -> dict[str, float]:
-    """Return the expanded uncertainty that every goal permits, averaged over possible machines.
+    """Return the largest expanded uncertainty that every goal permits on a typical machine.
 
     A goal in percent of a parameter permits different uncertainties on different machines. The
-    geometric mean over the possible machines is returned. The keys are the names of the goals'
+    result is the geometric mean over the possible machines. The keys are the names of the goals'
     parameters.
     """
     limits = {}

@@ -163,10 +163,10 @@ class QuickForecast:
         return np.asarray(np.linalg.inv(precision))
 
     def _of_goals(self, covariance: Array) -> Array:
-        """Return the variances of the goals' parameters, shape (K, goals).
+        """Return the variances of the goals' parameters, which are the last coefficients.
 
-        ``covariance``, shape (K, p, p), are the covariances of all p coefficients, at K values of
-        the hyper-parameters.
+        The result has the shape (K, goals). ``covariance``, shape (K, p, p), are the covariances of
+        all p coefficients, at K values of the hyper-parameters.
         """
         number = self._limits.shape[1]
         return np.asarray(np.einsum("kii->ki", covariance)[:, -number:])
@@ -199,7 +199,7 @@ class QuickForecast:
         return np.asarray(0.5 * np.log(variances) - np.log(self._limits))
 
     def _distance(self, variances: Array) -> Array:
-        """Return the distances from the goals, shape (...).
+        """Return the distance of each campaign from its goals, shape (...).
 
         ``variances`` are the variances of the goals' parameters at K values of the hyper-parameters
         φ, shape (..., K, goals). The dimensions (...), if there are any, run over campaigns.

@@ -301,15 +301,18 @@ class Search:
         return starts
 
     def _is_feasible(self, counts: Array) -> bool:
-        """Return whether a design has tests at enough different forces."""
+        """Return whether a design has tests at enough different forces.
+
+        ``counts`` holds the number of tests of each candidate in the design.
+        """
         return len(distinct_forces(self.forces_N[counts > 0])) >= self.levels
 
     def _merge_close_forces(self, counts: Array, value: float) -> tuple[Array, float]:
         """Return the design with close forces merged, and the value of its criterion.
 
-        All tests at one of two close forces move to the other force, if this lowers the efficiency
-        by at most 0.01 %. ``counts`` is the number of tests of each candidate before merging, and
-        ``value`` is the criterion of the design before merging.
+        If two forces are close, all tests at one of them move to the other. The move is made only
+        if it lowers the efficiency by at most 0.01 %. ``counts`` is the number of tests of each
+        candidate before merging, and ``value`` is the criterion of the design before merging.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
@@ -329,10 +332,11 @@ class Search:
     def _at_enough_forces(self, counts: Array, rng: np.random.Generator) -> Array:
         """Return a design with tests at enough different forces.
 
-        ``counts`` holds the number of tests of each candidate. If all tests are at one force but
-        two forces are needed, one test is replaced by a random candidate at another force. If no
-        candidate has a force that differs enough from the force of the tests, all tests are first
-        moved to the lowest force.
+        ``counts`` holds the number of tests of each candidate in the given design, which is
+        returned unchanged if it has enough different forces. If not, one test is replaced by a
+        candidate at another force, which is drawn at random with ``rng``. If no candidate has a
+        force that differs enough from the force of the tests, all tests are first moved to the
+        lowest force.
         """
         if self._is_feasible(counts):
             return counts
@@ -358,7 +362,7 @@ class Search:
         """Return how many times the search restarts from randomly changed designs.
 
         ``tests`` is the number of tests of a design. The number of restarts is limited, because
-        restarts take time. It is zero if few designs are possible.
+        restarts take time. The number is zero if at most 1000 designs are possible.
         """
         n = self.objective.candidates
         possible_designs = comb(n + tests - 1, tests)

@@ -215,11 +215,12 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 
 
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
-    """Return the best shares of a few candidates under the objective, shape (candidates,).
+    """Return the shares of a few candidates that make the criterion largest, shape (candidates,).
 
-    ``tests`` is the number of all tests. Shares are not negative and sum to one. They are computed
-    with the solver SLSQP from the shares ``start``, shape (candidates,). ``tolerance`` is the
-    tolerance of the criterion, relative to the mean of the sensitivities weighted by the shares.
+    ``objective`` gives the criterion as a function of the numbers of tests of these candidates, and
+    ``tests`` is the number of all tests. Shares are not negative and sum to one. The solver SLSQP
+    starts from the shares ``start``, shape (candidates,). ``tolerance`` is its tolerance of the
+    criterion, relative to the mean of the sensitivities, weighted by the shares.
     """
     n = objective.candidates
     if n == 1:

@@ -59,9 +59,9 @@ class Space:
     """Candidate tests, criterion and parameters of interest of a design.
 
     The attributes are the arguments of `ldbb_bayes.design` except the number of tests. Repeated
-    values are dropped. The pilot is the campaign or plan that the design starts from. Candidates of
-    kinds that the pilot has not run are added to the foreseen tests of the pilot, so that the model
-    includes their effects.
+    values are dropped. The pilot is the campaign or plan that the design starts from. Its foreseen
+    tests are tests that may be run later. Candidates of kinds that the pilot has not run are added
+    to the foreseen tests, so that the model includes the effects of these candidates.
     """
 
     model: HybridModel
@@ -80,11 +80,12 @@ class Space:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Drop repeated values of the attributes, and complete the foreseen tests of the pilot.
+        """Drop repeated values of the attributes, and add foreseen tests to the pilot.
 
         The pilot is the campaign or plan that the design starts from.
 
-        If no radii are given, those of the pilot's tests are used. An `InputError` is raised if the
+        Foreseen tests are tests that may be run later; the model includes their effects. If no
+        radii are given, the radii of the pilot's tests are used. An `InputError` is raised if the
         candidate tests, the criterion or the parameters of interest are not valid.
         """
         radii_mm = self.radii_mm or _radii_of(self.pilot)
@@ -246,7 +247,7 @@ class Space:
         return objective_of(bound, self._tests_run, phi, self.chosen, criterion)
 
     def _criterion(self, bound: BoundModel) -> Criterion:
-        """Return the criterion by which designs are compared.
+        """Return the criterion (figure of merit) by which designs are compared.
 
         The criterion is a function of the precision (inverse covariance) of the parameters of
         interest.

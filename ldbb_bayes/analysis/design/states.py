@@ -51,11 +51,12 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
 
     φ are the scales of the noise and of other effects. Lengths are in mm. The noise factor λ of a
     circle has no unit. Neither has the decay, the power by which the balls' form errors fall with
-    the number of waves per turn. The values are a random sample of the posterior given the readings
-    of the pilot (the campaign that a design starts from). If the pilot is a plan, the values are
-    spread evenly over the prior, and their number is rounded up to a power of two. If the priors of
-    the parameters are flat, only the root mean square of the values is returned, shape (1, h),
-    because all variances are then proportional to the variance of the noise.
+    the number of waves per turn. The values for ``model`` are a random sample, with the given
+    ``seed``, of the posterior given the readings of the pilot (the campaign that a design starts
+    from). If the pilot is a plan, the values are spread evenly over the prior, and their number is
+    rounded up to a power of two. If the priors of the parameters are flat, only the root mean
+    square of the values is returned, shape (1, h), because all variances are then proportional to
+    the variance of the noise.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
