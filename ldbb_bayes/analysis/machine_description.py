@@ -31,13 +31,15 @@ __all__ = ["DescribedMachine", "VisibleParameter", "describe_machine"]
 _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
 # Angles at which the parameters' effects on the readings are sampled [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
-# A compliance's effect on the reading is a polynomial in cos θ, sin θ and the radius. This number
-# is the degree in cos θ and sin θ of the part without the radius. The degree is 2 because both the
-# force and the measured deflection are along the bar.
+# The formula for a compliance's effect on the reading is a sum of products of cos θ, sin θ and the
+# radius, for the angle θ of the circle. This is the number of factors cos θ and sin θ in a product
+# without the radius. There are two factors: one from the force, which acts along the bar, and one
+# from the deflection, which is measured along the bar.
 _COMPLIANCE_DEGREE = 2
-# A geometric error's effect on the reading is a polynomial in cos θ, sin θ and the radius. This
-# number is the degree in cos θ and sin θ of the part without the radius. The degree is 1 because
-# the readings show the component of the error along the bar.
+# The formula for a geometric error's effect on the reading is a sum of products of cos θ, sin θ and
+# the radius, for the angle θ of the circle. This is the number of factors cos θ and sin θ in a
+# product without the radius. There is one factor, because the readings show only the component of
+# the error along the bar.
 _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
 # are empty.
@@ -62,8 +64,8 @@ class VisibleParameter:
     #: of force. In the formula, c = cos θ and s = sin θ for the angle θ of the circle, and R is the
     #: radius of the circle in mm.
     pattern: Mapping[str, str]
-    #: true if no values of the joints' compliances make the parameter negative; the prior excludes
-    #: negative values of these parameters only
+    #: whether the parameter cannot be negative, whatever the compliances of the joints are. If this
+    #: is true, the prior excludes negative values of the parameter.
     not_negative: bool
     #: weights of the compliances whose weighted sum this parameter represents; the keys are names
     #: of compliances. Empty if this parameter represents only itself.
@@ -203,7 +205,7 @@ def _describe_compliances(
 def _describe_geometric_errors(
     machine: Machine, circles: Sequence[Circle]
 ) -> tuple[VisibleParameter, ...]:
-    """Return a description of each geometric error that circular tests can determine."""
+    """Return a description of each geometric error that tests on ``circles`` can determine."""
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
         columns = [geometric_jacobian(machine, circle, _ANGLES_RAD) for circle in sampled]
@@ -251,8 +253,8 @@ def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[
 
     Planes in which the parameter changes no reading are left out. For each plane, ``jacobians``
     holds the change of the reading per unit of each parameter, shape (radii, angles, parameters).
-    ``column`` is the index of the parameter. ``degree`` is the degree in cos θ and sin θ of the
-    part of the formula that does not depend on the radius.
+    ``column`` is the index of the parameter. ``degree`` is the number of factors cos θ and sin θ in
+    each term of the formula that does not contain the radius.
     """
     formulas = {}
     for plane, jacobian in jacobians.items():
@@ -263,11 +265,13 @@ def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[
 
 
 def _monomials(values: Array, degree: int) -> list[_Monomial]:
-    """Return the terms of the formula in R, c = cos θ and s = sin θ that gives sampled values.
+    """Return the terms of a formula that reproduces sampled values of a parameter's effect.
 
-    ``values``, shape (radii, angles), are the values at the radii R of ``_RADII_MM`` and the angles
-    θ of ``_ANGLES_RAD``. ``degree`` is the degree in (c, s) of the part of the formula that does
-    not depend on R.
+    The formula contains the radius R, c = cos θ and s = sin θ, for the angle θ of the circle.
+
+    ``values``, shape (radii, angles), are the sampled values at the radii ``_RADII_MM`` and the
+    angles ``_ANGLES_RAD``. ``degree`` is the number of factors c and s in each term that does not
+    contain R.
     """
     by_radius_power = np.linalg.solve(np.vander(_RADII_MM, increasing=True), values)
     threshold = _ROUNDING * max(np.abs(values).max(), 1.0)

@@ -1,6 +1,7 @@
 """Circularity of the measured readings, which include errors of the balls, the bar and the mount.
 
-The quantities describe the readings themselves, not the machine's path from a fitted model.
+All quantities are computed from the readings without a model of the machine. They therefore do not
+describe the path of the machine alone.
 """
 
 from __future__ import annotations
@@ -106,11 +107,11 @@ class _Pair(NamedTuple):
 def _measure_pair(pair: _Pair) -> dict[str, Any]:
     """Return the table row of two tests run in opposite directions.
 
-    The bidirectional deviation G_b is the width of the zone between concentric circles that holds
-    the traces of both tests. ``G_b`` is the width of the zone about the least-squares centre;
-    ``G_b_minimum_zone`` is the width of the narrowest zone about any centre. The mean deviation D
-    is the mean radial deviation of the two tests from the nominal radius. All three quantities are
-    in µm.
+    The row states the force, the plane and three quantities in µm. Two of these are the width of a
+    zone between concentric circles that holds the traces of both tests (bidirectional deviation):
+    ``G_b`` for the zone about the least-squares centre, and ``G_b_minimum_zone`` for the narrowest
+    zone about any centre. The third, ``D``, is the mean radial deviation of the two tests from the
+    nominal radius.
     """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)

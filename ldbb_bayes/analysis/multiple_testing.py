@@ -53,15 +53,16 @@ def pooled_p_value(p_values: Array) -> Array:
 
 
 def uniformity_p_value(p_values: Array) -> Array:
-    """Return the p-value of the hypothesis that n values, which may be dependent, are uniform.
+    """Return the p-value of the hypothesis that n values are uniformly distributed from 0 to 1.
 
-    The i-th smallest of n independent uniform values has the distribution Beta(i, n + 1 − i). From
-    this distribution, each value gets a two-sided p-value, and `pooled_p_value` makes one p-value
-    of the n two-sided p-values. The method is the test POT of Tesso and Vehtari (LOO-PIT predictive
-    model checking, arXiv:2603.02928, 2026) with one difference: large two-sided p-values are not
-    left out before pooling, because the test would otherwise reject too often for small n. The test
-    detects values that are too small, and also values that are all too near one, for example
-    because predictions are too wide.
+    The values may depend on one another. The i-th smallest of n independent uniform values has the
+    distribution Beta(i, n + 1 − i). From this distribution, each value gets a two-sided p-value,
+    and `pooled_p_value` makes one p-value of the n two-sided p-values. The method is the test POT
+    of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026) with one
+    difference: large two-sided p-values are not left out before pooling, because the test would
+    otherwise reject too often for small n. The test detects values that are too small. It also
+    detects values that are all too near one, such as the p-values of circles whose predictions are
+    too wide.
 
     Parameters
     ----------

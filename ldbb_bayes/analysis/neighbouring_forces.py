@@ -8,8 +8,9 @@ length and mount. The errors of the estimates are therefore correlated, and the 
 less than their uncertainties suggest.
 
 Geometric errors are fitted anew in every pair, so that only the change of the readings between the
-two forces determines the compliance. A pair therefore estimates d(F C)/dF = C + F dC/dF. This
-derivative equals the compliance C(F) only where the compliance does not change with the force F.
+two forces determines the compliance. At the force F, a compliance C(F) causes the deflection F ·
+C(F). A pair therefore estimates the derivative d(F C)/dF = C + F dC/dF. This derivative equals the
+compliance only where the compliance does not change with force.
 """
 
 from __future__ import annotations
@@ -59,9 +60,10 @@ def local_fits(
     Parameters
     ----------
     model : HybridModel
-        Model with its nuisance terms (effects not of interest) and priors. Its degree of compliance
-        in force is set to 0. The number of ball forms, and the estimate Ĉ of the compliances about
-        which the model is linearised, are taken from the whole campaign, not from the pair.
+        Model with its nuisance terms (effects not of interest) and priors. Its compliances are made
+        constant (degree 0 in force). Two properties of the model are taken from the whole campaign,
+        not from the pair: whether the two balls have one common form error or one each, and the
+        estimate Ĉ of the compliances about which the model is linearised.
     campaign : Campaign
         Campaign with readings at two or more force levels.
     prob : float

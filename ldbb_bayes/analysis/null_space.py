@@ -17,16 +17,19 @@ __all__ = ["EXACT_SHARE", "NullSpace"]
 # A combination of coefficients counts as unresolved only if it changes no reading by more than this
 # share of the largest change that its pivot (the coefficient with the value one) causes alone.
 EXACT_SHARE = 0.05
-# Coefficients are dropped from an unresolved combination if their effect on the readings is at most
-# a certain share of the largest effect of any coefficient in the combination. The shares listed
-# here are tried in turn.
+# Shares that decide which coefficients are dropped from an unresolved combination. A coefficient is
+# dropped if its effect on the readings is at most a share of the largest effect of any coefficient
+# in the combination. The shares are tried in turn, until one is found with which the remaining
+# combination still changes no reading noticeably.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # A combination from which coefficients of small effect are dropped may change a reading by at most
 # this share of the limit below which a change cannot be seen.
 _SPARSE_LIMIT_SHARE = 0.5
-# A preferred coefficient becomes a pivot before other coefficients only if its row of an
-# orthonormal basis of the null space is longer than this number. The directions of the pivots
-# chosen before are first projected out of the row.
+# Pivots are chosen one after the other by the lengths of the rows of a matrix. The columns of the
+# matrix are an orthonormal basis of the null space, and each row belongs to one coefficient. Before
+# each choice, the directions of the rows chosen earlier are projected out of all rows. A preferred
+# coefficient becomes a pivot before other coefficients only if its row is then longer than this
+# number.
 _LEAST_PIVOT_LENGTH = 0.05
 # When the effect of one coefficient on the readings is fitted by the effects of other coefficients,
 # singular values below this share of the largest count as zero.

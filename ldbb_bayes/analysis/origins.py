@@ -106,7 +106,11 @@ def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bo
 
 
 def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
-    """Return whether the prior sd of a coefficient differs from the package's own value."""
+    """Return whether the prior sd of a coefficient differs from the package's own value.
+
+    ``term`` is the model term to which the coefficient belongs. Return True, too, for every term
+    that a model has only if the user adds the term.
+    """
     if type(term).on_demand:
         return True
     usual = _with_usual_sizes(bound, term)
@@ -130,11 +134,12 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 
 
 def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object, ...] | None:
-    """Return what determines the prior sd of a coefficient.
+    """Return the three values from which the prior sd of a coefficient is computed.
 
-    Three values are returned: the prior sd, or a factor of it; the hyper-parameters that multiply
-    this factor; and the part of the prior sd that the user or a certificate states. Return None if
-    the term has no coefficient of this name.
+    The first value is a number. The second value states which hyper-parameters multiply this number
+    to give the prior sd; if there are none, the number is the prior sd. The third value is the part
+    of the prior sd that no hyper-parameter multiplies, because the user or a certificate states it.
+    Return None if the term has no coefficient of this name.
     """
     for columns in term.columns(bound.setting):
         if isinstance(columns, Columns) and coefficient in columns.names:
@@ -212,9 +217,10 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
 
 
 def _noises_of(bound: BoundModel) -> Mapping[str, tuple[Columns | BasisNoise, ...]]:
-    """Return the columns of the design matrix that act as noise of single tests.
+    """Return, for each model term, the columns whose coefficients differ from test to test.
 
-    The keys are class names of model terms.
+    A column is the change of the readings per unit of a coefficient. A coefficient that has a
+    separate value in each test acts as noise. The keys are class names of model terms.
     """
     noises = {}
     for kind, columns in bound.columns_of.items():

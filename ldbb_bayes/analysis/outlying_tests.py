@@ -285,11 +285,13 @@ def _replicates(
     circles_per_draw: int,
     rng: np.random.Generator,
 ) -> Array:
-    """Return replicates (simulated circles) of a test, as Fourier coefficients, shape (n, 25) [mm].
+    """Return replicates (simulated circles) of the test ``name``.
 
-    The number n of replicates is about ``size``. From each posterior draw, ``circles_per_draw``
+    Each replicate is given by its 25 Fourier coefficients. The result has the shape (n, 25) [mm];
+    the number n of replicates is about ``size``. From each posterior draw, ``circles_per_draw``
     replicates are simulated. The number of replicates from each model is in proportion to the
-    posterior probability of the model given the other tests.
+    posterior probability of the model given the other tests. ``nodes_by_model`` and
+    ``left_out_nodes`` are the posteriors that `judge_tests` describes.
     """
     log_evidence = [by_test[name].evidence.log_value for by_test in left_out_nodes.values()]
     counts = np.round(probabilities(np.array(log_evidence)) * size).astype(int)
@@ -311,8 +313,9 @@ def _replicates(
 def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
     """Return the comparison of one test's circle with its replicates (simulated circles).
 
-    The p-value is not adjusted for the number of tests. In the result, the family-wise p-value is
-    1, and the flag is false.
+    The p-value is the probability that another circle of the same machine would deviate from the
+    mean of the replicates at least as much as the test, in any Fourier order. It is not adjusted
+    for the number of tests: in the result, the family-wise p-value is 1, and the flag is false.
 
     Parameters
     ----------
@@ -339,11 +342,11 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # For each Fourier order, ``nearer_counts`` holds the number of replicates (simulated circles)
-    # that deviate less than the observed circle; ``most_nearer`` is the largest of these numbers.
-    # In each order, the deviations of the replicates are sorted, and all but the ``most_nearer``
-    # smallest deviations count as large. The p-value follows from the number of replicates with a
-    # large deviation in at least one order.
+    # The p-value follows from the number of replicates (simulated circles) that have a large
+    # deviation in at least one Fourier order. For each order, ``nearer_counts`` holds the number of
+    # replicates that deviate less than the observed circle; ``most_nearer`` is the largest of these
+    # numbers. The ``most_nearer`` smallest deviations of the replicates in each order count as
+    # small, and all others as large.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

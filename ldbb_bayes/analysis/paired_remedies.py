@@ -96,9 +96,10 @@ def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> Pair
     """Return the first remedy for a parameter together with the best second remedy.
 
     A remedy is a change of the plan or a certificate. The best second remedy is the remedy that
-    makes the parameter's standard uncertainty smallest when it is added to the first. ``sd`` is the
-    standard uncertainty without any remedy. Return None if no second remedy reduces the standard
-    uncertainty to less than 90 % of its value with the first remedy alone.
+    makes the parameter's standard uncertainty smallest when it is added to the first. ``name`` is
+    the name of the parameter, and ``sd`` its standard uncertainty without any remedy. Return None
+    if no second remedy reduces the standard uncertainty to less than 90 % of its value with the
+    first remedy alone.
     """
     before = tried.sd_with()[name]
     ratio_of: dict[CureStep, float] = {}

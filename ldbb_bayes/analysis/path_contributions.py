@@ -143,11 +143,12 @@ def contribution_paths(
 
 
 def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, Array]:
-    """Return, for each source, the effects of the p parameters on a circle, shape (25, p).
+    """Return, for each source, the effects of its parameters on a circle, shape (25, p).
 
-    An effect is the change of the circle's 25 Fourier coefficients per unit of the parameter. The
-    columns of parameters that do not belong to the source are zero. Some sources are sums, for
-    example the sum of all compliances. Offsets of the tool ball are separate sources, and are not
+    A source is a single effect of the machine, such as a compliance, or a sum of effects, such as
+    the sum of all compliances. There is one column for each of the p parameters: the change of the
+    circle's 25 Fourier coefficients per unit of the parameter. The columns of parameters that do
+    not belong to the source are zero. Offsets of the tool ball are separate sources, and are not
     included in the sums.
     """
     geometry = np.where(is_tool_ball_offset(bound), 0.0, columns.geometric)

@@ -138,7 +138,7 @@ def calibrate_posterior(
 
 
 class _EnlargedCampaigns(NamedTuple):
-    """Settings of all replicates: the model, the measured campaign and the true values.
+    """Settings of all replicates (simulated campaigns): model, measured campaign and true values.
 
     ``beta``, shape (replicates, p), and ``phi``, shape (replicates, h), are posterior draws of the
     parameters and of the hyper-parameters; one draw of each gives the true values of a replicate.
@@ -182,11 +182,12 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 
 
 def _with_times(campaign: Campaign) -> Campaign:
-    """Return a campaign with times of the tests, if drift is computed from the tests' order.
+    """Return a campaign with times of its tests, so that a repetition can have the same times.
 
-    If drift is not computed from the order in which the tests are listed, the campaign is returned
-    unchanged. With stated times, a repetition of the tests has the same times as the tests
-    themselves, so that drift is measured from the same mean time with and without the repetition.
+    If the campaign states no times, so that drift would be computed from the order of the tests,
+    each test gets a time that follows from its place in the list. A repetition of the tests then
+    has the same times as the tests themselves. Drift is therefore measured from the same mean time
+    with and without the repetition. Any other campaign is returned unchanged.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign

@@ -64,10 +64,11 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     more_than = bdtrc(counts, replicates, level)
 
     def pointwise_intervals(excluded: float) -> tuple[Array, Array]:
-        """Return limits of the number of uniform ranks below each level, shape (draws,) each.
+        """Return lower and upper limits of the number of ranks up to each k, shape (draws,) each.
 
-        For each level, the number of ranks below the level has a binomial distribution. The
-        probability that this number is outside its limits is at most ``excluded``.
+        For each k = 0 … draws − 1, the number of ranks that are at most k has a binomial
+        distribution, if the ranks are uniform. The probability that this number is outside its
+        limits is at most ``excluded``.
         """
         lower = (at_most < 0.5 * excluded).sum(axis=0)
         upper = (more_than > 0.5 * excluded).sum(axis=0)
@@ -87,12 +88,12 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
 
 
 def _simultaneous_coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
-    """Return the probability that the number of uniform ranks below every level is within limits.
+    """Return the probability that the numbers of ranks below several levels are within limits.
 
-    There are ``replicates`` ranks, scaled to 0 … 1. ``level`` holds increasing levels between 0 and
-    1. For each level, the number of ranks below the level must lie between the entries of ``lower``
-    and ``upper`` for this level. From level to level, the numbers form a Markov chain with binomial
-    transition probabilities.
+    There are ``replicates`` ranks, scaled to 0 … 1 and uniformly distributed. ``level`` holds
+    increasing values between 0 and 1. At each of these levels, the number of ranks below the level
+    must lie between the entries of ``lower`` and ``upper`` for this level. From level to level, the
+    numbers form a Markov chain with binomial transition probabilities.
     """
     previous_level = 0.0
     previous_counts = np.zeros(1, dtype=int)

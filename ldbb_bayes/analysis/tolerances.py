@@ -228,7 +228,10 @@ def check_force(campaign: Campaign, force_N: float | None) -> None:
 
 
 def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
-    """Return the tolerance of a quantity from a text with a unit, such as ``≥ 18 N/µm``."""
+    """Return the tolerance of a quantity from a text with a unit, such as ``≥ 18 N/µm``.
+
+    ``name`` is the name of the quantity for error messages.
+    """
     subject = f"tolerance of {name}"
     lower, *uppers = _RANGE_DOTS.split(text, maxsplit=1)
     if uppers:

@@ -228,9 +228,9 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
 def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
     """Return the circles of a plan with the times from which drift is computed.
 
-    If all circles state their times, these times are kept. Otherwise the circles are taken to be
-    run in the order of the plan, one every six minutes; but if the plan states that its order was
-    drawn at random, the circles returned have no times.
+    If all circles state their times, these times are kept. If not, and if the plan states that its
+    order was drawn at random, the circles returned have no times. In all other cases, the circles
+    are taken to be run in the order of the plan, one every six minutes.
     """
     if None not in [test.time_s for test in plan.tests]:
         return tuple(plan.tests)

@@ -48,9 +48,9 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
 
     The hyper-parameters φ are the scales of the noise and of other effects. The variance of each
     parameter is the sum of two parts: the average, over values of φ, of the parameter's variance
-    given φ, and the variance, over the same values, of the parameter's mean given φ. The argument
-    ``phi`` belongs to the model with the instrument of ``bound``. In the model with ``instrument``,
-    each hyper-parameter has the value of the hyper-parameter of the same name in ``phi``
+    given φ, and the variance, over the same values, of the parameter's mean given φ. ``phi`` holds
+    values for the model ``bound`` with the present instrument. In the model with ``instrument``,
+    each hyper-parameter gets the values that ``phi`` holds for the hyper-parameter of the same name
     (`HyperPrior.carried`).
 
     Parameters
@@ -85,11 +85,11 @@ class Moments(NamedTuple):
 
 
 def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi: Array) -> Moments:
-    """Return means and standard uncertainties of combinations of coefficients, averaged over φ.
+    """Return means and standard uncertainties of linear combinations of coefficients.
 
-    The hyper-parameters φ are the scales of the noise and of other effects. As in
-    `uncertainty_with`, the variance of a combination is the sum of two parts: the average, over φ,
-    of the variance given φ, and the variance, over φ, of the mean given φ.
+    Both are averaged over the hyper-parameters φ, the scales of the noise and of other effects. As
+    in `uncertainty_with`, the variance of a combination is the sum of two parts: the average, over
+    φ, of the variance given φ, and the variance, over φ, of the mean given φ.
 
     Parameters
     ----------

@@ -92,7 +92,11 @@ class ModelVariance:
 
     @cached_property
     def origins(self) -> dict[tuple[str, str], Origin]:
-        """Origin of every source; a key is a pair of names: the source and its model term."""
+        """Origin of every source of uncertainty.
+
+        A key has two parts: the name of a coefficient or noise, and the name of the model term to
+        which the coefficient or noise belongs.
+        """
         return origins(self.bound, self.information)
 
     @cached_property

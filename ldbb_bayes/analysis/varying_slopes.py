@@ -42,9 +42,9 @@ __all__ = [
 # computed; ``_CURVE_POINTS`` is the number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
-# The curves of a model are computed from draws of the parameters at several values of the
-# hyper-parameters. At each value there are at most ``_DRAWS_PER_NODE`` draws. If this would give
-# fewer than ``_FEWEST_NODES`` values of the hyper-parameters, there are fewer draws at each value.
+# The curves of a model are computed from a given number of draws of the parameters. The draws are
+# made at several values of the hyper-parameters, ``_DRAWS_PER_NODE`` draws at each value. If this
+# would give fewer than ``_FEWEST_NODES`` values, fewer draws are made at each value.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
 # In a subset of slopes, some compliances change with force and others do not. If there are at most

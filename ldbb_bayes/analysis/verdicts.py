@@ -209,8 +209,8 @@ class ChangeIdentifiability(Result):
     unit: str  #: internal unit of the compliance and of its change
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
-    #: verdict on the change C(F_max) − C(F_min) of the compliance: identified, prior-limited or
-    #: confounded
+    #: verdict (identified, prior-limited or confounded) on the change of the compliance from the
+    #: smallest to the largest force tested
     verdict: Verdict
     #: source with the largest share of the variance of the compliance's change with force
     held_by: VarianceSource
@@ -440,11 +440,12 @@ def _averaged_over_scales(
     weight: Array,
     phi: Array,
 ) -> AveragedVariance:
-    """Return variances of parameters and changes with force under one model, with their sources.
+    """Return the variances of all parameters and changes with force, and their sources.
 
-    The shares of the sources are computed from ``information``, at the mean of the
-    hyper-parameters. The variances are averaged over the values ``phi`` of the hyper-parameters,
-    shape (w, h), with the weights ``weight``, shape (w,).
+    ``bound`` is the only model; no average over models is taken. ``changes`` are the changes of
+    compliances with force. The shares of the sources are computed from ``information``, at the mean
+    of the hyper-parameters. The variances are averaged over the values ``phi`` of the
+    hyper-parameters, shape (w, h), with the weights ``weight``, shape (w,).
     """
     weights = _weights_of_quantities(information, changes)
     moments = averaged_moments(bound, weights / information.scale, weight, phi)
@@ -537,10 +538,11 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """Return verdicts on a posterior's parameters and on its compliances' changes with force.
 
     The verdicts are identified, prior-limited or confounded. The verdicts on the parameters are the
-    same as in `judge_posterior`. The verdicts on the changes C(F_max) − C(F_min) of compliances
-    follow by the same rules from posterior draws of the curves C(F) of compliance C against force
-    F. In an average over models, the prior variance of a change is the unweighted mean of its prior
-    variances under all models that have posterior draws.
+    same as in `judge_posterior`. The change of a compliance is its value at the largest force
+    tested minus its value at the smallest. The verdict on a change follows by the same rules, from
+    posterior draws of the change. The posterior may be an average over models. In this case, the
+    prior variance of a change is the unweighted mean of its prior variances under all models that
+    have posterior draws.
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
@@ -594,7 +596,11 @@ def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange])
 
 
 def _drawn_changes(model: AveragedModel, names: Sequence[str]) -> Array:
-    """Return draws of the changes C(F_max) − C(F_min) of compliances, shape (draws, names)."""
+    """Return posterior draws of changes of compliances with force, shape (draws, names).
+
+    A change is the compliance at the largest force tested minus the compliance at the smallest.
+    ``names`` are the names of the compliances.
+    """
     bound = model.bound
     tested_N = bound.setting.force_N
     ends_N = np.array([tested_N.min(), tested_N.max()])
@@ -608,7 +614,8 @@ def _drawn_changes(model: AveragedModel, names: Sequence[str]) -> Array:
 def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVariance) -> SampledSd:
     """Return the standard deviations of prior draws and of posterior draws of all parameters.
 
-    For a parameter with a flat prior, the prior standard deviation is infinite.
+    ``variance`` holds the variances of the posterior draws. For a parameter with a flat prior, the
+    prior standard deviation is infinite.
     """
     prior_sd = np.full(len(bound.names), np.inf)
     for j, name in enumerate(bound.names):
@@ -893,11 +900,12 @@ def _information_gain(variance_ratio: float) -> float:
 
 
 def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
-    """Return the errors of the parameters' least-squares estimates that ignored nuisances cause.
+    """Return the errors that ignored nuisances cause in least-squares estimates of parameters.
 
-    Rows are parameters, and columns are nuisance coefficients. Each entry is the error of the
-    parameter's estimate, in internal units (mm, N, rad), if the nuisance coefficient has the size
-    of its prior standard deviation.
+    Nuisances are effects not of interest, here effects that the fit ignores. Rows are parameters,
+    and columns are nuisance coefficients. Each entry is the error of the parameter's estimate, in
+    internal units (mm, N, rad), if the nuisance coefficient has the size of its prior standard
+    deviation.
     """
     interest = information.interest
     names = np.array(information.names)

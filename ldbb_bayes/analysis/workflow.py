@@ -285,9 +285,10 @@ def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
 
 
 def _prior_ranges(posterior: xr.DataTree, seed: int) -> dict[str, PriorRange]:
-    """Return the range of readings of every circle, and the interval that the prior expects.
+    """Return the measured range of every circle, and the interval that the prior expects.
 
-    The keys are names of tests.
+    The range is the largest minus the smallest reading of a circle. ``seed`` is the seed of the
+    circles that are drawn from the prior. The keys are names of tests.
     """
     bound = bound_of(posterior)
     rng = np.random.default_rng(seed)
@@ -310,7 +311,8 @@ def _left_out_circles(
 ) -> dict[str, LeftOutCircle]:
     """Return the comparison of every circle with the prediction from the other circles.
 
-    The keys are names of tests.
+    The keys are names of tests. The arguments are those of `judge_tests`: the posteriors given all
+    tests, the posteriors given all tests but one, and the seed of the simulated circles.
     """
     judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
     circles = {}

@@ -63,7 +63,8 @@ class _Commands(TyperGroup):
                 right_option = _OPTIONS_BY_ARGUMENT[option_name]
                 fail(f"No such option: {option_name}. Type {right_option}.", EXIT_BAD_INPUT)
             fail(f"{error.format_message().rstrip('.?')}. See --help.", EXIT_BAD_INPUT)
-        # After Ctrl-C, Typer returns this exit code, while Click raises Abort.
+        # Ctrl-C reaches this method in one of two ways: the library Click raises the error Abort,
+        # which is caught above, or the library Typer returns this exit code.
         if code == EXIT_INTERRUPTED:
             raise KeyboardInterrupt
         sys.exit(code)

@@ -173,7 +173,10 @@ def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
 
 
 def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
-    """Return the directions of travel that a text lists, such as CW; ``both`` means CW and CCW."""
+    """Return the directions of travel that a typed text lists, such as CW.
+
+    The text ``both`` means CW and CCW. ``flag`` is the flag of the option; it is not used.
+    """
     if entry.strip().lower() == "both":
         return ("CW", "CCW")
     return names_in(entry)
@@ -182,7 +185,8 @@ def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
 def _read_prices(entry: str, flag: str) -> dict[str, float]:
     """Return the prices of certificates that a text states, such as ``balls G10=300,bar=150``.
 
-    The keys of the result are the names of the certificates.
+    The keys of the result are the names of the certificates. ``flag`` names the option in error
+    messages.
     """
     prices = {}
     for name, text in pairs_in(names_in(entry), flag, "NAME=PRICE").items():

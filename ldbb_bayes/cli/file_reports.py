@@ -282,7 +282,11 @@ def _averaged_models(model: lb.HybridModel) -> dict[str, lb.HybridModel]:
 def _average_or_none(
     models: Mapping[str, lb.HybridModel], evidences: Evidences, seed: int
 ) -> xr.DataTree | None:
-    """Return the posterior averaged over ``models``; None if it cannot be computed."""
+    """Return the posterior averaged over ``models``; None if it cannot be computed.
+
+    ``evidences`` holds evidences that have been computed before, and ``seed`` is the seed of the
+    random draws.
+    """
     try:
         return lb.average(models, evidences.campaign, evidences=evidences, seed=seed)
     except InputError:
@@ -357,7 +361,7 @@ def _printed_parts(
 
     ``source`` is the campaign with its import. ``stated`` is the posterior averaged over constant
     and linear compliance, or the fit of linear compliance if there is no average. ``result`` is the
-    summary of ``stated``.
+    summary of ``stated``. ``analyses`` are the further results of the report.
     """
     campaign = campaign_of(stated)
     constant_names = model_of(stated).with_degree(0).bind(campaign).names

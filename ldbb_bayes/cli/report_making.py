@@ -102,7 +102,12 @@ def report_figure_files() -> tuple[str, ...]:
 
 
 def _print_report(output: Output, written: WrittenReport, figures: Path | None) -> None:
-    """Print the report as JSON, or its results in words together with the paths of its files."""
+    """Print a report that was written into a folder.
+
+    With the option ``--json``, the content of the file report.json is printed. Without this option,
+    the results are printed in words, followed by the paths of the files. ``figures`` is the folder
+    of the figures, or None if no figures were written.
+    """
     folder = output.out or Path()
     if output.as_json:
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
@@ -195,8 +200,9 @@ def _stored_result(folder: Path, name: str) -> Path | None:
 def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
     """Return the path of the stored design (choice of the next tests) that a report shows.
 
-    Return None if no design is stored, or if the options ``settings`` state the number of tests,
-    because a new design must then be computed.
+    The path is that of the option ``--design`` or, without this option, the folder ``fit_folder``
+    of a fit if a design is stored there. Return None if no design is stored, or if the options
+    ``settings`` state the number of tests, because a new design must then be computed.
     """
     if "tests" not in settings:
         return settings.get("design", _stored_result(fit_folder, "design"))

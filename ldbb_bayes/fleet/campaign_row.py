@@ -225,8 +225,10 @@ def _functions_of_further_columns(
 ) -> dict[str, Callable[[], dict[str, Any]]]:
     """Return the functions that compute further quantities of a campaign from its fit.
 
-    The keys of the result are the names of these quantities. Each function returns a dictionary
-    with values of the campaign's row in the batch's table.
+    The keys of the result are the names of these quantities. Each function has no arguments and
+    returns a dictionary with values of the campaign's row in the batch's table. ``fitted`` is the
+    fit, and ``density`` is the posterior density of the hyper-parameters (scales of the noise and
+    of other effects).
 
     The sufficient statistics are computed only if the priors are not flat. The Bayes factor is
     computed only if, in addition, the settings request it, the compliances of the model depend on
@@ -268,7 +270,7 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     quantity, whose keys are the names of the quantities. If the readings give only a lower limit of
     a stiffness, all other numbers of this stiffness are None. If the readings do not determine a
     direction, all numbers of this direction are None. If the reference force is zero, the
-    dictionary returned is empty.
+    dictionary returned is empty. ``prob`` is the probability of the credible intervals.
     """
     reference_N = fitted.draws.bound.setting.reference_force_N
     if not reference_N > 0.0:

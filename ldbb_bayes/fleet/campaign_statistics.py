@@ -20,9 +20,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"]
 
-# Number of nodes for which the parameters' moments are computed in one block. Nodes are values of
-# the hyper-parameters (the scales of the noise and of other effects). Given the hyper-parameters,
-# all other unknowns have a Gaussian distribution.
+# Nodes are values of the hyper-parameters (the scales of the noise and of other effects). At each
+# node, all other unknowns have a Gaussian distribution. This is the number of nodes for which the
+# means and covariances of these distributions are computed in one block.
 _NODES_AT_ONCE = 256
 # Moments of the parameters are averages over this number of nodes (values of the hyper-parameters).
 # The nodes are selected with probabilities proportional to their weights. The numerical error of a

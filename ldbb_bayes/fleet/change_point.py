@@ -50,11 +50,11 @@ __all__ = [
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
-# A hypothesis states which parameter changed by a step, just before which campaign the parameter
-# changed, and how large the machine's scatter from campaign to campaign is; or it states that no
-# parameter changed, and how large the scatter is. A hypothesis is left out of the computation of
-# quantiles if its probability, divided by the probability of the most probable hypothesis, is at
-# most this number.
+# Limit for hypotheses of negligible probability, which are left out when quantiles are computed. A
+# hypothesis is left out if its probability, divided by the probability of the most probable
+# hypothesis, is at most this number. A hypothesis states how large the machine's scatter from
+# campaign to campaign is. It also states either which parameter changed by a step, and just before
+# which campaign, or that no parameter changed.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 

@@ -124,7 +124,10 @@ def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
 
 
 def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
-    """Draw the panel of one parameter: its estimates, control limits and probable changes."""
+    """Draw the panel of one parameter: its estimates, control limits and probable changes.
+
+    ``name`` is the name of the parameter.
+    """
     rows = trend.estimates[trend.estimates["parameter"] == name]
     factor, label = axis_label(name, str(rows["unit"].iloc[0]))
     data = _panel_data(rows, factor)
@@ -176,9 +179,9 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
     """Return the lower and upper end of the vertical axis of a panel of a control chart.
 
     The axis covers the range of all credible intervals of the panel, with a small margin. Control
-    limits outside this range extend the axis on each side, by at most half of the range. If the
-    range is zero, because all intervals consist of the same single value, it is replaced by the
-    absolute value of this number, or by 1 if the number is zero.
+    limits outside this range extend the axis on each side, by at most half of the range. All
+    credible intervals may consist of the same single value, so that their range is zero. The
+    absolute value of this single value then replaces the range, or 1 if the value is zero.
     """
     low = float(data.interval[0].min())
     high = float(data.interval[1].max())
@@ -195,11 +198,13 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
 
 
 def _panel_title(trend: Trend, name: str, factor: float) -> str:
-    """Return the title of a parameter's panel: the probability of a change of the parameter.
+    """Return the title of a parameter's panel.
 
-    If errors of the instrument make the estimates from all campaigns uncertain together, a second
-    line states this common uncertainty. ``factor`` converts values from the internal unit of the
-    parameter to the unit shown.
+    The title states the probability that the parameter ``name`` has changed.
+
+    Errors of the instrument may shift the estimates from all campaigns together. In this case, a
+    second line states the uncertainty due to these errors. ``factor`` converts values from the
+    internal unit of the parameter to the unit shown.
     """
     parameter = trend.parameters[name]
     probability = probability_words(parameter.probability)
@@ -212,7 +217,10 @@ def _panel_title(trend: Trend, name: str, factor: float) -> str:
 
 
 def _name_campaigns(axes: Axes, trend: Trend) -> None:
-    """Label the horizontal axis with the dates of the campaigns, or with their numbers."""
+    """Label the horizontal axis with the dates of the campaigns.
+
+    If the campaigns have no dates, they are numbered in the given order.
+    """
     axes.tick_params(labelbottom=True)
     count = len(trend.campaigns)
     if trend.campaigns[0].date is None:

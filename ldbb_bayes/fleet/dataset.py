@@ -286,8 +286,9 @@ def _read(
 ) -> pd.DataFrame:
     """Return the rows of batches with the given columns and the columns of further quantities.
 
-    ``columns`` are names of columns; None requests all columns. ``further`` is a pattern: if it
-    matches the name of a quantity, the columns of this quantity are returned, too.
+    ``path`` names one batch or several batches, as in `read_batch`. ``columns`` are names of
+    columns; None requests all columns. ``further`` is a pattern: if it matches the name of a
+    quantity, the columns of this quantity are returned, too.
     """
     check_pyarrow()
     import pyarrow as pa  # imported here, because pyarrow need not be installed
@@ -340,7 +341,10 @@ def _dataset_of(path: Path) -> Path:
 
 
 def _columns_of_quantities(schema: pa.Schema, names: re.Pattern[str]) -> list[str]:
-    """Return the columns, such as k_min.mean, of the quantities whose names match a pattern."""
+    """Return the columns, such as k_min.mean, of the quantities whose names match a pattern.
+
+    ``names`` is the pattern. ``schema`` describes the columns of a batch's table.
+    """
     columns = []
     for column in schema.names:
         name, dot, _ = column.rpartition(".")

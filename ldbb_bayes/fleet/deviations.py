@@ -30,12 +30,12 @@ def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> A
     """Return the matrix with which the deviations w of campaigns or machines are integrated out.
 
     w are the deviations of a campaign's or machine's c parameters from their common level, with the
-    standard deviations s. The matrix consists of Lᵀ and L⁻¹ s (Λ_c, η_c) side by side; in the
-    formulae s stands for diag s. L is the Cholesky factor of I + s Λ_cc s = L Lᵀ, which is the
-    precision matrix (inverse covariance) of w / s. A likelihood has the precision matrix Λ and the
-    shift η, which is Λ times the estimate. Λ_c are the rows of Λ that belong to the parameters,
-    Λ_cc is the block of Λ whose rows and columns belong to the parameters, and η_c are the elements
-    of η that belong to the parameters.
+    standard deviations s; in the formulae s stands for diag s. A likelihood has the precision
+    matrix Λ (inverse covariance) and the shift η, which is Λ times the estimate. Λ_c are the rows
+    of Λ that belong to the parameters, Λ_cc is the block of Λ whose rows and columns belong to the
+    parameters, and η_c are the elements of η that belong to the parameters. The precision matrix of
+    w / s is I + s Λ_cc s = L Lᵀ, with the Cholesky factor L. The matrix returned consists of Lᵀ and
+    L⁻¹ s (Λ_c, η_c) side by side.
 
     Parameters
     ----------

@@ -37,12 +37,14 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Number of new random draws of the spreads (standard deviations of machines about the mean of their
-# population) to leave out one machine. The new draws are made from the posterior given the other
-# machines, if the draws given all machines cannot be weighted reliably.
+# Spreads are the standard deviations of machines about the mean of their population. When one
+# machine is left out, the random draws of the spreads given all machines are weighted. If the
+# weights cannot be trusted, this number of new draws is made from the posterior given the other
+# machines.
 _DRAWS_WITHOUT = 512
 # Largest number of machines for which new random draws of the spreads (standard deviations of
-# machines about the mean of their population) are made. The most outlying machines come first.
+# machines about the mean of their population) are made. If new draws are needed for more machines,
+# they are made for the most outlying ones.
 _MOST_REDRAWN = 200
 # Smallest p-value of a machine's parameter. Smaller p-values are replaced by this number, because
 # the corresponding quantile of the normal distribution would not be finite.
@@ -97,7 +99,7 @@ def judge_machines(
         all machines; see `shared_quantities`.
     seed : seed of new draws of s.
     progress : function that is called with two numbers: the number of machines for which new draws
-        have been made, and the number of all machines for which new draws are needed.
+        have been made, and the number of all machines for which new draws are made.
     """
     likelihood = density.likelihood
     n = len(likelihood.shift)

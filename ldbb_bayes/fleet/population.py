@@ -737,8 +737,10 @@ def _caveats(
 ) -> list[Caveat]:
     """Return the limitations of a population that its user must know.
 
-    ``judged`` is the comparison of each machine with the other machines, or None if there are too
-    few machines. ``machines`` are the names of all machines.
+    ``statistics`` holds the likelihoods of the campaigns, and ``spreads`` the random draws of the
+    machines' spreads (standard deviations about their mean). ``parameters`` are the distributions
+    of the parameters over the machines. ``judged`` is the comparison of each machine with the other
+    machines, or None if there are too few machines. ``machines`` are the names of all machines.
     """
     caveats = list(statistics.caveats)
     if not spreads.trusted:
@@ -760,9 +762,9 @@ def _instrument_caveat(
 ) -> Caveat:
     """Return a caveat that names the parameter most affected by the instrument's errors.
 
-    This is the parameter for which the errors cause the largest share of the variance of the
-    population's mean. The caveat also states this share in per cent. ``statistics`` holds the
-    likelihoods of the campaigns.
+    The parameter most affected is the parameter for which the errors cause the largest share of the
+    variance of the population's mean. The caveat also states this share in per cent. ``parameters``
+    are the distributions of the parameters over the machines, and ``statistics`` names the errors.
     """
     shares = {}
     for name, parameter in parameters.items():

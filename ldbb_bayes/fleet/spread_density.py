@@ -46,34 +46,34 @@ __all__ = [
 # times the number of machines. With this limit, a block fits into the processor's cache. Spreads
 # are the standard deviations of machines about the mean of their population.
 _PAIRS_AT_ONCE = 4096
-# Degrees of freedom of the Student t distribution from which ln s is drawn. s are the spreads, that
-# is, the standard deviations of machines about the mean of their population.
+# The spreads s are the standard deviations of machines about the mean of their population. ln s is
+# drawn from a Student t distribution with this number of degrees of freedom.
 _DEGREES_OF_FREEDOM = 5.0
-# Step of ln s in the central differences from which the Hessian of the log density of ln s is
-# computed. s are the spreads, that is, the standard deviations of machines about the mean of their
-# population.
+# The spreads s are the standard deviations of machines about the mean of their population. The
+# Hessian of the log density of ln s is computed by central differences with this step of ln s.
 _DIFFERENCE_STEP = 1e-4
-# The search for the mode of the density of ln s ends if a step increases the log density by less
-# than this number [nat]. s are the spreads, that is, the standard deviations of machines about the
-# mean of their population.
+# The spreads s are the standard deviations of machines about the mean of their population. The
+# search for the mode of the density of ln s ends if a step of the search increases the log density
+# by less than this number [nat].
 _MODE_GAIN = 1e-10
-# Random draws of ln s are limited to a range. Its lower end is ln τ − ``_RANGE_BELOW``. Its upper
-# end is ``_RANGE_ABOVE`` above ln τ, or above the largest element of the mode of ln s if this
-# element is larger than ln τ. s are the spreads, that is, the standard deviations of machines about
-# the mean of their population; τ is the scale of the prior of the spreads.
+# The spreads s are the standard deviations of machines about the mean of their population; τ is the
+# scale of the prior of the spreads. Random draws of ln s are limited to a range. The lower end of
+# the range is ln τ − ``_RANGE_BELOW``. The upper end is m + ``_RANGE_ABOVE``, where m is ln τ or,
+# if it is larger, the largest element of the mode of ln s.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# No second set of random draws of the machines' spreads (standard deviations about their mean) is
-# made if the weights of the first set can be trusted and its effective number of draws, divided by
-# its actual number of draws, is above this number.
-_EFFECTIVE_SHARE = 0.2
 # A second set of random draws of the machines' spreads (standard deviations about their mean) is
-# made with the covariance of the first set, plus this share of the covariance that follows from the
-# curvature at the mode of the density.
+# made unless the first set is good enough. The first set is good enough if its weights can be
+# trusted, and if its effective number of draws, divided by its actual number of draws, is above
+# this number.
+_EFFECTIVE_SHARE = 0.2
+# Two covariances are added to make a second set of random draws of the machines' spreads (standard
+# deviations about their mean). One is the covariance of the first set. The other is this share of
+# the covariance that follows from the curvature of the density at its mode.
 _ADDED_VARIANCE = 0.05
-# Smallest eigenvalue allowed in the curvature matrix at the mode of the density of ln s; smaller
-# eigenvalues are replaced by this number. s are the spreads, that is, the standard deviations of
-# machines about the mean of their population.
+# The spreads s are the standard deviations of machines about the mean of their population. In the
+# curvature matrix at the mode of the density of ln s, eigenvalues below this number are replaced by
+# this number.
 _SMALLEST_CURVATURE = 1e-3
 # Least distance of the coordinates of quasi-random points from 0 and from 1, where the quantile of
 # the normal distribution would be infinite.
@@ -210,14 +210,15 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 
 
 def _explained_variance(root: Array, response: Array) -> Array:
-    """Return the part of a variance that is due to the uncertainty of μ and b, shape (c, k, n).
+    """Return the parts of variances that are due to the uncertainty of μ and b, shape (c, k, n).
 
     μ is the population's mean and b are the instrument's errors; together they are q quantities.
-    The variance is the variance of c parameters, or of c standardised parameters z, of n machines,
-    for each of k values of the spreads (standard deviations of the machines about μ). ``root``,
-    shape (k, q, q), is the transposed square root of the covariance of μ and b. ``response``, shape
-    (c, q, k, n), holds the derivatives of the parameters, or of z, with respect to μ and b; their
-    sign does not matter.
+    The function is used for two kinds of quantities: for the c parameters of each of n machines,
+    and for the values z, which are the differences between these parameters and μ, divided by the
+    spreads. Spreads are the standard deviations of the machines about μ; there are k values of the
+    spreads. ``root``, shape (k, q, q), is the transposed square root of the covariance of μ and b.
+    ``response``, shape (c, q, k, n), holds the derivatives of the quantities with respect to μ and
+    b. The sign of the derivatives does not matter.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
@@ -299,8 +300,8 @@ class Spreads:
     #: k random draws of the spreads (standard deviations from machine to machine) of c parameters,
     #: in units of the parameters' prior sd, shape (k, c)
     spread: Array
-    #: logarithm, for each of k random draws, of a ratio: the posterior density divided by the
-    #: density of the distribution from which the draws were made; up to a constant, shape (k,)
+    #: for each of k random draws, the logarithm of the posterior density divided by the density of
+    #: the distribution from which the draws were made; up to a constant, shape (k,)
     log_weight: Array
     #: importance weights of the k random draws, Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array
@@ -397,7 +398,8 @@ def _draw_about(
     Spreads are the standard deviations of machines about the mean of their population. ``centre``,
     shape (c,), is the centre of the t distribution of ln s, and ``covariance``, shape (c, c), is
     its scale matrix. ``size`` is the number of draws, which are made from quasi-random points.
-    ``mode``, shape (c,), is the mode of the posterior density of ln s.
+    ``seed`` is the seed of these points. ``mode``, shape (c,), is the mode of the posterior density
+    of ln s, given by ``density``. The mode serves to limit the range of the draws.
     """
     c = len(centre)
     points = qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size)

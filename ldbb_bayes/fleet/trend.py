@@ -234,9 +234,10 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
 def _table_row(name: str, parameter: ParameterChange) -> list[str]:
     """Return the row of a parameter in the printed table of changes.
 
-    The row holds the present level of the parameter, the part of the level's expanded uncertainty U
-    that is common to all campaigns, the probability of a change of the parameter, and the size of
-    this change.
+    The row holds the name of the parameter, its present level, the part of the level's expanded
+    uncertainty U that is common to all campaigns, the probability of a change of the parameter, and
+    the size of this change, also in per cent. Sizes that are too uncertain to be stated are
+    replaced by a dash.
     """
     factor, unit = display_unit(parameter.unit)
     level = parameter.level_now
@@ -494,9 +495,10 @@ def _visits(
 
     The probability of a change is zero for the first campaign. ``names`` and ``dates`` are the
     names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds joint
-    posterior probabilities. An element is the probability that the machine's scatter from campaign
-    to campaign has one of r values, and that one of p parameters changed by a step just before one
-    of the campaigns 2 to n.
+    posterior probabilities. An element is the probability that three statements are true together:
+    the machine's scatter from campaign to campaign has a certain value (one of r values), a certain
+    parameter (one of p) changed by a step, and it changed just before a certain campaign (one of
+    the campaigns 2 to n).
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -538,9 +540,10 @@ def _parameter_change(
     posteriors
         Gaussians of levels, instrument errors and step under every hypothesis, see `hypotheses`.
     step_probabilities
-        Joint posterior probabilities, shape (r, n − 1). An element is the probability that the
-        machine's scatter from campaign to campaign has one of r values, and that this parameter
-        changed by a step just before one of the campaigns 2 to n.
+        Joint posterior probabilities, shape (r, n − 1). An element is the probability that two
+        statements are true together: the machine's scatter from campaign to campaign has a certain
+        value (one of r values), and the parameter changed by a step just before a certain campaign
+        (one of the campaigns 2 to n).
     levels
         Values of all parameters at the last campaign.
     chart
@@ -563,7 +566,8 @@ def _parameter_change(
     if abs(level_before) > _KNOWN_LEVEL * (scale * float(level_sd)):
         percent = 100.0 * change_size / level_before
     probability_by_time = step_probabilities.sum(axis=0).tolist()
-    # Entry k is the probability of a step just before the campaign with the index k + 1.
+    # Element k of ``probability_by_time`` is the probability that the parameter changed just before
+    # the campaign with the index k + 1.
     times = range(len(probability_by_time))
     return ParameterChange(
         unit=statistics.units[j],
@@ -629,9 +633,10 @@ def _estimates(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Joint posterior probabilities, shape (r, n − 1, p). An element is the probability that the
-        machine's scatter from campaign to campaign has one of r values, and that one of the p
-        parameters changed by a step just before one of the campaigns 2 to n.
+        Joint posterior probabilities, shape (r, n − 1, p). An element is the probability that three
+        statements are true together: the machine's scatter from campaign to campaign has a certain
+        value (one of r values), a certain parameter (one of p) changed by a step, and it changed
+        just before a certain campaign (one of the campaigns 2 to n).
     prob
         Probability of the credible intervals.
     """
