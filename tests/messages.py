@@ -19,6 +19,7 @@ REASONS = ("reason", "source", "contradiction")
 STAND_INS = {
     "len(": "4",
     "_middle_row(": "",
+    "_advice(": "Check it.",
     "advice": "",
     "as_stated": "",
     "cure_of_positions(": "Check it.",
@@ -36,6 +37,7 @@ STAND_INS = {
     "_options": "--unit",
     "option": "--unit",
     "flag": "--unit",
+    "remedy": "Check it.",
     "cure": "--unit",
     "role": "reading",
     "content": "reading",
@@ -129,5 +131,5 @@ def refusals(*rooms: str) -> set[str]:
             elif called(node) == "require":
                 message = node.args[1]
             if message is not None:
-                texts.add(text_of(message) or "")
+                texts.add((text_of(message) or "").rstrip())
     return texts - {""}

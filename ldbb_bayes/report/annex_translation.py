@@ -14,15 +14,14 @@ from __future__ import annotations
 
 import re
 import tomllib
+import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.resources import files
 from typing import Any, NamedTuple
 
-from matplotlib.text import Text
-from matplotlib.ticker import FixedFormatter
-
+from ldbb_bayes.report.figure_translation import translate_figure
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.sections import Details, Part, Section
 from ldbb_bayes.report.translation import Words
@@ -37,6 +36,7 @@ _NUMBER = r"[-+−±]?[\d.,eE−+<>≥≤ /\[\]…%°-]*\d[\d.,]*"
 # of a version number, such as ``0.3`` in ``0.3.0``.
 _DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?!\d|\.\d)")
 _SENTENCE_ENDS = re.compile(r"(?<=[.?!]) (?=[A-Z('{]|u[: ]|ln |\d+ %)")
+_GLOSSARY = "glossary"  # key of the section whose table is in alphabetical order
 # Separators of the items of a list, in the order in which they are tried. The first separators
 # divide a text into the longest items.
 _JOINTS = ("; ", ": ", ", ", " and ", " or ")
@@ -133,6 +133,8 @@ class AnnexTranslation:
     def section(self, section: Section) -> Section:
         """Return a section of the annex with all texts translated."""
         content = tuple(self._part(part) for part in section.content)
+        if section.key == _GLOSSARY:
+            content = tuple(_in_alphabetical_order(part) for part in content)
         return Section(section.key, self.text(section.title), content)
 
     def _part(self, part: Part) -> Any:
@@ -162,14 +164,7 @@ class AnnexTranslation:
 
         The labels are changed in the given figure; no copy of the figure is made.
         """
-        for label in picture.figure.findobj(Text):
-            lines = [self.text(line) for line in label.get_text().split("\n")]
-            label.set_text("\n".join(lines))
-        for axes in picture.figure.axes:
-            for axis in (axes.xaxis, axes.yaxis):
-                formatter = axis.get_major_formatter()
-                if isinstance(formatter, FixedFormatter):
-                    formatter.seq = [self.text(name) for name in formatter.seq]
+        translate_figure(picture.figure, self.text)
         return Picture(picture.key, self.text(picture.caption), picture.figure)
 
     # ---- translation of one text
@@ -262,6 +257,18 @@ class AnnexTranslation:
         mark = str(self.words.table["decimal"])
         interval = self.words("interval", low=r"\g<1>", high=r"\g<2>")
         return _DECIMALS.sub(rf"\g<1>{mark}\g<2>", _INTERVAL.sub(interval, text))
+
+
+def _in_alphabetical_order(part: Any) -> Any:
+    """Return a table with its rows in the alphabetical order of the first column.
+
+    Umlauts are sorted as the letters without dots. Parts of a section other than tables are
+    returned as they are.
+    """
+    if not isinstance(part, Table):
+        return part
+    rows = sorted(part.rows, key=lambda row: unicodedata.normalize("NFD", str(row[0]).casefold()))
+    return replace(part, rows=tuple(rows))
 
 
 @cache

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from ldbb_bayes.analysis.conformity import Conformity
 from ldbb_bayes.analysis.machine_description import describe_machine
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.report.blocks import Block, Fields, Pair, PictureRow, ReportSheet
+from ldbb_bayes.report.figure_translation import translate_ticks
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.pdf import fit_to_page
-from ldbb_bayes.report.pictures import picture
+from ldbb_bayes.report.pictures import Picture, picture
 from ldbb_bayes.report.plain_findings import plain_words
 from ldbb_bayes.report.sheet_fields import (
     assumption_fields,
@@ -100,14 +102,19 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     yield _table_with_U(numbers, words("sheet.results", force=force, middle=middle), quantities)
     yield from _conformity(numbers)
     yield words("notes.U", percent=words.number(f"{100 * findings.prob:g}"))
-    traces = picture(
-        "traces", findings.posterior, words("sheet.traces"), words=words.table["figures"]
-    )
+    traces = _picture("traces", findings.posterior, words("sheet.traces"), words)
     yield Pair(traces, words("sheet.undetermined"), tuple(undetermined_texts(numbers)))
     yield _averaged_models(findings, words)
     if findings.sheets_only:
         yield words("notes.sheets_only")
     yield _signatures(words)
+
+
+def _picture(key: str, subject: Any, caption: str, words: Words, **options: Any) -> Picture:
+    """Return a figure in the language of the sheets, with numbers in the form of this language."""
+    drawn = picture(key, subject, caption, words=words.table["figures"], **options)
+    translate_ticks(drawn.figure, words.number)
+    return drawn
 
 
 def _signatures(words: Words) -> Fields:
@@ -178,19 +185,8 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     rests_on = tuple(assumption_fields(numbers))
     yield Fields(rests_on, heading=words("sheet.rests_on"))
     yield words("notes.rests_on")
-    rose = picture(
-        "stiffness_rose",
-        findings.numbers,
-        words("sheet.rose"),
-        words=words.table["figures"],
-        compact=True,
-    )
-    curve = picture(
-        "compliance_against_force",
-        findings.numbers,
-        words("sheet.curve"),
-        words=words.table["figures"],
-    )
+    rose = _picture("stiffness_rose", findings.numbers, words("sheet.rose"), words, compact=True)
+    curve = _picture("compliance_against_force", findings.numbers, words("sheet.curve"), words)
     yield PictureRow((rose, curve))
     provenance = findings.result["provenance"]
     yield words(

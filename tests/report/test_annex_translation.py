@@ -17,7 +17,9 @@ from ldbb_bayes.report import page, wording
 from ldbb_bayes.report.annex_translation import AnnexTranslation, annex_translation, has_english
 from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import compose, html_page
+from ldbb_bayes.report.sections import Section
 from ldbb_bayes.report.translation import words_of
+from ldbb_bayes.results import Table
 
 TEMPLATES = files("ldbb_bayes.report") / "templates"
 # English words that no German text of the sheets or of the page has.
@@ -143,6 +145,16 @@ def test_english_is_not_translated() -> None:
 @pytest.mark.parametrize("text", ["C_XXX", "12.5 µm/m", "nrad/N", "cos 2θ", "–"])
 def test_symbols_are_no_english(text: str) -> None:
     assert not has_english(text)
+
+
+def test_the_glossary_is_in_alphabetical_order_in_german() -> None:
+    rows = [("stiffness", "1"), ("slope", "2"), ("share", "3"), ("reference force F0", "4")]
+    table = Table.of("Glossary", ["term", "meaning"], rows)
+    section = german().section(Section("glossary", "Glossary", (table,)))
+    (translated,) = section.content
+    assert isinstance(translated, Table)
+    terms = [str(row[0]) for row in translated.rows]
+    assert terms == ["Anteil", "Änderung mit der Kraft", "Bezugskraft F0", "Steifigkeit"]
 
 
 # ---- a whole page
