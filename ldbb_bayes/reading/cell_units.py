@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.sexagesimal import SECONDS_UNIT, columns_in_sexagesimal, seconds_in
 from ldbb_bayes.reading.words import unit_named
 
 __all__ = ["UnitsOfCells", "number_in_cell", "split_units"]
@@ -34,11 +35,16 @@ class UnitsOfCells(NamedTuple):
     units: Mapping[tuple[int, int], str]
 
 
-def number_in_cell(cell: str) -> _NumberAndUnit | None:
+def number_in_cell(cell: str, *, is_sexagesimal: bool = False) -> _NumberAndUnit | None:
     """Return the number in a cell, and its unit if there is one.
 
-    Return None for a cell that holds neither a number nor a number with a known unit.
+    An angle such as 12° 30' 15" is returned as 45015 arcsec. ``is_sexagesimal`` states whether the
+    header of the column says that angles are in degrees, minutes and seconds. Return None for a
+    cell that holds neither a number nor a number with a known unit.
     """
+    seconds = seconds_in(cell, is_named=is_sexagesimal)
+    if seconds:
+        return _NumberAndUnit(seconds, SECONDS_UNIT)
     if looks_like_number(cell):
         return _NumberAndUnit(cell, "")
     match = _NUMBER_AND_TEXT.fullmatch(cell)
@@ -58,7 +64,8 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     least three rows of numbers with units, the row above or below may also consist of numbers
     without units. A row such as ``Force;36 N`` is not changed.
     """
-    numbers = [_numbers_of(row.cells) for row in rows]
+    sexagesimal = columns_in_sexagesimal(row.cells for row in rows)
+    numbers = [_numbers_of(row.cells, sexagesimal) for row in rows]
     is_neighbour = _may_be_neighbours(rows, numbers)
     changed = list(rows)
     units: dict[tuple[int, int], str] = {}
@@ -87,11 +94,16 @@ def _may_be_neighbours(
     with_units = [bool(entries) for entries in numbers]
     if sum(with_units) < _FEWEST_ROWS:
         return with_units
-    return [all(number_in_cell(cell) for cell in row.cells if cell) for row in rows]
+    are_numbers = []
+    for row, entries in zip(rows, numbers, strict=True):
+        are_numbers.append(bool(entries) or all(number_in_cell(cell) for cell in row.cells if cell))
+    return are_numbers
 
 
-def _numbers_of(cells: Sequence[str]) -> dict[int, _NumberAndUnit]:
+def _numbers_of(cells: Sequence[str], sexagesimal: Collection[int]) -> dict[int, _NumberAndUnit]:
     """Return a dict with the numbers in a row; its keys are the indices of the columns.
+
+    ``sexagesimal`` are the indices of the columns whose angles are in degrees, minutes and seconds.
 
     The dict is empty if a filled cell is not a number, if there are fewer than two numbers, or if
     no number has a unit.
@@ -100,7 +112,7 @@ def _numbers_of(cells: Sequence[str]) -> dict[int, _NumberAndUnit]:
     for column, cell in enumerate(cells):
         if not cell:
             continue
-        entry = number_in_cell(cell)
+        entry = number_in_cell(cell, is_sexagesimal=column in sexagesimal)
         if entry is None:
             return {}
         entries[column] = entry

@@ -14,14 +14,17 @@ import numpy as np
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.sexagesimal import SECONDS_UNIT, names_sexagesimal
 from ldbb_bayes.reading.unit_lines import COUNT
-from ldbb_bayes.reading.words import UNITS, comparable, scaled_unit, size_of_unit
+from ldbb_bayes.reading.words import UNITS, WORDS, comparable, scaled_unit, size_of_unit
 from ldbb_bayes.results import Array
 
 __all__ = ["is_unit_stated", "unit_size"]
 
 # Word that messages show as the unit of a row that has no unit.
 _NO_UNIT = "none"
+# Regular expression for a word for a share of a unit, such as tenths.
+_SHARE = re.compile(rf"(?<!\w)(?:{WORDS['unit_lines']['share']})(?!\w)", re.IGNORECASE)
 # An error message shows at most this number of characters of a unit from a file.
 _UNIT_SHOWN = 40
 
@@ -105,7 +108,10 @@ def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> No
     if evidence.source == _header_source(recording):
         return
     subject = f"unit of the {role}"
-    recording.note(subject, _listed(evidence.units), evidence.source, _option(role))
+    value = _listed(evidence.units)
+    if value == SECONDS_UNIT:
+        value += ", degrees and minutes included"
+    recording.note(subject, value, evidence.source, _option(role))
 
 
 def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> float | Array:
@@ -130,7 +136,12 @@ def _size_in(recording: Recording, role: str, unit: str, source: str) -> float:
     size = size_of_unit(role, unit)
     if size is None:
         cure = _option(role)
-        if role == "reading":
+        if role == "reading" and _SHARE.search(unit):
+            cure += " ('0.1 mil' for tenths of a thou, which are 0.0001 inch; '0.01 mm' for"
+            cure += " hundredths of a millimetre)"
+        elif role == "angle" and names_sexagesimal(unit):
+            cure += " deg if they have decimals; or write them as in 12°30'15\""
+        elif role == "reading":
             cure += " (--unit '0.1 um' for counts of 0.1 µm)"
         raise InputError(
             f"{recording.place}: the {role} must be in {', '.join(UNITS[role])}, got"
@@ -166,6 +177,9 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
             units.append(scaled_unit(text.strip("[]() ")) or text or _NO_UNIT)
         evidence.append(_UnitEvidence(units, row_units.source))
     header_unit = recording.heading.units[recording.heading.roles[role]]
+    names_degrees = header_unit == "deg" or names_sexagesimal(header_unit)
+    if role == "angle" and names_degrees and _are_in_seconds(evidence):
+        header_unit = ""  # it means the degrees in front of the minutes and seconds
     if header_unit:
         # A number in the unit of a header, as in 10 µm, may be a factor or the range of the
         # instrument. A unit with a number is therefore treated as unknown.
@@ -178,6 +192,11 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
     if role == "reading" and scales and not known:
         return [_UnitEvidence([scale.value], f"line {scale.line}") for scale in scales]
     return evidence
+
+
+def _are_in_seconds(evidence: Sequence[_UnitEvidence]) -> bool:
+    """Return whether the cells of a column hold degrees, minutes and seconds."""
+    return any(set(entry.units) == {SECONDS_UNIT} for entry in evidence)
 
 
 def _is_count(units: Sequence[str]) -> bool:

@@ -215,6 +215,11 @@ def numbers_in(
         remedy = "Correct or remove the line."
         if re.fullmatch(r"[+\-−–]?\d+[.,]\d+", cells[first]):
             remedy = "Correct it, or give another --decimal."
+        if is_clock(cells[first]):
+            remedy = (
+                "If its cells are degrees, minutes and seconds, put (D-M-S) behind its name in the"
+                " header."
+            )
         raise number_error(place, lines[first], name, cells[first], remedy)
     return values
 

@@ -26,7 +26,7 @@ INCOMPLETE = tuple(
 
 def shape_cases() -> dict[str, FieldCase]:
     """Return the cases of missing readings and of tables in other shapes."""
-    return {**missing_cases()}
+    return {**missing_cases(), **sexagesimal_cases(), **share_cases()}
 
 
 def with_missing(words: Mapping[int, str]) -> field.Row:
@@ -66,4 +66,75 @@ def missing_cases() -> dict[str, FieldCase]:
         told="missing readings: 3 rows left out",
         circles=INCOMPLETE,
     )
+    return cases
+
+
+def in_seconds(form: str) -> field.Row:
+    """Return rows whose angles are in degrees, minutes and seconds, as ``form`` writes them."""
+
+    def row(circle: Circle, k: int) -> list[object]:
+        seconds = round(3600.0 * float(circle.angle_deg[k]))
+        angle = form.format(d=seconds // 3600, m=seconds // 60 % 60, s=seconds % 60)
+        return [angle, field.plain(circle, k)[1]]
+
+    return row
+
+
+def sexagesimal_cases() -> dict[str, FieldCase]:
+    kind = "angles in degrees, minutes and seconds"
+    told = "unit of the angle: arcsec, degrees and minutes included"
+    uneven = tuple(
+        replace(circle, angle_deg=circle.angle_deg + np.round(1815.0 / 3600.0, 9))
+        for circle in TRUTH
+    )
+    cases = {}
+    written = (
+        ("Angle;Reading [um]", "{d}°{m:02d}'{s:02d}\""),
+        ("Angle (D-M-S);Reading [um]", "{d}° {m:02d}' {s:02d}\""),
+        ("Angle [deg];Reading [um]", "{d}°{m:02d}′{s:02d}.0″"),
+        ("Angle (DMS);Reading [um]", "{d}-{m:02d}-{s:02d}"),
+        ("Angle (deg:min:sec);Reading [um]", "{d}:{m:02d}:{s:02d}"),
+    )
+    for number, (header, form) in enumerate(written):
+        cases[f"sexagesimal_{number}"] = FieldCase(
+            kind,
+            f"angles such as {form.format(d=12, m=30, s=15)} below {header.split(';')[0]!r}",
+            field.texts(header, in_seconds(form), separator=";", circles=uneven),
+            told=told,
+            circles=uneven,
+        )
+    form = "{d}:{m:02d}:{s:02d}"
+    cases["sexagesimal_asked"] = FieldCase(
+        kind,
+        "angles such as 12:30:15, nothing says so",
+        field.texts("Angle;Reading [um]", in_seconds(form), separator=";", circles=uneven),
+        refusal="put (D-M-S) behind its name in the header",
+        mended=field.texts(
+            "Angle (D-M-S);Reading [um]", in_seconds(form), separator=";", circles=uneven
+        ),
+        circles=uneven,
+    )
+    cases["sexagesimal_packed"] = FieldCase(
+        kind,
+        "angles such as 12.3015 below 'Angle (DMS)'",
+        field.texts("Angle (DMS);Reading [um]", in_seconds("{d}.{m:02d}{s:02d}"), separator=";"),
+        refusal="or write them as in 12°30'15\"",
+        mended=field.texts(
+            "Angle (DMS);Reading [um]", in_seconds("{d}°{m:02d}'{s:02d}\""), separator=";"
+        ),
+    )
+    return cases
+
+
+def share_cases() -> dict[str, FieldCase]:
+    """Return readings in tenths, which are 0.0001 inch in shops of the United States."""
+    cases = {}
+    for number, unit in enumerate(("tenths", "Tenths of a thou", "tenth")):
+        cases[f"tenths_{number}"] = FieldCase(
+            "units that are shares",
+            f"readings in {unit}",
+            field.texts(f"Angle [deg],Dev ({unit})", field.scaled(2.54)),
+            refusal="--unit ('0.1 mil' for tenths of a thou, which are 0.0001 inch",
+            step=("--unit", "0.1 mil"),
+        )
     return cases

@@ -1,0 +1,74 @@
+"""Angles in degrees, minutes and seconds, such as 12° 30' 15"."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+__all__ = ["SECONDS_UNIT", "columns_in_sexagesimal", "names_sexagesimal", "seconds_in"]
+
+# This package's name of the unit of the numbers that `seconds_in` returns.
+SECONDS_UNIT = "arcsec"
+_SECONDS = r"(?P<seconds>\d{1,2})(?P<mark>[.,])?(?P<decimals>(?<=[.,])\d+)?"
+# Regular expression for an angle with the sign for degrees.
+_WITH_SIGNS = re.compile(
+    r"(?P<sign>[+\-−–]?)(?P<degrees>\d{1,3})\s?(?:°|º|d|deg)\s?(?P<minutes>\d{1,2})\s?['′’m]"
+    rf"(?:\s?{_SECONDS}\s?(?:\"|″|”|''|′′|’’|s)?)?",
+    re.IGNORECASE,
+)
+# Regular expression for an angle without the sign for degrees, as in 12-30-15. It may also be a
+# date or a time of day.
+_WITHOUT_SIGNS = re.compile(
+    rf"(?P<sign>[+\-−–]?)(?P<degrees>\d{{1,3}})[\-: ](?P<minutes>\d{{1,2}})[\-: ]{_SECONDS}"
+)
+# Regular expression for the words of a header that say that angles are in degrees, minutes and
+# seconds.
+_NAMED = re.compile(
+    r"(?<![^\W_])d[-. :,/]?m[-. :,/]?s(?![^\W_])|\bdeg\w*[-. :,/]{1,2}min\w*[-. :,/]{1,2}sec"
+    r"|°\s?['′]\s?(?:\"|″|'')|\bgrad[-. :,/]{1,2}min\w*[-. :,/]{1,2}sek",
+    re.IGNORECASE,
+)
+# Parts of a degree and of a minute.
+_SIXTY = 60
+
+
+def names_sexagesimal(header: str) -> bool:
+    """Return whether a header says that its angles are in degrees, minutes and seconds."""
+    return _NAMED.search(header) is not None
+
+
+def columns_in_sexagesimal(rows: Iterable[Sequence[str]]) -> set[int]:
+    """Return the indices of the columns in which a cell, such as the header, says so."""
+    columns = set()
+    for cells in rows:
+        columns |= {column for column, cell in enumerate(cells) if names_sexagesimal(cell)}
+    return columns
+
+
+def seconds_in(cell: str, *, is_named: bool = False) -> str:
+    """Return the number of seconds in an angle: 45015 for 12° 30' 15".
+
+    The decimal mark of the seconds is kept. The result is empty for a cell that is no such angle.
+
+    Parameters
+    ----------
+    cell
+        The cell.
+    is_named
+        Whether the header of the column says that its angles are in degrees, minutes and seconds.
+        An angle may then be written as 12-30-15 or 12:30:15.
+    """
+    match = _WITH_SIGNS.fullmatch(cell)
+    if match is None and is_named:
+        match = _WITHOUT_SIGNS.fullmatch(cell)
+    if match is None:
+        return ""
+    minutes = int(match["minutes"])
+    seconds = int(match["seconds"] or 0)
+    if minutes >= _SIXTY or seconds >= _SIXTY:
+        return ""
+    total = (int(match["degrees"]) * _SIXTY + minutes) * _SIXTY + seconds
+    decimals = ""
+    if match["decimals"]:
+        decimals = f"{match['mark']}{match['decimals']}"
+    return f"{match['sign']}{total}{decimals}"
