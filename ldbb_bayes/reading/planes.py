@@ -59,9 +59,7 @@ def take_plane_option(campaign: dict[str, Any]) -> None:
         return
     plane = plane_named(campaign["plane"])
     if plane in PLANE_OF_SWAPPED:
-        raise InputError(
-            f"plane must be one of {', '.join(PLANES)}, got {plane}. {_swapped_advice(plane)}"
-        )
+        raise _swapped_error("options", plane, "--plane")
     if plane in PLANES:
         campaign["plane"] = plane
 
@@ -82,32 +80,34 @@ def check_plane(place: str, plane: str, source: str, has_angles: bool) -> None:
     """
     if plane in PLANES:
         return
-    advice = "Correct it, or give --plane."
-    if plane in PLANE_OF_SWAPPED:
-        advice = _swapped_advice(plane)
-        if not has_angles:
-            usual = PLANE_OF_SWAPPED[plane]
-            advice = (
-                f"Give --plane {usual}, with --start-deg and --direction as they are in {usual}:"
-                f" angles from +{usual[0]} towards +{usual[1]}."
-            )
+    usual = PLANE_OF_SWAPPED.get(plane)
+    if usual is None:
+        raise InputError(
+            f"{place}: plane must be XY, YZ or ZX, got {plane} in {source}. Correct it, or give"
+            " --plane."
+        )
+    if has_angles:
+        raise _swapped_error(place, plane, source)
     raise InputError(
-        f"{place}: plane must be one of {', '.join(PLANES)}, got {plane} in {source}. {advice}"
+        f"{place}: plane must be XY, YZ or ZX, got {plane} in {source}. Give --plane {usual}, with"
+        f" --start-deg and --direction as they are in {usual}: angles from +{usual[0]} towards"
+        f" +{usual[1]}."
     )
 
 
-def _swapped_advice(plane: str) -> str:
-    """Return advice on how to state a plane whose letters are swapped, such as XZ.
+def _swapped_error(place: str, plane: str, source: str) -> InputError:
+    """Return the error for a plane whose letters are swapped, such as XZ.
 
     Angles that begin at the second axis of a plane and run towards its first axis are clockwise.
+    ``place`` is the name of the table, or "options".
     """
     usual = PLANE_OF_SWAPPED[plane]
     first = usual[0]
     second = usual[1]
-    return (
-        f"If its angles run from +{first} towards +{second}, give --plane {usual}; if from"
-        f" +{second} towards +{first}, give --plane {usual} --angle-zero +{second} --angle-sense"
-        " CW."
+    return InputError(
+        f"{place}: plane must be XY, YZ or ZX, got {plane} in {source}. If its angles run from"
+        f" +{first} towards +{second}, give --plane {usual}; if from +{second} towards +{first},"
+        f" give --plane {usual} --angle-zero +{second} --angle-sense CW."
     )
 
 
