@@ -89,9 +89,9 @@ def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
 def _bound_of_model(
     largest: BoundModel, places: NDArray[np.intp], rivals: Sequence[str]
 ) -> BoundModel:
-    """Return one model of an average, applied to the campaign.
+    """Return one of the models over which a posterior is averaged, applied to the campaign.
 
-    ``largest`` is the model with all parameters of the average. ``places`` holds, for each
+    ``largest`` is the model that has the parameters of all these models. ``places`` holds, for each
     parameter of the returned model, its index among the parameters of ``largest``. ``rivals`` are
     the names of the rival explanations that the returned model contains. Rival explanations are
     effects that look like a change of compliance with force.

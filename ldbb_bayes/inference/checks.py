@@ -63,21 +63,21 @@ _DRAWS = 500
 # A posterior predictive check fails if its p-value times the number of all checks (Bonferroni) is
 # below this value.
 _FAILS = 0.01
-# Smallest p-value used where posterior predictive checks are ranked by the logarithms of their
-# p-values: a smaller p-value is replaced by this number, so that the logarithm is finite. In the
-# test of a slope over force, a smaller standard error of the slope is also replaced by this number,
-# to avoid a division by zero.
+# Smallest p-value of a posterior predictive check. Checks are ranked by the logarithms of their
+# p-values; a smaller p-value is replaced by this number, so that its logarithm is finite. This
+# number is also the smallest standard error by which a slope over force is divided, to avoid a
+# division by zero.
 _SMALLEST_P = 1e-300
 # The autocorrelation of a test's noise is computed from at most this many readings of the test.
 _LONGEST_STRETCH = 100_000
 # The residuals of a fit of the Fourier orders 0 to 12 to a test's readings count as rounding errors
 # if the sum of squares of the residuals is below this share of the readings' sum of squares.
 _ROUNDING = 1e-24
-# Whether the circles' centre shifts with force is checked only in planes with at least this many
-# tests.
+# The check whether the circles' centre shifts with force is made only in planes with at least this
+# many tests.
 _FEWEST_TESTS = 4
-# Whether the circles' centre shifts with force is checked only in planes with tests at this many
-# different forces or more.
+# The check whether the circles' centre shifts with force is made only in planes whose tests have at
+# least this many different forces.
 _FEWEST_FORCES = 3
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.
@@ -167,7 +167,7 @@ def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
 def effects_of_failures(
     bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
 ) -> tuple[dict[str, float], float]:
-    """Return how much the causes of failing checks could change parameters and widen intervals.
+    """Return how much the faults that failing checks show could change parameters and intervals.
 
     The first result is a dict, whose keys are the names of the tests that fail the check of a
     Fourier order. The value of a test is the largest change of any parameter when the test is left
@@ -179,9 +179,10 @@ def effects_of_failures(
     is assumed to be as strong as their readings show at the Fourier orders 13 to 16. The share is 0
     if no check of noise or autocorrelation fails.
 
-    Both results are computed at one value ``phi`` of the hyper-parameters (scales of the noise and
-    of other effects), shape (h,). ``checks`` holds the p-values of each test; its keys are the
-    names of the tests. ``bound`` is the model, applied to its campaign.
+    A check fails if its p-value, times the number of checks, is below 1 %. Both results are
+    computed at one value ``phi`` of the h hyper-parameters (scales of the noise and of other
+    effects), shape (h,). ``checks`` holds the p-values of each test; its keys are the names of the
+    tests. ``bound`` is the model, applied to its campaign.
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -195,7 +196,7 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 
     ``tests`` are the names of the tests that are left out one at a time. These names are the keys
     of the result. The change is in units of the parameter's posterior standard deviation, and is
-    computed at one value ``phi`` of the hyper-parameters (scales of the noise and of other
+    computed at one value ``phi`` of the h hyper-parameters (scales of the noise and of other
     effects), shape (h,). The result is empty if the campaign has one test only or the prior is
     flat. ``bound`` is the model, applied to its campaign.
     """
@@ -211,15 +212,15 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 
 
 def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
-    """Return the largest share by which an interval grows if some tests are noisier than modelled.
+    """Return the largest share by which an interval widens if some tests are noisier than modelled.
 
     The intervals are the credible intervals of the parameters. A share of 0.1 means that an
     interval is 10 % wider. ``tests`` are the names of the tests that are noisier. For these tests,
     the noise variance is estimated from the readings at the Fourier orders 13 to 16; if this
     estimate is smaller than the noise variance σ² of the model, σ² is used. For all other tests,
     the noise variance is σ². The wider intervals are computed with σ² replaced by the mean noise
-    variance of all tests. ``phi``, shape (h,), is one value of the hyper-parameters (scales of the
-    noise and of other effects). ``bound`` is the model, applied to its campaign.
+    variance of all tests. ``phi``, shape (h,), is one value of the h hyper-parameters (scales of
+    the noise and of other effects). ``bound`` is the model, applied to its campaign.
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
@@ -318,10 +319,11 @@ def check_predictions(
     """Return posterior predictive p-values of every test; the keys are the names of the tests.
 
     Each p-value compares the readings of a test with the readings of a new circle that are
-    predicted from the posterior. ``phi``, shape (draws, h), holds posterior draws of the
+    predicted from the posterior. ``phi``, shape (draws, h), holds posterior draws of the h
     hyper-parameters (scales of the noise and of other effects). ``beta``, shape (draws, p), holds
     posterior draws of the parameters (compliances, their changes with force, geometric errors). At
-    most 500 of the draws are used. ``bound`` is the model, applied to its campaign.
+    most 500 of the draws are used. ``rng`` generates the random readings. ``bound`` is the model,
+    applied to its campaign.
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)

@@ -27,9 +27,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["draw_new_noise_factors", "shape_probabilities"]
 
-# The squared noise factor λ² of a circle has the density InvGamma(a, a). These values of the shape
-# a are considered; the first value is the shape in the model's prior. A large a means that circles
-# scatter alike.
+# Values of the shape a that are considered for the density InvGamma(a, a) of the squared noise
+# factor λ² of a circle. The first value is the shape in the model's prior. A large a means that
+# circles scatter alike.
 _SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
 # Prior probability of the first shape in ``_SHAPES``; the other shapes have equal prior
 # probabilities. The first shape gives heavy tails. Its probability is large, so that a few circles
@@ -40,9 +40,9 @@ _FIRST_PROBABILITY = 0.5
 def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Array:
     """Return random noise factors λ of a new circle, one for each of n posterior draws, shape (n,).
 
-    λ multiplies the set-up shift (of zero and centre) and the discrepancy (unexplained deviations)
-    of a circle. ``noise_factors``, shape (n, R), holds the noise factors of the R measured circles
-    in each posterior draw.
+    λ multiplies two random effects on a circle: its set-up shift (of zero and centre) and its
+    discrepancy (unexplained deviations). ``noise_factors``, shape (n, R), holds the noise factors
+    of the R measured circles in each posterior draw.
     """
     cumulative = shape_probabilities(noise_factors).cumsum(axis=1)
     levels = rng.random((len(noise_factors), 1))
@@ -54,9 +54,10 @@ def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Ar
 def shape_probabilities(noise_factors: Array) -> Array:
     """Return the probabilities of the shapes a in ``_SHAPES`` for each of n posterior draws.
 
-    λ² has the density InvGamma(a, a), where λ is the noise factor of a circle. ``noise_factors``,
-    shape (n, R), holds the noise factors of the R measured circles in each posterior draw. The
-    result has one row for each draw and one column for each value in ``_SHAPES``.
+    A shape a belongs to the density InvGamma(a, a) of λ², where λ is the noise factor of a circle:
+    the factor of its random effects. ``noise_factors``, shape (n, R), holds the noise factors of
+    the R measured circles in each posterior draw. The result has one row for each draw and one
+    column for each value in ``_SHAPES``.
     """
     prior = np.full(len(_SHAPES), (1.0 - _FIRST_PROBABILITY) / (len(_SHAPES) - 1))
     prior[0] = _FIRST_PROBABILITY

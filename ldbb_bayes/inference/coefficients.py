@@ -7,8 +7,8 @@ effects that are modelled but not of interest: shared nuisances are common to se
 nuisances belong to a single circle. There are three kinds of prediction:
 
 - machine: H β plus the nominal deflection of the work ball's mount; the deflection is left out if
-  the readings are already compensated for it. The matrix H holds the effect of a unit of each
-  parameter on each circle;
+  the readings are already compensated for it. The matrix H hold the change of the circles per unit
+  of each parameter;
 - shared: the machine plus the effects of ball form, bar length, deflection of the mount, and force
   error. The quality of a fit (root-mean-square residual and fitness, Eq. 34-35 of the paper) is
   computed from this prediction;
@@ -89,8 +89,8 @@ class ElasticDraws(NamedTuple):
     #: draws of the compliances C(F) at n bar forces F, shape (draws, n, compliances) [mm/N, rad/N,
     #: rad/(N mm)]
     compliances: Array
-    #: draws of the elastic deflection along the bar, divided by the bar force: 25 Fourier
-    #: coefficients of each circle at each of n bar forces, shape (draws, circles, n, 25) [mm/N]
+    #: draws of the elastic deflection along the bar divided by the bar force [mm/N]: 25 Fourier
+    #: coefficients of each circle at each of n bar forces, shape (draws, circles, n, 25)
     per_force: Array
 
 
@@ -102,10 +102,10 @@ def evenly_spaced(total: int, size: int) -> Array:
 def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array, Array]:
     """Return draws of the parameters and of the hyper-parameters, with all chains joined.
 
-    ``beta``, shape (chains, draws, p), are draws of the parameters; ``phi``, shape (chains, draws,
-    h), are draws of the hyper-parameters. The results have the shapes (chains × draws, p) and
-    (chains × draws, h), with all draws of the first chain first. If ``size`` is not None, at most
-    that many draws are returned, evenly spaced.
+    ``beta``, shape (chains, draws, p), are draws of the p parameters; ``phi``, shape (chains,
+    draws, h), are draws of the hyper-parameters. The results have the shapes (chains × draws, p)
+    and (chains × draws, h), with all draws of the first chain first. If ``size`` is not None, at
+    most that many draws are returned, evenly spaced.
     """
     flat_beta = beta.reshape(-1, beta.shape[2])
     flat_phi = phi.reshape(-1, phi.shape[2])
@@ -116,12 +116,12 @@ def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array,
 
 
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
-    """Return what the machine's parameters predict for each circle [mm].
+    """Return the Fourier coefficients that the machine's parameters predict for each circle [mm].
 
-    ``beta``, shape (draws, p), are draws of the parameters (compliances, their changes with force,
-    geometric errors). The nominal deflection of the mount is included, unless the readings are
-    compensated for it. The result holds Fourier coefficients of the orders 0 to 12, shape (draws,
-    tests, 25). ``bound`` is the model, applied to its campaign.
+    ``beta``, shape (draws, p), are draws of the p parameters (compliances, their changes with
+    force, geometric errors). The nominal deflection of the work ball's mount is included, unless
+    the readings are compensated for this deflection. The result holds Fourier coefficients of the
+    orders 0 to 12, shape (draws, tests, 25). ``bound`` is the model, applied to its campaign.
     """
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
@@ -129,7 +129,7 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
 def shared_terms(
     columns: Iterable[Columns | BasisNoise], *, private: bool = False
 ) -> list[Columns]:
-    """Return the columns of shared nuisances, or of private nuisances if ``private`` is True.
+    """Return the columns of shared nuisances; if ``private`` is True, of private nuisances.
 
     Nuisances are effects that are modelled but not of interest. Shared nuisances are common to
     several tests; private nuisances belong to a single test. A column holds the effect of one
@@ -140,12 +140,12 @@ def shared_terms(
 
 
 def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
-    """Return the effects of q nuisance coefficients on every test [mm], shape (tests, 25, q).
+    """Return the effect of a unit of each of q nuisance coefficients on every test [mm].
 
     Nuisances are effects that are modelled but not of interest. The q coefficients are those that
-    tests share or, if ``private`` is True, those that belong to a single test. The array holds the
-    change of the 25 Fourier coefficients of each test per unit of each nuisance coefficient.
-    ``bound`` is the model, applied to its campaign.
+    tests share or, if ``private`` is True, those that belong to a single test. The result, shape
+    (tests, 25, q), holds the change of the 25 Fourier coefficients of each test per unit of each
+    nuisance coefficient. ``bound`` is the model, applied to its campaign.
     """
     columns = [np.zeros((len(bound.test_names), SIZE, 0))]
     columns += [term.values for term in shared_terms(bound.nuisance_columns, private=private)]
@@ -156,7 +156,7 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
     """Return random draws of the q nuisance coefficients that tests share, shape (draws, q).
 
     Nuisances are effects that are modelled but not of interest, such as ball form. All q
-    coefficients are drawn once for each draw of the parameters ``beta``, shape (draws, p), and
+    coefficients are drawn once for each draw of the p parameters ``beta``, shape (draws, p), and h
     hyper-parameters ``phi``, shape (draws, h). They are drawn conditional on the readings and on
     the parameters and hyper-parameters of the draw. ``bound`` is the model, applied to its
     campaign.
@@ -176,7 +176,7 @@ def compliance_curves(
 
     ``force_N``, shape (n,), holds the forces [N]. C(F) is computed from the compliance at the
     reference force and from its change with force, for each draw of the parameters ``beta``, shape
-    (draws, p), and hyper-parameters ``phi``, shape (draws, h). The direct compliance of a machine
+    (draws, p), and h hyper-parameters ``phi``, shape (draws, h). The direct compliance of a machine
     axis is the deflection of the axis divided by the bar force along the axis. If the model has the
     term `JointLoad` (joints that yield to their own load), direct compliances include what this
     term adds. The coefficients of the term are drawn at random given the parameters, the
@@ -192,8 +192,8 @@ def elastic_draws(
 
     If the model has the term `JointLoad` (joints that yield to their own load), both compliances
     and deflections include what this term adds. The coefficients of the term are drawn at random
-    given the parameters, the hyper-parameters and the readings. The same draws are used for
-    compliances and for deflections.
+    given the parameters, the hyper-parameters and the readings. The same draws of these
+    coefficients are used for compliances and for deflections.
 
     Parameters
     ----------
@@ -202,8 +202,8 @@ def elastic_draws(
     circles
         Indices of tests whose circles are used.
     force_N
-        Forces of the bar, shape (n,), none of them zero [N]. Forces other than those tested are
-        allowed.
+        The n forces F of the bar, shape (n,), none of them zero [N]. Forces other than those tested
+        are allowed.
     rng
         Generator of the random draws.
 
@@ -220,12 +220,12 @@ def elastic_draws(
 def elastic_draws_with(
     shared: Array, draws: ModelDraws, circles: Sequence[int], force_N: Array
 ) -> ElasticDraws:
-    """Return what `elastic_draws` returns, but with shared nuisances that are already drawn.
+    """Return what `elastic_draws` returns, from coefficients of shared nuisances that are given.
 
     Shared nuisances are effects that are modelled but not of interest and that several tests have
-    in common. ``shared``, shape (draws, q), are the coefficients of these nuisances. These
-    coefficients are not used if the model has no term `JointLoad` (joints that yield to their own
-    load). The other arguments are the same as in `elastic_draws`.
+    in common. ``shared``, shape (draws, q), holds q coefficients of these nuisances for each draw.
+    These coefficients are not used if the model has no term `JointLoad` (joints that yield to their
+    own load). The other arguments are the same as in `elastic_draws`.
     """
     bound = draws.bound
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])
@@ -267,14 +267,14 @@ def _names_of_shared(bound: BoundModel) -> list[str]:
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
-    """Return what posterior draws predict for each measured circle, without random scatter [mm].
+    """Return the Fourier coefficients that draws predict for each measured circle [mm].
 
-    The prediction includes the effects of the machine, of ball form, of bar length, of the
-    deflection of the mount, and of force error. Nuisances, that is, effects that are modelled but
-    not of interest, are set to their means given the readings, the parameters ``beta``, shape
-    (draws, p), and the hyper-parameters ``phi``, shape (draws, h). The result holds Fourier
-    coefficients of the orders 0 to 12, shape (draws, tests, 25). ``bound`` is the model, applied to
-    its campaign.
+    The prediction has no random scatter. It includes the effects of the machine, of ball form, of
+    bar length, of the deflection of the mount, and of force error. Nuisances, that is, effects that
+    are modelled but not of interest, are set to their means given the readings, the parameters
+    ``beta``, shape (draws, p), and the h hyper-parameters ``phi``, shape (draws, h). The result
+    holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25). ``bound`` is the
+    model, applied to its campaign.
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean
@@ -294,11 +294,11 @@ def new_circle_coefficients(
     """Return random draws of one new circle for each test, under the test's conditions [mm].
 
     The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25), without
-    white noise. Nuisances (effects that are modelled but not of interest) that tests share are
-    drawn from their posterior given the parameters ``beta``, shape (draws, p), and hyper-parameters
-    ``phi``, shape (draws, h). Effects on one circle only are drawn anew: random force error, set-up
-    shift (of zero and centre) and discrepancy (unexplained deviations). ``bound`` is the model,
-    applied to its campaign.
+    white noise. ``rng`` generates the random numbers. Nuisances (effects that are modelled but not
+    of interest) that tests share are drawn from their posterior given the p parameters ``beta``,
+    shape (draws, p), and h hyper-parameters ``phi``, shape (draws, h). Effects on one circle only
+    are drawn anew: random force error, set-up shift (of zero and centre) and discrepancy
+    (unexplained deviations). ``bound`` is the model, applied to its campaign.
     """
     shared = draw_shared_coefficients(bound, phi, beta, rng)
     circles = [draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))]
@@ -311,7 +311,7 @@ def draw_shared_coefficients(
     """Return the machine's effects plus random effects of nuisances that tests share [mm].
 
     Nuisances are effects that are modelled but not of interest, such as ball form. The nuisances
-    are drawn given the readings, the parameters ``beta``, shape (draws, p), and the
+    are drawn given the readings, the p parameters ``beta``, shape (draws, p), and the h
     hyper-parameters ``phi``, shape (draws, h). The result holds Fourier coefficients of the orders
     0 to 12 of every test, shape (draws, tests, 25). ``bound`` is the model, applied to its
     campaign.
@@ -322,12 +322,12 @@ def draw_shared_coefficients(
 
 
 def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
-    """Return random draws of the effects that act on one test only, shape (draws, 25) [mm].
+    """Return random draws of the sum of all effects that act on one test only [mm].
 
     The effects are the random force error, the set-up shift (of zero and centre) and the
-    discrepancy (unexplained deviations of the orders 2 to 12). The result holds the sum of the
-    effects as Fourier coefficients of the orders 0 to 12, for the test with the index r. ``phi``,
-    shape (draws, h), holds draws of the hyper-parameters, which are the scales of these and other
+    discrepancy (unexplained deviations of the orders 2 to 12). The result holds Fourier
+    coefficients of the orders 0 to 12, shape (draws, 25), for the test with the index r. ``phi``,
+    shape (draws, h), holds draws of the h hyper-parameters, which are the scales of these and other
     effects. ``bound`` is the model, applied to its campaign.
     """
     coefficients = np.zeros((len(phi), SIZE))
@@ -342,7 +342,7 @@ def private_terms(bound: BoundModel, phi: Array, r: int) -> Iterator[PrivateTerm
 
     The set-up shift is a shift of the circle's zero and centre; the discrepancy consists of the
     unexplained deviations of the orders 2 to 12. r is the index of the test. ``phi``, shape (draws,
-    h), holds draws of the hyper-parameters, which are the scales of these and other effects.
+    h), holds draws of the h hyper-parameters, which are the scales of these and other effects.
     ``bound`` is the model, applied to its campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))

@@ -41,7 +41,8 @@ def conditional_draws(
     bound : BoundModel
         Model, applied to its campaign.
     free : ndarray, shape (w, h)
-        Hyper-parameters in unbounded coordinates, mostly ln(value − lower bound).
+        The w values of the h hyper-parameters in unbounded coordinates, mostly ln(value − lower
+        bound).
     rng : Generator
         Generator of random numbers.
     truncated : bool, optional
@@ -53,8 +54,8 @@ def conditional_draws(
     beta : ndarray, shape (w, p)
         Random draws of the parameters.
     exact : ndarray of bool, shape (w,)
-        False for a draw for which the rejection sampler gave up, or in which rounding made a
-        compliance negative.
+        True for a draw from the exact density. False if the rejection sampler gave up for this
+        draw, or if rounding made a compliance of this draw negative.
     """
     if truncated is None:
         truncated = bound.truncation.active
@@ -62,8 +63,8 @@ def conditional_draws(
     exact = np.ones(len(free), dtype=bool)
     nodes, node_of_row = np.unique(free, axis=0, return_inverse=True)
     node_of_row = node_of_row.ravel()
-    # If many rows of ``free`` (values of the hyper-parameters) are equal, the density of the
-    # parameters is computed only once for each different row.
+    # Many rows of ``free`` (values of the hyper-parameters) may be equal. The density of the
+    # parameters is then computed only once for each distinct row.
     conditional_of_nodes = None
     if 2 * len(nodes) <= len(free):
         conditional_of_nodes = bound.given(bound.hyper_prior.phi(nodes))[1]

@@ -4,10 +4,10 @@ A proposal is the density from which points are drawn. The points are values of 
 hyper-parameters, the scales of the noise and of other effects. If a scale that is common to all
 circles is near zero, the readings determine the other scales less well, and the densities of the
 other scales are wider. A correlation cannot express such a change of width. In the proposal, mean
-and width of a coordinate therefore depend on other coordinates. Let u be h coordinates that are not
-correlated with each other. The mean m and the logarithm of the width s of a coordinate are
-polynomials of degree two in the coordinates with a smaller index, of which only the first k are
-used. Then
+and width of a coordinate therefore depend on other coordinates. Let u be the h coordinates of a
+point, chosen so that they are not correlated with each other. The mean m and the logarithm of the
+width s of a coordinate are polynomials of degree two in the coordinates that come before this
+coordinate, and only in the first k of them. Then
 
     z = (u − m) / s − offset
 
@@ -30,16 +30,17 @@ __all__ = ["Dependence", "fit_dependence"]
 # are common to all circles come first among the hyper-parameters; there are at most seven such
 # scales.
 _LEADING = 7
-# In the polynomials, values of coordinates are limited to this distance from zero, so that the
-# polynomials are not extrapolated. Coordinates have the standard deviation one.
+# Largest distance from zero at which the polynomials are evaluated; a coordinate farther from zero
+# is replaced by this value, so that the polynomials are not extrapolated. The coordinates have the
+# standard deviation one.
 _FARTHEST = 5.0
-# Logarithms of the fitted widths of coordinates are limited to this absolute value, so that the fit
-# is not extrapolated.
+# Largest absolute value of the logarithm of a fitted width. A logarithm beyond this limit is
+# replaced by the limit, so that the fit is not extrapolated.
 _LARGEST_LOG_WIDTH = 1.0
 # Means and logarithms of widths of coordinates are polynomials in other coordinates. A coefficient
 # is set to zero unless it exceeds this number of standard errors.
 _SIGNIFICANT = 3.0
-# Number of scoring steps by which the widths of the coordinates are fitted.
+# Number of steps of Fisher's method of scoring by which the widths of the coordinates are fitted.
 _STEPS = 4
 
 
@@ -63,7 +64,7 @@ class Dependence:
     mean: Array  #: coefficients of the means of h coordinates, shape (1 + 2 k, h)
     #: coefficients of the logarithms of the widths of h coordinates, shape (1 + 2 k, h)
     log_width: Array
-    #: numbers subtracted from the coordinates after division by the widths, shape (h,)
+    #: numbers subtracted at last, in z = (u − mean) / width − offset, shape (h,)
     offset: Array
 
     @property
@@ -72,14 +73,21 @@ class Dependence:
         return len(self.mean) // 2
 
     def remove(self, u: Array) -> IndependentPoints:
-        """Return nearly independent coordinates z of n points, from coordinates u, shape (n, h)."""
+        """Return the nearly independent coordinates z that belong to the coordinates u of n points.
+
+        z and ``u`` have the shape (n, h). A coordinate z is (u − mean) / width − offset; the
+        dependence of mean and width on the first k coordinates is thus removed.
+        """
         terms = _terms(u[:, : self.leading])
         log_width = _limited(terms @ self.log_width)
         z = (u - terms @ self.mean) * np.exp(-log_width) - self.offset
         return IndependentPoints(z, log_width.sum(axis=1))
 
     def restore(self, z: Array) -> Array:
-        """Return the coordinates u of n points, shape (n, h), from z; the inverse of `remove`."""
+        """Return the coordinates u of n points from their coordinates z: the inverse of `remove`.
+
+        u and ``z`` have the shape (n, h).
+        """
         standard = z + self.offset
         u = standard.copy()
         for first in range(1, self.leading + 1):
@@ -107,7 +115,11 @@ def _limited(log_width: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Polynomials:
-    """Orthonormal polynomials of degree one and of degree two of each of k coordinates."""
+    """Polynomials of degree one and of degree two of each of k coordinates of n weighted points.
+
+    The two polynomials of a coordinate are orthonormal: under the weights of the points they have
+    the mean zero, the variance one and no correlation with each other.
+    """
 
     mean: Array  # weighted means of the k coordinates, shape (k,)
     sd: Array  # weighted standard deviations of the k coordinates, shape (k,)
@@ -120,11 +132,12 @@ class _Polynomials:
     def coefficients(self, of_linear: Array, of_square: Array) -> Array:
         """Convert coefficients of the polynomials to coefficients of powers of the coordinates.
 
-        ``of_linear`` and ``of_square``, shape (k, h), are the coefficients of the polynomials of
-        degree one and of degree two. The rows of the result, shape (1 + 2 k, h), are the
-        coefficients of 1, of the k coordinates u, and of their squares. The polynomial of degree
-        one is t = (u − mean) / sd; the polynomial of degree two is (t² − 1 − skewness t) /
-        square_sd. The numbers mean, sd, skewness and square_sd are attributes of this object.
+        ``of_linear`` and ``of_square``, shape (k, h), are the coefficients with which the
+        polynomials of degree one and of degree two enter the mean or the log width of h
+        coordinates. The rows of the result, shape (1 + 2 k, h), are the coefficients of 1, of the k
+        coordinates u, and of their squares. The polynomial of degree one is t = (u − mean) / sd;
+        the polynomial of degree two is (t² − 1 − skewness t) / square_sd. The numbers mean, sd,
+        skewness and square_sd are attributes of this object.
         """
         mean = self.mean[:, None]
         sd = self.sd[:, None]
@@ -137,7 +150,7 @@ class _Polynomials:
 
 
 def _polynomials(leading: Array, weight: Array) -> _Polynomials:
-    """Return orthonormal polynomials of k coordinates of n weighted points.
+    """Return orthonormal polynomials of degree one and two of k coordinates of n weighted points.
 
     ``leading``, shape (n, k), holds the coordinates; ``weight``, shape (n,), holds the weights.
     """
@@ -154,9 +167,10 @@ def _polynomials(leading: Array, weight: Array) -> _Polynomials:
 def fit_dependence(u: Array, weight: Array) -> Dependence:
     """Return how mean and width of h coordinates depend on the first k coordinates.
 
-    Mean and logarithm of the width are polynomials, whose coefficients are fitted to n points. A
-    coefficient is set to zero unless it exceeds three standard errors. The standard error is
-    computed as if the number of points were the effective sample size of the weights.
+    k is the smaller of h − 1 and 7. Mean and logarithm of the width are polynomials, whose
+    coefficients are fitted to n weighted points. A coefficient is set to zero unless it exceeds
+    three standard errors. The standard error is computed as if the number of points were the
+    effective sample size of the weights.
 
     Parameters
     ----------
@@ -193,7 +207,7 @@ def _fit_widths(
     deviations of h coordinates from their means at n points; ``weight``, shape (n,), holds the
     weights of the points. ``is_before``, shape (k, h), is True where the coordinate of the row has
     a smaller index than the coordinate of the column. The likelihood of normal deviations is
-    maximised by scoring steps (Harvey, Econometrica 44 (1976) 461).
+    maximised by steps of Fisher's method of scoring (Harvey, Econometrica 44 (1976) 461).
     """
     values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
     counts = np.concatenate([is_before, is_before])

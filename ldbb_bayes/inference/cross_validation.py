@@ -28,22 +28,24 @@ from ldbb_bayes.results import Array
 
 __all__ = ["log_likelihood_of_tests", "with_predictive"]
 
-# The integral over λ is computed as a sum over these values of ln λ. λ is the factor by which two
-# random effects on one circle are multiplied: its set-up shift (of zero and centre) and its
+# Values of ln λ over which the integral over λ is computed as a sum. The noise factor λ of a circle
+# multiplies two random effects on this circle: its set-up shift (of zero and centre) and its
 # discrepancy (unexplained deviations of the orders 2 to 12). The distance between successive values
 # is small compared with the width of the density of ln λ.
 _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
-# Error allowed in each log evidence, and in each log probability that no compliance is negative
-# [nat].
+# Error allowed in each log evidence [nat], and in each logarithm of the probability that no
+# compliance is negative.
 _TOLERANCE = 1e-2
-# The densities of a test's readings at all posterior draws are tempered if the Pareto shape k̂ of
-# the inverse densities is above this value. Tempering raises the densities to a power below one.
+# Limit of the Pareto shape k̂ above which densities are tempered, that is, raised to a power below
+# one. The densities are those of a test's readings at all posterior draws. Their inverses are
+# importance weights of the draws, and k̂ states how heavy the tail of these weights is.
 _LARGE_K = 0.4
-# The power to which the densities of a test's readings are raised (tempering) is this value divided
-# by the Pareto shape k̂ of the inverse densities.
+# Pareto shape k̂ that the inverse densities of a test's readings have after tempering. In
+# tempering, the densities are raised to a power below one: this value divided by their k̂ before
+# tempering.
 _TEMPERED_K = 0.2
-# Largest Pareto shape k̂ from which the power of a tempered density is computed; a larger k̂ is
-# replaced by this value. (Tempering raises a density to a power below one.)
+# Largest Pareto shape k̂ from which the power for tempering is computed; a larger k̂ is replaced by
+# this value. Tempering raises densities to a power below one if their inverses have a heavy tail.
 _LARGEST_K = 2.0
 
 
@@ -161,10 +163,10 @@ def _draw_readings(
 ) -> list[Array]:
     """Return one array for every test: random readings of new circles, shape (draws, n) [mm].
 
-    A test has n readings; each posterior draw gives one circle. ``phi``, shape (draws, h), holds
-    draws of the hyper-parameters (scales of the noise and of other effects); ``beta``, shape
-    (draws, p), holds draws of the parameters (compliances, their changes with force, geometric
-    errors). ``bound`` is the model, applied to its campaign.
+    A test has n readings; each posterior draw gives one circle. ``rng`` generates the random
+    numbers. ``phi``, shape (draws, h), holds draws of the h hyper-parameters (scales of the noise
+    and of other effects); ``beta``, shape (draws, p), holds draws of the parameters (compliances,
+    their changes with force, geometric errors). ``bound`` is the model, applied to its campaign.
     """
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
@@ -207,7 +209,7 @@ def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
     """Return the log density of each test's readings given all other readings, shape (w, tests).
 
     The density is p(y_r | y_−r, φ), where y_r are the readings of test r and y_−r those of all
-    other tests. φ are the hyper-parameters (scales of the noise and of other effects); ``phi``,
+    other tests. φ are the h hyper-parameters (scales of the noise and of other effects); ``phi``,
     shape (w, h), holds w values of them. If the model has a factor by which the set-up shift (of
     zero and centre) and the discrepancy (unexplained deviations) of test r are multiplied, this
     factor is integrated out. See `with_predictive`. ``bound`` is the model, applied to its
@@ -230,13 +232,14 @@ def _without_test(bound: BoundModel, name: str) -> BoundModel:
 
 
 def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> Array:
-    """Return ln p(y | φ) with one hyper-parameter integrated out under its prior, shape (w,).
+    """Return the log density of the readings, one hyper-parameter being integrated out, shape (w,).
 
-    The hyper-parameter with the name ``circle_scale`` is the factor by which the set-up shift (of
-    zero and centre) and the discrepancy (unexplained deviations) of one circle are multiplied. y
-    are the readings and φ the other hyper-parameters (scales of the noise and of other effects).
-    ``phi``, shape (w, h), holds w values of all hyper-parameters. ``bound`` is the model, applied
-    to its campaign.
+    The hyper-parameter with the name ``circle_scale`` is the factor of two random effects on one
+    circle: its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). The
+    integral is taken under the prior of this factor. The result is ln p(y | φ), where y are the
+    readings and φ the hyper-parameters (scales of the noise and of other effects) that are not
+    integrated out. ``phi``, shape (w, h), holds w values of all h hyper-parameters. ``bound`` is
+    the model, applied to its campaign.
     """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)
@@ -249,7 +252,7 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
 
 
 def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
-    """Return the log densities of the tests' readings, tempered if weights have a heavy tail.
+    """Return the log densities of the tests' readings, tempered where weights have a heavy tail.
 
     ``log_density``, shape (w, tests), is the log density of the readings of each test given all
     other tests. The log density is given at w draws of the hyper-parameters (scales of the noise
@@ -290,10 +293,10 @@ def _exact_log_evidence(bound: BoundModel) -> float:
 def _log_evidence(bound: BoundModel, phi: Array) -> Array:
     """Return ln p(y | φ) of the readings y at w values of the hyper-parameters φ, shape (w,).
 
-    φ are the scales of the noise and of other effects; ``phi`` has the shape (w, h). If the model
-    requires that no compliance is negative, the result is the logarithm of the joint density, given
-    φ, of y and of this condition. The joint density is not divided by the prior probability of the
-    condition. ``bound`` is the model, applied to its campaign.
+    φ are the h scales of the noise and of other effects; ``phi``, shape (w, h), holds w values of
+    them. If the model requires that no compliance is negative, the result is the logarithm of the
+    joint density, given φ, of y and of this condition. The joint density is not divided by the
+    prior probability of the condition. ``bound`` is the model, applied to its campaign.
     """
     if not bound.truncation.active:
         return bound.log_evidence(phi)

@@ -29,12 +29,12 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
-# The hyper-parameters of a sampler's starting points are drawn from a density that is close to
-# their posterior but wider: the standard deviations are multiplied by the square root of this
-# number (a temperature).
+# Temperature with which the hyper-parameters of a sampler's starting points are drawn: in the
+# density drawn from, which is close to their posterior, all standard deviations are multiplied by
+# the square root of this number.
 _START_TEMPERATURE = 1.5
-# Number of random points drawn for each starting point that a sampler needs. More than one point is
-# drawn, because points with a negative compliance are dropped.
+# Number of random points that are drawn for each starting point of a sampler. More than one point
+# is drawn, because points with a negative compliance are dropped.
 _DRAWS_PER_START = 2
 # Cumulative prior probabilities are kept at least this far from 0 and from 1, so that quantiles of
 # the prior are finite.
@@ -211,8 +211,8 @@ class LogDensity(Shown):
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
         """Return the coordinates of x by name, as ``{"parameters": {…}, "hyper": {…}}``.
 
-        ``hyper`` holds the hyper-parameters. If x is one point, shape (d,), each value is a number.
-        If x holds n points, shape (n, d), each value is an array of shape (n,).
+        ``hyper`` holds the hyper-parameters. If x is one point with d coordinates, shape (d,), each
+        value is a number. If x holds n points, shape (n, d), each value is an array of shape (n,).
         """
         points = self._check_points(x)
         by_coordinate: Any = np.moveaxis(points, -1, 0)
@@ -228,8 +228,8 @@ class LogDensity(Shown):
         """Return n starting points for a sampler, shape (n, d).
 
         A point holds the d coordinates: the parameters, then the hyper-parameters. The points are
-        spread a little wider than the posterior. If the model does not allow negative compliances,
-        no compliance is negative at any point.
+        drawn at random, with the given ``seed``, and are spread a little wider than the posterior.
+        If the model does not allow negative compliances, no compliance is negative at any point.
         """
         joint = JointDensity(self.bound)
         random = np.random.RandomState(seed)
@@ -265,9 +265,9 @@ class LogDensity(Shown):
         """Return a log density at points x, or −inf where x is not finite or not within the bounds.
 
         x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). Only the bounds of
-        the hyper-parameters are considered. ``density`` is a function that takes the parameters and
-        the hyper-parameters of m points, shapes (m, p) and (m, h), and returns their log densities,
-        shape (m,).
+        the hyper-parameters are considered. ``density`` is a function that takes the p parameters
+        and the h hyper-parameters of m points, shapes (m, p) and (m, h), and returns their log
+        densities, shape (m,).
         """
         values = self._check_points(x)
         points = values.reshape(-1, len(self.names))
@@ -288,7 +288,7 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Arra
     """Return ln p(y | β, φ) + ln p(β) + ``log_hyper_prior`` at n points, shape (n,).
 
     y are the readings. ``beta``, shape (n, p), holds the parameters β; ``phi``, shape (n, h), holds
-    the hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ.
+    the h hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ.
     ``bound`` is the model, applied to its campaign.
     """
     total = bound.log_prior(beta) + log_hyper_prior
@@ -322,10 +322,11 @@ class JointDensity:
         return _log_joint(self.bound, beta, prior.phi(free), prior.log_density_of_free(free))
 
     def split(self, x: Array) -> tuple[Array, Array]:
-        """Return the parameters, shape (..., p), and free coordinates, shape (..., h), of points x.
+        """Return the parameters, shape (..., p), and free coordinates, shape (..., h), of points.
 
-        x, shape (..., p + h), holds points in the coordinates of `JointDensity`. Free coordinates
-        are the h hyper-parameters transformed to be unbounded, mostly ln(value − lower bound).
+        ``x``, shape (..., p + h), holds points with p parameters and h free coordinates, in the
+        coordinates of `JointDensity`. Free coordinates are the h hyper-parameters transformed to be
+        unbounded, mostly ln(value − lower bound).
         """
         p = len(self.bound.names)
         return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
@@ -333,7 +334,7 @@ class JointDensity:
     def join(self, beta: Array, free: Array) -> Array:
         """Return points in the coordinates of `JointDensity`, shape (..., p + h).
 
-        ``beta``, shape (..., p), holds the parameters. ``free``, shape (..., h), holds the
+        ``beta``, shape (..., p), holds the p parameters. ``free``, shape (..., h), holds the h
         hyper-parameters transformed to be unbounded, mostly ln(value − lower bound). `split` is the
         inverse.
         """
@@ -346,8 +347,8 @@ class LinearRedraw:
 
     The sampler proposes the draws as the next points of its walkers. φ is drawn from a density
     fitted to p(φ | y), where y are the readings. β is drawn from its exact Gaussian density given φ
-    and y. If compliances must not be negative, β is drawn from a shifted density instead, which is
-    close to the Gaussian density restricted to compliances that are not negative.
+    and y. If compliances must not be negative, β is drawn from a density that is shifted towards
+    compliances that are not negative; importance weights correct for this shift.
     """
 
     density: JointDensity
@@ -356,11 +357,11 @@ class LinearRedraw:
     def draw(
         self, size: int, random: np.random.RandomState, *, temperature: float = 1.0
     ) -> WeightedPoints:
-        """Return ``size`` random points with their log importance weights and log target densities.
+        """Return ``size`` random points with log importance weights and log posterior densities.
 
         A point holds p parameters and h hyper-parameters in the coordinates of `JointDensity`. The
-        standard deviations of the density from which the hyper-parameters are drawn are multiplied
-        by the square root of ``temperature``.
+        density from which the hyper-parameters are drawn is widened: its standard deviations are
+        multiplied by the square root of ``temperature``.
         """
         bound = self.density.bound
         free = self.start.proposal.draw(size, random, temperature=temperature)
@@ -384,10 +385,10 @@ class LinearRedraw:
     def log_weight(self, points: Array) -> Array:
         """Return the log importance weights of n points, shape (n,).
 
-        ``points``, shape (n, p + h), are in the coordinates of `JointDensity`. The weight of a
-        point is the posterior density at the point divided by the density from which `draw` draws
-        points, up to a constant factor. If the model does not allow negative compliances, no
-        compliance may be negative at any of the points.
+        ``points``, shape (n, p + h), holds p parameters and h hyper-parameters in the coordinates
+        of `JointDensity`. The weight of a point is the posterior density at the point divided by
+        the density from which `draw` draws points, up to a constant factor. If the model does not
+        allow negative compliances, no compliance may be negative at any of the points.
         """
         bound = self.density.bound
         beta, free = self.density.split(points)

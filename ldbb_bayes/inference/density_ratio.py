@@ -5,10 +5,10 @@ If E_f is the mean under the density f, then
 
     ∫ g = ∫ f · E_f[g / f].
 
-The ratio g / f is smooth and varies little. A few hundred of the n nodes are therefore drawn, by
-systematic sampling with unequal probabilities, and ln(g / f) is evaluated only at the nodes drawn.
-A polynomial q(φ) is fitted to the values of ln(g / f); its degree is two, or one if there are many
-dimensions. The density f e^q is known at all nodes, and
+The ratio g / f is smooth and varies little. A small share of the n nodes is therefore drawn (at
+most 192, then 576, then 4608 nodes), by systematic sampling with unequal probabilities, and ln(g /
+f) is evaluated only at the nodes drawn. A polynomial q(φ) is fitted to the values of ln(g / f); its
+degree is two, or one if there are many dimensions. The density f e^q is known at all nodes, and
 
     ∫ g = ∫ f e^q · E[g / (f e^q)],
 
@@ -16,8 +16,7 @@ where the last factor is the weighted mean over the sample of ρ = g / (f e^q). 
 which is small, gives the error of the mean. This is the regression estimator of survey sampling
 (Cochran, Sampling Techniques, 1977, chapter 7; Särndal, Swensson and Wretman, Model Assisted Survey
 Sampling, 1992). The estimator does not assume that q fits well: a poor fit only makes the error
-larger. The weights that the nodes have under the density f e^q are also used as their weights under
-g.
+larger. Averages under g are computed with the weights that the nodes have under the density f e^q.
 """
 
 from __future__ import annotations
@@ -45,25 +44,25 @@ _STEPS = (24, 8, 1)
 # A sample of an integral's nodes (points) is used only if the number of all nodes is at least this
 # multiple of the number of nodes in the sample.
 _NODES_PER_SAMPLE = 2
-# A polynomial is fitted only if its number of coefficients is at most this share of the number of
-# nodes (points) in the sample.
+# Largest number of coefficients of a polynomial that is fitted, as a share of the number of nodes
+# (points) in the sample.
 _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
 # Half of the nodes (weighted points) in a sample are drawn with probabilities in proportion to
 # their weights, the other half with probabilities in proportion to this power of the weights, so
 # that nodes in the tails, where the ratio of the densities is largest, are drawn too.
 _TAIL_POWER = 0.5
-# Polynomials count as linearly dependent if a singular value is below this share of the largest
-# singular value.
+# Singular values of the matrix of polynomials at the sampled points count as zero if they are below
+# this share of the largest singular value; the polynomials are then linearly dependent.
 _DEPENDENT = 1e-10
 # The integral of a density g is computed from the mean of the ratios g / f at some nodes (points),
 # where f is a similar density. This mean is not trusted if the standard deviation of the ratios
 # exceeds this share of the mean. A sample of a few hundred nodes may then miss the largest ratios.
 _LARGEST_SCATTER = 0.4
-# The mean of the ratios of two densities is not trusted if the logarithm of a ratio exceeds the
-# logarithm of the mean by more than this number. The square of the ratio might then overflow.
+# Largest logarithm of a ratio of two densities, divided by the mean of all the ratios, with which
+# this mean is trusted. The square of a larger ratio might overflow.
 _LARGEST_LOG_RATIO = 50.0
-# The tail of the ratios of two densities is taken not to be heavy if no ratio exceeds their mean by
-# more than this share of the mean.
+# Ratios of two densities are assumed to have no heavy tail if none of them exceeds their mean by
+# more than this multiple of the mean. Otherwise the tail is examined.
 _LARGEST_PLAIN_RESIDUAL = 1.0
 # The error of the mean of the ratios of two densities is this multiple of the standard error.
 _STANDARD_ERRORS = 3.5
@@ -78,8 +77,8 @@ class LogValues(NamedTuple):
     """
 
     log_density: Array
-    #: numerical error of ``log_density`` at each node, which need not cancel in a mean over nodes
-    #: [nat]
+    #: numerical error of ``log_density`` at each node [nat]; such errors may be common to all
+    #: nodes, and need not cancel in a mean over nodes
     error: Array
 
 
@@ -104,19 +103,19 @@ class RatioIntegral(NamedTuple):
 class _Sample:
     """Random sample of m nodes of an integral ∫ f, and polynomials fitted to values at these nodes.
 
-    No node is in the sample more than once.
+    A node that was picked several times is in the sample only once, with a larger ``weight``.
     """
 
     nodes: Index  #: indices of the m nodes among all n nodes, shape (m,)
     #: weight of each of the m nodes in the integral, divided by the probability with which the node
-    #: is drawn, shape (m,)
+    #: is picked, times the number of times that the node was picked, shape (m,)
     weight: Array
     integral: Integral  #: integral of the density f, with all its n nodes
     degree: int  #: degree of the polynomial that is fitted, 1 or 2
 
     @cached_property
     def polynomials(self) -> Array:
-        """Values of the polynomials at all n nodes, shape (n, coefficients)."""
+        """Values of the polynomials that are fitted, at all n nodes, shape (n, coefficients)."""
         return _polynomials(self.integral, self.degree)
 
     @cached_property
@@ -201,9 +200,9 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
 def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
     """Return whether the mean of ratios ρ can be trusted.
 
-    The mean can be trusted if the ratios scatter little and have no heavy tail. ρ is the ratio of
-    two densities at m nodes. ``share`` are the weights of the nodes, ``residual`` is ρ divided by
-    its mean, minus one, and ``log_residual`` is ln ρ, each of shape (m,).
+    ρ is the ratio of two densities at m nodes (points). The mean can be trusted if the ratios
+    scatter little and have no heavy tail. ``share`` holds the weights of the nodes, ``residual`` is
+    ρ divided by its mean, minus one, and ``log_residual`` is ln ρ, each of shape (m,).
     """
     if share @ residual**2 > _LARGEST_SCATTER**2:
         return False
@@ -288,17 +287,22 @@ class RatioSampler:
 
 
 def _probabilities(weight: Array) -> Array:
-    """Return the probability with which each of n nodes (weighted points) is picked, shape (n,)."""
+    """Return the probability of each of n nodes (weighted points) to be picked, shape (n,).
+
+    ``weight``, shape (n,), holds the weights of the nodes, which sum to one. Half of the
+    probability is in proportion to the weights, the other half to their square roots.
+    """
     tempered = weight**_TAIL_POWER
     return 0.5 * weight + 0.5 * tempered / tempered.sum()
 
 
 def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
-    """Return the indices of the nodes of the largest sample; a node may occur several times.
+    """Return the indices of the nodes picked for the largest sample; an index may occur repeatedly.
 
-    The nodes are put in random order and picked at equally spaced levels of their cumulative
-    ``probability``. There are two smaller samples: every 8th of the picked nodes, and every 24th of
-    the picked nodes.
+    ``probability``, which sums to one, is the probability of each node to be picked. The nodes are
+    put in random order (``rng``) and picked at equally spaced values of the cumulative probability.
+    There are two smaller samples: every 8th of the picked nodes, and every 24th of the picked
+    nodes.
     """
     order = rng.permutation(len(probability))
     levels = (rng.random() + np.arange(_LARGEST_SAMPLE)) / _LARGEST_SAMPLE
@@ -309,7 +313,8 @@ def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
 def _largest_degree(dimensions: int, size: int) -> int:
     """Return the largest degree (0, 1 or 2) of a polynomial that can be fitted to ``size`` values.
 
-    ``dimensions`` is the number of coordinates of the polynomial.
+    ``dimensions`` is the number of variables of the polynomial. Its coefficients must be at most
+    half as many as the values.
     """
     coefficients_by_degree = {
         1: 1 + dimensions,
@@ -320,10 +325,10 @@ def _largest_degree(dimensions: int, size: int) -> int:
 
 
 def _polynomials(integral: Integral, degree: int) -> Array:
-    """Return polynomials of the coordinates, evaluated at the n nodes, shape (n, coefficients).
+    """Return polynomials, evaluated at the n nodes of ``integral``, shape (n, coefficients).
 
-    The polynomials have at most the degree ``degree``, 1 or 2. Coordinates are first scaled to the
-    mean zero and the standard deviation one.
+    The polynomials are all products of at most ``degree`` (1 or 2) coordinates of a node. The
+    coordinates are first scaled to the mean zero and the standard deviation one.
     """
     deviation = integral.free - integral.weight @ integral.free
     scale = np.sqrt(integral.weight @ deviation**2)

@@ -25,8 +25,8 @@ __all__ = [
     "power_sensitivity",
 ]
 
-# The prior or the likelihood is raised to each of these two powers, which are near one. The change
-# of the posterior states how sensitive the posterior is to the prior or to the likelihood
+# Two powers near one, to which the prior or the likelihood is raised. The change of the posterior
+# between the two powers states how sensitive the posterior is to the prior or to the likelihood
 # (Kallioinen et al. 2023). The powers are ArviZ's defaults.
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
@@ -36,7 +36,7 @@ _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
 # to the largest fifth of the weights, and this fifth must consist of at least five weights.
 _FEWEST_WEIGHTS = 25
-# Importance weights count as equal if the range of their logarithms is smaller than this value.
+# Range of the logarithms of importance weights below which the weights count as equal.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
 # The tail of importance weights can be judged only if their effective sample size is above this
 # number.
@@ -82,14 +82,14 @@ def power_sensitivity(
 
     The factors of the posterior density are, for example, the prior and the likelihood. Each factor
     is raised to a power near one (power-scaling, Kallioinen et al. 2023). The sensitivity is the
-    cumulative Jensen-Shannon distance by which the posterior of the parameter then moves, scaled to
-    a doubling of the power. A parameter counts as sensitive if its sensitivity is above 0.05. The
-    sensitivity to a constant factor is 0. ``draws`` holds the posterior draws of each parameter;
-    its keys are the names of the parameters. ``log_densities`` holds the logarithm of each factor
-    at these draws; its keys are the names of the factors. All arrays have the shape (chains,
-    draws). The first key of the result is the parameter, the second key the factor. The posterior
-    in which a factor has another power is represented by the same draws with weights. These weights
-    are so even that they need no smoothing.
+    distance (cumulative Jensen-Shannon) by which the posterior of the parameter then moves, scaled
+    to a doubling of the power. A parameter counts as sensitive if its sensitivity is above 0.05.
+    The sensitivity to a constant factor is 0. ``draws`` holds the posterior draws of each
+    parameter; its keys are the names of the parameters. ``log_densities`` holds the logarithm of
+    each factor at these draws; its keys are the names of the factors. All arrays have the shape
+    (chains, draws). The first key of the result is the parameter, the second key the factor. The
+    posterior in which a factor has another power is represented by the same draws with weights.
+    These weights are so even that they need no smoothing.
     """
     from arviz_stats.base import array_stats
 
@@ -113,12 +113,13 @@ def power_sensitivity(
 
 
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
-    """Return weights with which draws represent a posterior with one factor raised to a power.
+    """Return weights with which draws represent a posterior that has one factor raised to a power.
 
-    Draws with these weights represent the posterior density in which a factor, such as the prior,
-    is raised to the power. ``log_density`` is the logarithm of the factor at the draws, shape
-    (chains, draws). The result has the shape (parameters, draws of all chains), with equal rows, as
-    the weights are the same for all parameters.
+    The draws are from the posterior density, which is a product of factors such as prior and
+    likelihood. With the weights, the draws represent the density in which one factor is raised to
+    ``power``. ``log_density``, shape (chains, draws), is the logarithm of this factor at the draws.
+    The result has one column for each draw and one row for each of ``parameters`` parameters; all
+    rows are equal, because the weights are the same for all parameters.
     """
     log_weight = (power - 1.0) * (log_density - log_density.mean())
     return np.broadcast_to(np.exp(log_weight).ravel(), (parameters, log_weight.size))
@@ -133,17 +134,17 @@ class SmoothedWeights(NamedTuple):
     weights: Array  #: smoothed importance weights of n draws, which sum to one, shape (n,)
     #: shape k̂ of the Pareto distribution fitted to the largest importance weights
     pareto_k: float
-    #: largest Pareto shape k̂ with which the importance weights of n draws can be trusted
+    #: largest Pareto shape k̂ with which importance weights of so many draws can be trusted
     largest_pareto_k: float
 
 
 def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     """Return Pareto-smoothed importance weights (Vehtari et al. 2024).
 
-    ``log_ratio``, shape (n,), is ln(target density / proposal density), up to a constant, at n
-    independent draws from the proposal density. The shape k̂ of the Pareto distribution fitted to
-    the largest weights is infinite if very few draws carry all the weight, or if the tail of the
-    weights cannot be judged. k̂ is −inf if all weights are equal.
+    ``log_ratio``, shape (n,), is the log importance weight of n independent draws, up to a
+    constant: ln(density to represent / density drawn from). The shape k̂ of the Pareto distribution
+    fitted to the largest weights is infinite if the effective sample size of the weights is 10 or
+    less, or if the tail of the weights cannot be judged. k̂ is −inf if all weights are equal.
     """
     good_k = min(_LARGEST_GOOD_K, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < _EQUAL_LOG_RATIOS:
@@ -187,8 +188,8 @@ def _smooth_tail(log_weight: Array) -> tuple[Array, float]:
     """Return log importance weights after smoothing the largest weights, and the Pareto shape k̂.
 
     A Pareto distribution with the shape k̂ is fitted to the largest weights. ``log_weight`` and the
-    smoothed log weights have the shape (n,). If the fit fails, NaN is returned. ArviZ raises a
-    ValueError if the largest weights are too few or all equal.
+    smoothed log weights have the shape (n,), for n draws. If the fit fails, NaN is returned. ArviZ
+    raises a ValueError if the largest weights are too few or all equal.
     """
     from arviz_stats.base import array_stats
 

@@ -35,9 +35,9 @@ __all__ = [
 # rounding errors.
 _LARGEST_LOG_PROBABILITY = 0.1
 
-# A log probability that no compliance is negative may be computed from a few values of the
-# hyper-parameters if it is above this number. The other values of the hyper-parameters then change
-# the result little, because the probability given any of them is at most one.
+# Limit of the log probability that no compliance is negative. A mean over a few values of the
+# hyper-parameters is used if its logarithm is above this limit. Values that were not picked then
+# change the mean little, because no value gives a probability above one.
 _LEAST_COARSE_LOG_PROBABILITY = -2.0
 
 
@@ -133,10 +133,10 @@ def require_models(models: Mapping[str, HybridModel]) -> None:
 
 
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:
-    """Raise an `InputError` if a model and a campaign give no evidence.
+    """Raise an `InputError` if a model has no evidence for the readings of a campaign.
 
-    There is no evidence if the prior of the model is flat, if the campaign is a plan (a campaign
-    without readings), or if all readings are zero.
+    The evidence is undefined if the prior of the model is flat, if the campaign is a plan (a
+    campaign without readings), or if all readings are zero.
     """
     require_model(model)
     require(
@@ -202,7 +202,7 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
 
     The probability P is computed under the posterior that allows negative compliances. First, the
     probability given a value of the hyper-parameters (scales of the noise and of other effects) is
-    averaged over at least 256 such values. The average is returned if its error is at most
+    averaged over at least 256 such values. This average is taken as P if its error is at most
     ``tolerance`` and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate
     the average. P is then computed as a ratio of two integrals over the hyper-parameters: the
     integral of the posterior density with the condition that no compliance is negative, divided by

@@ -40,7 +40,7 @@ _FEWEST_TESTS = 16
 
 
 def _silent() -> None:
-    """Report no progress; unlike a lambda, this function can be sent to other processes."""
+    """Do nothing; unlike a lambda, this default can be sent to other processes."""
 
 
 class Evidences(Shown):
@@ -108,10 +108,11 @@ class Evidences(Shown):
 
         The evidence of a model follows from its nodes, which are weighted values of its
         hyper-parameters (scales of the noise and of other effects). Nodes of equal models are
-        computed once. Models share one calculation if they differ only in three ways: how
-        compliances change with force, which rival explanations of such a change they contain (for
-        example joints that yield to their own load), and whether compliances may be negative. The
-        nodes of these models follow from the nodes of the largest of them.
+        computed once. The nodes of several models come from one calculation if the models differ
+        only in three ways: how compliances change with force, which rival explanations of such a
+        change they contain (for example joints that yield to their own load), and whether
+        compliances may be negative. They are then derived from the nodes of the largest of these
+        models.
         """
         keys = [model_to_toml(model) for model in models]
         models_by_key = dict(zip(keys, models, strict=True))
@@ -122,14 +123,14 @@ class Evidences(Shown):
         return [self._nodes[key] for key in keys]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model; coarse nodes if all the models are rejected.
+        """Return the quadrature nodes of each model; only coarse nodes if all models are rejected.
 
-        Nodes are weighted values of the hyper-parameters. If nodes of all the models are known
-        already, they are returned. Otherwise the nodes of all the models are first computed
-        coarsely. If every log evidence plus its error is then at most ``below`` [nat], the models
-        are rejected and these coarse nodes are returned. Otherwise the nodes of all the models are
-        computed again to the tolerance of this object. Evidences from coarse nodes do not appear in
-        `every`.
+        Nodes are weighted values of the hyper-parameters, from which the log evidence of a model
+        follows. If the nodes of all the models have been computed before, they are returned.
+        Otherwise the nodes of all the models are first computed coarsely. If every log evidence
+        plus its error is then at most ``below`` [nat], the models are rejected and these coarse
+        nodes are returned. Otherwise the nodes of all the models are computed again to the
+        tolerance of this object. Evidences from coarse nodes do not appear in `every`.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
             return self.of(*models)
@@ -141,7 +142,7 @@ class Evidences(Shown):
         return rough
 
     def apart(self, tolerance: float | None = None) -> Evidences:
-        """Return new ``Evidences`` of the same readings, with no model computed yet.
+        """Return a new, still empty ``Evidences`` object of the same readings.
 
         The new object starts its search for the mode of a model's posterior at the mode that this
         object has found for a model with the same hyper-parameters, if there is one. ``tolerance``
@@ -153,13 +154,13 @@ class Evidences(Shown):
     def without_test(
         self, test: str, tests: Sequence[str], modes: Mapping[tuple[Hyper, ...], Array]
     ) -> Evidences:
-        """Return new ``Evidences`` of the readings without one test, with no model computed yet.
+        """Return a new, still empty ``Evidences`` object of the readings without one test.
 
         ``test`` is the name of the test left out, ``tests`` are the names of all tests. ``modes``
-        holds modes of posteriors. Its keys are tuples with the names of the hyper-parameters
-        (scales of the noise and of other effects) of these posteriors. The search for the mode of a
-        model's posterior starts at the mode whose key holds the names of the model's
-        hyper-parameters.
+        holds modes (maxima) of posteriors of the hyper-parameters (scales of the noise and of other
+        effects). Each key is a tuple with the names of the hyper-parameters. The search for the
+        mode of a model's posterior starts at the mode whose key holds the names of this model's
+        hyper-parameters, if there is one.
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)
@@ -180,8 +181,8 @@ class Evidences(Shown):
     @cached_property
     def _rough(self) -> Evidences:
         rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
-        # Use the bound models and the modes of their posteriors again, because neither depends on
-        # the tolerance.
+        # Use again the models that are applied to the campaign, and the modes of their posteriors:
+        # they do not depend on the tolerance.
         rough._posteriors = self._posteriors
         return rough
 

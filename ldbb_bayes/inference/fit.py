@@ -61,7 +61,8 @@ _EXPECTED_HYPER = 0.999
 # the prior is right.
 _LARGEST_PRIOR_DISTANCE = 3.0
 # Smallest variance assumed for the distance between prior mean and posterior mean of a parameter,
-# as a share of the prior variance. This limit avoids a division by zero.
+# as a share of the prior variance. The distance is divided by the root of its variance; this limit
+# avoids a division by zero.
 _SMALLEST_VARIANCE_SHARE = 0.05
 
 
@@ -122,13 +123,13 @@ class Fit(Result):
     #: per cent of the range of the readings, or NaN if all readings are equal. The keys are the
     #: names of the tests.
     fitness_percent: dict[str, float]
-    #: log probability that no compliance is negative, under the posterior that allows negative
-    #: compliances
+    #: logarithm of the probability that no compliance is negative; the probability is computed with
+    #: the posterior of the same model without this condition
     log_prob_truncation: float
-    #: error of the log posterior probability that no compliance is negative [nat]
+    #: error of ``log_prob_truncation`` [nat]
     log_prob_truncation_error: Finite
-    #: log probability that no compliance is negative, under the prior that allows negative
-    #: compliances; zero if the model allows negative compliances
+    #: logarithm of the prior probability that no compliance is negative, computed before the prior
+    #: is restricted to this condition; zero if the model does not restrict it
     log_prob_truncation_prior: float
     #: largest difference between the readings that the linearised model predicts and the readings
     #: that the exact geometry predicts, both at the posterior mean of the parameters [µm]
@@ -260,10 +261,10 @@ def assess_fit(
         Generator of the random draws of new circles.
     prior_level : float or array
         Expected value, under the prior, of the log prior density of the parameters. The argument is
-        an array, shape (chains, draws), with the value for the model of each draw, or one number
-        for all draws. The expected value is subtracted from the log prior density, so that a
-        difference of the expected value between models is not mistaken for sensitivity to the
-        prior.
+        one number for all draws, or an array, shape (chains, draws), which holds for each draw the
+        value of the model from which the draw comes. The expected value is subtracted from the log
+        prior density, so that a difference of the expected value between models is not mistaken for
+        sensitivity to the prior.
 
     Returns
     -------
@@ -302,9 +303,9 @@ def _average_quality(
 ) -> FitQuality:
     """Return root-mean-square residual and fitness of the prediction averaged over several models.
 
-    The predicted readings are averaged over the posterior draws of each model, then over the
-    models. ``shares`` holds the share of each model in the draws, and ``bound`` is the model with
-    the parameters of all models.
+    ``draws_by_model`` holds the posterior draws of each model. The readings that these draws
+    predict are averaged over the draws of each model, then over the models, with the weights
+    ``shares``, which sum to one. ``bound`` is the model that has the parameters of all models.
     """
     predictions = []
     for share, draws in zip(shares, draws_by_model, strict=True):
@@ -320,9 +321,9 @@ def _average_checks(
 ) -> dict[str, TestChecks]:
     """Return the posterior predictive p-values of each test, averaged over several models.
 
-    The p-values are averaged over the models with the weights ``shares``, which sum to one. The
-    keys of the result are the names of the tests. ``rng`` generates the random draws of new
-    circles.
+    ``draws_by_model`` holds the posterior draws of each model. Their p-values are averaged over the
+    models with the weights ``shares``, which sum to one. The keys of the result are the names of
+    the tests. ``rng`` generates the random draws of new circles.
     """
     checks = []
     for share, draws in zip(shares, draws_by_model, strict=True):
@@ -369,7 +370,7 @@ def _log_densities(
 def _check_posterior(
     bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float
 ) -> Iterator[Concern]:
-    """Check a posterior against the assumptions of its model; yield warnings.
+    """Check a posterior against the assumptions of its model, and yield warnings.
 
     There is a warning for each assumption that the posterior contradicts. The warnings are of the
     kinds TRUNCATION, FORCES, HYPER, PRIOR and CENTRE; see `Concern`.
@@ -379,9 +380,9 @@ def _check_posterior(
     bound
         Model applied to the campaign.
     phi
-        Posterior draws of the hyper-parameters, shape (n, h); lengths are in mm.
+        The n posterior draws of the h hyper-parameters, shape (n, h); lengths are in mm.
     beta
-        Posterior draws of the parameters, shape (n, p), in internal units (mm, N, rad).
+        The n posterior draws of the p parameters, shape (n, p), in internal units (mm, N, rad).
     log_prob_truncation
         Log posterior probability that no compliance is negative.
     """
@@ -401,7 +402,7 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
     """Yield a warning for each hyper-parameter with a median above the 99.9 % prior quantile.
 
     Only hyper-parameters (scales of the noise and of other effects) that are lengths are examined.
-    ``phi``, shape (n, h), holds posterior draws of all hyper-parameters; lengths are in mm.
+    ``phi``, shape (n, h), holds n posterior draws of all h hyper-parameters; lengths are in mm.
     ``bound`` is the model, applied to its campaign.
     """
     prior = bound.hyper_prior
@@ -417,8 +418,8 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
 def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
     """Yield a warning for each parameter whose posterior mean is far from its stated prior mean.
 
-    Only parameters for which the user stated a prior are examined. ``beta``, shape (n, p), holds
-    posterior draws of the parameters in internal units (mm, N, rad). ``bound`` is the model,
+    Only parameters for which the user stated a prior are examined. ``beta``, shape (n, p), holds n
+    posterior draws of the p parameters in internal units (mm, N, rad). ``bound`` is the model,
     applied to its campaign.
     """
     stated = {*bound.model.prior.overrides, *bound.model.prior.means}

@@ -18,8 +18,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["CurveDraws", "ForceCurves", "force_curves", "prior_changes"]
 
-# C(F) is a deflection divided by the force F. If the reference force is zero, C(F) is computed at
-# this small force [N] instead, to avoid a division by zero.
+# Smallest force at which a compliance C(F) is computed [N]; it replaces a reference force of zero.
+# C(F) is a deflection divided by the force F, so that a force of zero would be divided by.
 _SMALLEST_FORCE_N = 1e-9
 # Name of the term `JointLoad` (joints that yield to their own load) among the rival explanations of
 # a model, which are effects that look like a change of compliance with force.
@@ -27,7 +27,7 @@ _JOINT_LOAD = "joint load"
 
 
 class CurveDraws(NamedTuple):
-    """Posterior draws of one compliance C(F) at three forces, in the compliance's internal unit."""
+    """Posterior draws of one compliance C(F) at three forces F, in a unit made of mm, N and rad."""
 
     unit: str  #: internal unit of the compliance, such as mm/N
     at_smallest: Array  #: draws of the compliance at the smallest force tested, shape (draws,)
@@ -84,10 +84,10 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
 
     The change is C(F_max) − C(F_min), from the smallest force tested to the largest. The keys are
     the names of the compliances, as in `force_curves`. For an average over models, the prior draws
-    come from all models, including the models with constant compliances. The share of the draws
-    that include the effect of the term `JointLoad` (joints that yield to their own load) is equal
-    to the share of models with this term. The result is empty if the prior is flat or if all tests
-    have the same force.
+    come from all models, including the models with constant compliances. The effect of the term
+    `JointLoad` (joints that yield to their own load) is included at random, in the same share of
+    the draws as the share of the averaged models that have this term. The result is empty if the
+    prior is flat or if all tests have the same force.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
@@ -113,7 +113,10 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
 
 
 def _share_with_joint_load(posterior: xr.DataTree) -> float:
-    """Return the share of models that have the term `JointLoad`, or 1 for a single model."""
+    """Return the share of the averaged models that have the term `JointLoad`.
+
+    If the posterior is of a single model, the result is 1.
+    """
     averaged = record_of(posterior).get("averaged")
     if averaged is None:
         return 1.0
@@ -121,12 +124,12 @@ def _share_with_joint_load(posterior: xr.DataTree) -> float:
 
 
 def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, float]:
-    """Return the prior standard deviation of `JointLoad`'s part in the change of compliances.
+    """Return the prior standard deviation of what `JointLoad` adds to the change of compliances.
 
     `JointLoad` is the term of a model for joints that yield to their own load. There is one
     standard deviation for the direct compliance along each machine axis; the keys of the result are
     the letters of the axes. The change is from the smallest force tested to the largest; ``ends_N``
-    holds these two forces [N].
+    holds these two forces [N]. ``bound`` is the model, applied to its campaign.
     """
     columns_by_axis = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
     sd_by_axis: dict[str, float] = {}

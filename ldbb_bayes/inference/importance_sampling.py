@@ -1,13 +1,15 @@
 """Integrals in many dimensions by importance sampling with an adapted proposal.
 
-The integral of a density f over h dimensions is the mean of the weights f / proposal at points
-drawn from the proposal. Points are quasi-random: a Sobol sequence, randomised independently several
-times (scrambles). The proposal is a mixture of split Student-t distributions, whose two sides
-differ (Geweke, Econometrica 57, 1317-1339, 1989). In every round after the first, the proposal is
-fitted to the weighted points of the rounds before.
+Points are drawn from a proposal, a density much like the density f to integrate. The weight of a
+point is f divided by the proposal; the mean of the weights is the integral of f over h dimensions.
+Points are quasi-random: a Sobol sequence, randomised independently several times (scrambles). The
+proposal is a mixture of split Student-t distributions, whose two sides differ (Geweke, Econometrica
+57, 1317-1339, 1989). Points are drawn in several rounds. After the first round, the proposal is
+fitted to the weighted points of all earlier rounds before new points are drawn from it.
 
-The weights of a round use the proposal from which its points were drawn. If the weights used a
-proposal fitted to the same points, ln ∫ f would be too small, by 0.1 nat in 45 dimensions.
+The weights of a round are computed with the proposal from which the points of this round were
+drawn. With a proposal that was fitted to the same points, ln ∫ f would be too small, by 0.1 nat in
+45 dimensions.
 """
 
 from __future__ import annotations
@@ -37,9 +39,9 @@ _POINTS_PER_DIMENSION = 1.5
 # The number of points with which a round of importance sampling starts is this multiple of the
 # number with which the previous round started, unless this would be more points than allowed.
 _GROWTH = 4
-# A proposal, the density from which points are drawn, is a mixture. For every component, the
-# mixture has a further component that is wider by the factor ``_WIDE``. All wider components
-# together have the share ``_WIDE_SHARE`` of the points.
+# Components that are added to a proposal (the mixture from which points are drawn), so that it has
+# no gaps in the tails. Beside every component, a further component is added that is wider by the
+# factor ``_WIDE``. All wider components together receive the share ``_WIDE_SHARE`` of the points.
 _WIDE = 1.5
 _WIDE_SHARE = 0.1
 # Largest number of rounds of importance sampling, each of which draws new points.
@@ -48,12 +50,13 @@ _ROUNDS = 5
 # this share of its number of points. Otherwise the proposal (the density drawn from) is fitted
 # anew.
 _EFFICIENT = 0.4
-# Weights of a round are very even if their effective sample size exceeds this share of its number
-# of points. A proposal fitted anew would hardly be better.
+# A round of sampling is extended further, instead of fitting its proposal (the density drawn from)
+# anew, if the effective sample size of its weights exceeds this share of its number of points. The
+# weights are then so even that a new proposal would hardly be better.
 _VERY_EFFICIENT = 0.7
-# A round is not extended if its error exceeds this multiple of the tolerance, unless the round is
-# already large. If the proposal (the density drawn from) is fitted anew to all points so far, fewer
-# points are then needed in total.
+# A round of sampling with few points is not extended if its error exceeds this multiple of the
+# tolerance. It is then cheaper to fit the proposal (the density drawn from) anew to all points so
+# far, and to begin another round.
 _REACHABLE = 2.0
 # Before a proposal (the density drawn from) is fitted to weighted points, weights are evened out by
 # raising them to a power below one. In h dimensions, the effective sample size of the weights must
@@ -91,7 +94,7 @@ def importance_sample(
     Parameters
     ----------
     log_density : callable
-        Function that returns ln f, shape (n,), at points of shape (n, h).
+        Function that returns ln f, shape (n,), at n points in h dimensions, shape (n, h).
     modes : sequence of pairs
         One pair for each mode (maximum) of f, the highest mode first: the mode, shape (h,), and a
         square root, shape (h, h), of the inverse of minus the Hessian of ln f at the mode.
@@ -180,11 +183,12 @@ def _draw_round(
     refit_points: int = 0,
     max_points: int = 0,
 ) -> Integral:
-    """Return one round of importance sampling, doubled in size until the tolerance is reached.
+    """Return one round of importance sampling; its points are doubled until they suffice.
 
     Points are drawn from ``proposal``, at first ``size`` points of each randomised quasi-random
     sequence (scramble). ``log_density`` is the logarithm of the density f to integrate and
-    ``tolerance`` the error allowed in ln ∫ f [nat]. Doubling stops early if the weights are uneven
+    ``tolerance`` the error allowed in ln ∫ f [nat]; the points suffice if the error is within the
+    tolerance. ``rng`` generates the random numbers. Doubling stops early if the weights are uneven
     or cannot be trusted, or if the round would have more than ``max_points`` points. Unless the
     weights are very even, doubling also stops at ``refit_points`` points, because a proposal that
     is fitted anew to these points is then likely to be better. For the same reason doubling stops
@@ -266,11 +270,12 @@ def _add_wider(fitted: Mixture) -> Mixture:
 def _fit_to_rounds(
     rounds: Sequence[Integral], proposals: Sequence[Mixture], fitted: Mixture
 ) -> Mixture:
-    """Return a mixture, refitted to the weighted points of all rounds.
+    """Return the mixture ``fitted``, refitted to the weighted points of all rounds of sampling.
 
-    A proposal is the density from which the points of a round are drawn. The weight of a point is
-    the density to integrate divided by the mean of the proposals of all rounds. In this mean, each
-    round counts in proportion to its number of points.
+    ``rounds`` holds the points of each round, and ``proposals`` the density from which these points
+    were drawn. The weight of a point is the density to integrate divided by a mean of all
+    ``proposals``, in which each proposal has a weight in proportion to the number of points of its
+    round.
     """
     points = np.concatenate([sample.free for sample in rounds])
     log_density = np.concatenate([sample.log_density for sample in rounds])
@@ -284,10 +289,10 @@ def _fit_to_rounds(
 def _even_out(log_weight: Array, h: int) -> Array:
     """Return the weights of n points in h dimensions, evened out if few points dominate.
 
-    The weights sum to one; ``log_weight``, shape (n,), holds the logarithms of the original
-    weights. Weights are evened out by raising them to a power below one. The power is lowered until
-    the effective sample size of the weights suffices to fit a density to the points, or until the
-    power is very small.
+    ``log_weight``, shape (n,), holds the logarithms of the original weights; the weights returned
+    sum to one. Weights are evened out by raising them to a power below one. The power is lowered
+    until the effective sample size of the weights suffices to fit a density to the points, or until
+    the power is very small.
     """
     sufficient = min(len(log_weight) / 3.0, _FITTED_PER_DIMENSION * (h + 1.0))
     power = 1.0

@@ -28,12 +28,13 @@ _MOST_ROUNDS = 50
 # draws with negative compliances would lose too many draws. The parameters are then drawn from a
 # density that is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# The number of random draws of the parameters for each value of the hyper-parameters is chosen so
-# that, on average, this number of draws have no negative compliance.
+# Number of draws of the parameters without negative compliances that is expected for each value of
+# the hyper-parameters. The number of draws made for each value is chosen so that, on average, so
+# many of them have no negative compliance.
 _EXPECTED_INSIDE = 4.0
-# Rejection sampling compares the posterior density with an envelope. The envelope is the proposal
-# (the density drawn from), scaled to the integral of the posterior density and multiplied by this
-# factor.
+# Height of the envelope of rejection sampling. A draw from the proposal is accepted with the
+# probability posterior density / envelope. The envelope is this number times the proposal, after
+# the proposal is scaled to have the same integral as the posterior density.
 _ENVELOPE = 2.0
 # The rejection sampler divides by an estimate of the probability that no compliance is negative. An
 # estimate below this number is replaced by this number, to avoid a division by nearly zero.
@@ -76,7 +77,8 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     probability itself, and β is drawn from a density shifted towards compliances that are not
     negative. The probability of acceptance is the weight divided by twice an estimate of the mean
     weight. If this ratio exceeds one, φ may be used several times, with different β if enough β
-    were drawn. ``posterior`` is the posterior density of φ.
+    were drawn. ``posterior`` is the posterior density of φ, and ``rng`` generates the random
+    numbers.
 
     Raises
     ------
@@ -122,7 +124,8 @@ def _propose_tilted(
     φ is drawn from ``proposal`` and accepted in proportion to its weight. The weight is the
     posterior density of φ under the condition that no compliance is negative, divided by the
     proposal. β is drawn given φ from a density shifted towards compliances that are not negative.
-    The results have the shapes (accepted, h), with φ in unbounded coordinates, and (accepted, p).
+    The results are φ, in unbounded coordinates, and β of the accepted draws. For h hyper-parameters
+    and p parameters, the shapes are (accepted, h) and (accepted, p).
     """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
@@ -140,8 +143,9 @@ def _propose_untruncated(
     negative. φ is accepted with a probability proportional to its weight, the posterior density
     divided by the proposal. If compliances must not be negative, the weight is multiplied by the
     share of these draws of β that have no negative compliance; ``share_inside`` is an estimate of
-    this share. Return the accepted φ in unbounded coordinates, shape (accepted, h), and for each
-    accepted φ one β without negative compliances, shape (accepted, p).
+    this share. Return the accepted values of the h hyper-parameters φ in unbounded coordinates,
+    shape (accepted, h). Also return, for each of them, one draw of the p parameters β without
+    negative compliances, shape (accepted, p).
     """
     tries = 1
     if posterior.truncated:
@@ -164,10 +168,11 @@ def _propose_untruncated(
 
 
 def _accept(log_weight: Array, rng: np.random.Generator) -> Index:
-    """Return the indices of the accepted draws among n draws with given log weights, shape (n,).
+    """Return the indices of the accepted draws among n draws, in ascending order.
 
-    The expected number of times that an index occurs in the result is the weight of the draw. If
-    the weight exceeds one, the index occurs at least once. Indices are in ascending order.
+    ``log_weight``, shape (n,), holds the logarithms of the weights of the draws. A draw with a
+    weight below one is accepted with this probability. A draw with a larger weight may be accepted
+    several times, so that the expected number of times that its index occurs is its weight.
     """
     weight = np.exp(log_weight)
     rounded_up = rng.random(len(weight)) < weight % 1.0
@@ -181,13 +186,14 @@ def _draw_standard(
     *,
     truncated: bool = True,
 ) -> tuple[Array, Array]:
-    """Return random draws of the parameters in standard coordinates, and counts of usable draws.
+    """Return random draws of the parameters in standard coordinates, and how many are usable.
 
     In standard coordinates the Gaussian density of the p parameters given the hyper-parameters is
     N(0, I). For each of w values of the hyper-parameters, ``tries`` draws are made from this
     density, shape (w, tries, p). If ``truncated``, only draws without a negative compliance are
-    usable. Usable draws come first. The counts have the shape (w,). ``conditional`` holds the
-    Gaussian densities.
+    usable. For each value of the hyper-parameters, usable draws come first. The second result,
+    shape (w,), holds the number of usable draws for each value. ``conditional`` holds the Gaussian
+    densities.
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows

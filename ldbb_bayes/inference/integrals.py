@@ -31,8 +31,8 @@ __all__ = [
 
 Index = NDArray[np.intp]
 LogDensity = Callable[[Array], Array]
-# Number of points at which a density is evaluated at once, so that the arrays fit into the
-# processor's cache.
+# Number of points at which a density is evaluated in one call. It is small, so that the arrays fit
+# into the processor's cache.
 CHUNK = 256
 # Importance weights can be trusted if the shape k̂ of the Pareto distribution fitted to the largest
 # weights is at most this value. Vehtari et al. (2024) allow 0.7.
@@ -49,24 +49,23 @@ _HEAVY_TAIL_K = 0.4
 # If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
 # the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
-# The integral beyond the outermost nodes of a lattice is taken to be at most this multiple of the
-# part of the integral that these nodes contribute.
+# Upper limit that is assumed for the part of an integral beyond the outermost nodes of a lattice,
+# as a multiple of the part that these nodes contribute.
 _BEYOND_EDGE = 3.0
-# The log integral from a lattice is the logarithm of the mean of the integrals from its two grids.
-# Its error is taken to be this share of the difference between the log integrals from the two
-# grids.
+# Error of the log integral from a lattice, as a share of the difference between the log integrals
+# from the lattice's two grids. The log integral from the lattice is the logarithm of the mean of
+# the integrals from the two grids.
 _MEAN_OF_TWO = 0.25
-# The error of the log integral from a lattice is derived from the difference d between the log
-# integrals from its two grids [nat]: up to d = ``_LARGEST_LINEAR``, the error is ``_MEAN_OF_TWO``
-# times d. For larger d, the error is the larger of two numbers: its value at ``_LARGEST_LINEAR``,
-# and d².
+# Largest difference d between the log integrals from a lattice's two grids [nat] up to which the
+# error of the log integral is in proportion to d: ``_MEAN_OF_TWO`` times d. For a larger d, the
+# error is d², but at least the error at this limit.
 _LARGEST_LINEAR = 0.02
-# If the step of a lattice (the distance between its points) is shortened, the difference between
-# the log integrals from the lattice's two grids may become small by chance. The difference used is
-# therefore at least this share of the difference before the step was shortened.
+# Smallest difference between the log integrals from a lattice's two grids, as a share of the
+# difference before the step (the distance between the points) was last shortened. A smaller
+# difference may be due to chance and is replaced by this limit.
 _DECLINE = 0.35
-# If the share of an integral that falls on one of a lattice's two grids is below this number, the
-# number is used instead, so that the logarithm of the share is finite.
+# Smallest share of an integral that is assumed for each of a lattice's two grids. A smaller share
+# is replaced by this number, so that its logarithm is finite.
 _TINY = 1e-300
 
 
@@ -74,10 +73,14 @@ class ProposalDensity(Protocol):
     """Density from which the nodes (points) of a sample are drawn."""
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density, shape (n,), at points of shape (n, h)."""
+        """Return the log density, shape (n,), at n points in h dimensions, shape (n, h)."""
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Return random draws, shape (size, h); widths are multiplied by √``temperature``."""
+        """Return ``size`` random draws in h dimensions, shape (size, h).
+
+        The widths of the density drawn from are first multiplied by the square root of
+        ``temperature``. ``rng`` generates the random numbers.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,14 +102,15 @@ class Integral:
     #: density from which the nodes of a sample were drawn at random; None for the nodes of a
     #: lattice
     proposal: ProposalDensity | None
-    #: largest share of the integral that may lie in nodes at which the density was not evaluated
-    #: because their weight is small
+    #: upper limit of the share of the integral in nodes of small weight, at which the density was
+    #: not evaluated
     left_out: float = 0.0
-    #: difference between ln ∫ f from the two grids of the lattice, before the distance between its
-    #: nodes was last shortened [nat]; zero for a sample, or if the distance was not shortened
+    #: difference between the values of ln ∫ f from the two grids of a coarser lattice [nat]: the
+    #: lattice before the distance between its nodes was last shortened. Zero for a sample, and for
+    #: a lattice whose distance was not shortened
     coarser_difference: float = 0.0
-    #: error of ln ∫ f [nat] that arises if the density was evaluated at some nodes (points) only,
-    #: and its values at the other nodes were inferred (`density_ratio`); zero if the density was
+    #: error of ln ∫ f [nat] that arises because the density was evaluated at some nodes (points)
+    #: only, and its values at the other nodes were inferred (`density_ratio`); zero if it was
     #: evaluated at all nodes
     ratio_error: float = 0.0
 
@@ -200,11 +204,11 @@ class Integral:
         return self.pareto_k <= LARGEST_PARETO_K
 
     def heaviest(self, spare: float) -> tuple[Array, Array]:
-        """Return the k nodes with the largest weights, shape (k, h), and their weights, shape (k,).
+        """Return the nodes with the largest weights, and these weights.
 
-        Nodes are weighted points. The nodes of smallest weight, which together hold less than the
-        share ``spare`` of the integral, are left out. The weights returned are scaled to sum to
-        one.
+        Nodes are weighted points in h dimensions. The nodes of smallest weight, which together hold
+        less than the share ``spare`` of the integral, are left out. If k nodes remain, the results
+        have the shapes (k, h) and (k,). The weights returned are scaled to sum to one.
         """
         heavy = self._heavy_nodes(spare)
         return self.free[heavy], self.weight[heavy] / self.weight[heavy].sum()
@@ -219,11 +223,11 @@ class Integral:
         return np.sort(order[np.cumsum(self.weight[order]) >= spare])
 
     def resample(self, size: int, rng: np.random.Generator) -> Array:
-        """Return nodes resampled in proportion to their weights, shape (size, h).
+        """Return ``size`` nodes resampled in proportion to their weights, shape (size, h).
 
-        Resampling is systematic: the nodes are picked at ``size`` equally spaced levels of the
-        cumulative weight, with a random start. A node may be picked several times. The nodes
-        returned are in random order.
+        Nodes are points in h dimensions. Resampling is systematic: the nodes are picked at ``size``
+        equally spaced values of the cumulative weight, the first of which is random (``rng``). A
+        node may be picked several times. The nodes returned are in random order.
         """
         order = np.lexsort(self.free.T)
         levels = (rng.random() + np.arange(size)) / size
@@ -233,17 +237,18 @@ class Integral:
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return independent random draws from the proposal of a sample, shape (size, h).
 
-        The proposal is the density from which the nodes (points) of the sample were drawn. Its
-        scales (widths) are multiplied by the square root of ``temperature``. Raise a `TypeError`
-        for a lattice, which has no proposal.
+        The proposal is the density from which the nodes (points in h dimensions) of the sample were
+        drawn. Its scales (widths) are first multiplied by the square root of ``temperature``. Raise
+        a `TypeError` for a lattice, which has no proposal.
         """
         return self._sample_proposal().draw(size, rng, temperature=temperature)
 
     def log_proposal(self, free: Array) -> Array:
-        """Return the log density of a sample's proposal, shape (n,), at points of shape (n, h).
+        """Return the log density of a sample's proposal at n points, shape (n,).
 
-        The proposal is the density from which the nodes (points) of the sample were drawn. Raise a
-        `TypeError` for a lattice, which has no proposal.
+        The proposal is the density from which the nodes of the sample were drawn. ``free``, shape
+        (n, h), holds the points, in the same h coordinates as the nodes. Raise a `TypeError` for a
+        lattice, which has no proposal.
         """
         return self._sample_proposal().log_density(free)
 
@@ -261,7 +266,8 @@ class Integral:
         Parameters
         ----------
         log_factor : callable
-            Function that takes indices of nodes, shape (k,), and returns ln g there, shape (k,).
+            Function that takes the indices of k nodes, shape (k,), and returns ln g at these nodes,
+            shape (k,).
         spare : float
             Largest share of ∫ f in the nodes at which g is not evaluated. The part of ∫ f g in
             these nodes is estimated with the largest computed value of g, and is added to the

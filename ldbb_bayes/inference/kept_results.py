@@ -22,11 +22,11 @@ __all__ = ["kept"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# Groups of arrays of a posterior. Their numbers, together with the posterior's record of model and
-# sampler, identify the posterior.
+# Groups of arrays by which a posterior is identified: the digest of a posterior is computed from
+# all numbers in these arrays, and from its record of model and sampler.
 _IDENTIFYING_GROUPS = ("posterior", "prior", "sample_stats", "constant_data", "observed_data")
 # Largest number of results that the cache holds. This number is enough for a report, which needs
-# results of a fit and of an average over models.
+# several results of each of two posteriors: a fit, and an average over models.
 _MOST_RESULTS = 32
 # Results that the cache holds, the oldest first. A key consists of the function, the digest of the
 # posterior and the other arguments of the function.

@@ -24,28 +24,28 @@ from ldbb_bayes.results import Array
 
 __all__ = ["grow_lattice"]
 
-# An integral is computed from a coarse lattice if the error allowed in its logarithm is at least
-# this value [nat], otherwise from a fine lattice.
+# Smallest error allowed in the logarithm of an integral [nat] for which a coarse lattice is used;
+# for a smaller error, a fine lattice is used.
 _LOOSE_TOLERANCE = 1e-2
 # Step (spacing of the points) with which a coarse lattice starts, in units of the standard
 # deviation of the Gaussian that is fitted to the density at its highest mode.
 _LOOSE_STEP = 2.0
-# Step (spacing of the points) with which a fine lattice starts, as a multiple of the step with
-# which the integral of a Gaussian density would reach the tolerance.
+# Step (spacing of the points) with which a fine lattice starts, as a share of the step that would
+# suffice, within the tolerance, for the integral of a Gaussian density.
 _STEP_MARGIN = 0.93
-# Points are added to a coarse lattice until the log density at the outermost points is lower than
-# the highest log density by this number [nat].
+# Depth to which a coarse lattice extends [nat]: points are added until the log density at the
+# outermost points is lower than the highest log density by this number.
 _LOOSE_DEPTH = 9.0
-# Points are added to a fine lattice until the log density at the outermost points is lower than the
-# highest log density by this number plus ln(1 / tolerance) [nat]. The tolerance is the error
-# allowed in the log integral.
+# Depth to which a fine lattice extends [nat]: points are added until the log density at the
+# outermost points is lower than the highest log density by this number plus ln(1 / tolerance). The
+# tolerance is the error allowed in the log integral.
 _DEPTH = 5.5
-# If too much of the integral lies beyond the outermost points of a lattice, the lattice is computed
-# again. Points are then added until the log density at the outermost points is lower than before by
-# this number [nat].
+# Difference of log density [nat] by which a lattice is extended if too much of the integral lies
+# beyond its outermost points. The lattice is then computed again, and the log density at the new
+# outermost points is lower by this number than at the old ones.
 _DEEPER = 3.0
-# If a lattice does not reach the tolerance, it is computed again with the spacing of its points
-# multiplied by this factor.
+# Factor by which the spacing of a lattice's points is multiplied if the lattice does not reach the
+# tolerance. The lattice is then computed again.
 _FINER = 0.85
 
 
@@ -60,15 +60,15 @@ def grow_lattice(
     """Return the integral ∫ f of a density from a lattice, within a tolerance if possible.
 
     The nodes of the lattice are the points of two regular grids. A step is the distance from a
-    point of a grid to the next one; the grids are moved against each other by half a step. Points
-    are added around the modes until f is negligible at the outermost points, and the step is
-    shortened as needed. The lattice is not refined beyond ``max_nodes`` nodes; the error of the
-    result may then exceed the tolerance.
+    point of a grid to the next one. The second grid is the first one, moved by half a step in every
+    direction. Points are added around the modes until f is negligible at the outermost points, and
+    the step is shortened as needed. The lattice is not refined beyond ``max_nodes`` nodes; the
+    error of the result may then exceed the tolerance.
 
     Parameters
     ----------
     log_density : callable
-        Function that returns ln f, shape (n,), at points of shape (n, h).
+        Function that returns ln f, shape (n,), at n points in h dimensions, shape (n, h).
     modes : sequence of pairs
         One pair for each mode (maximum) of f, the highest mode first: the mode, shape (h,), and a
         square root, shape (h, h), of the inverse of minus the Hessian of ln f at the mode. The
@@ -131,8 +131,9 @@ def _lattice(
     """Return the integral ∫ f of a density from the two grids of a lattice in h dimensions.
 
     The columns of ``cell``, shape (h, h), are the steps of a grid along its h directions.
-    ``coarser_difference`` is the difference between ln ∫ f from the two grids before the step was
-    last shortened [nat], or zero. The other arguments are the same as in `_grow_grid`.
+    ``log_density`` is ln f. ``coarser_difference`` is the difference between the values of ln ∫ f
+    from the two grids before the step was last shortened [nat], or zero if the step was not
+    shortened. ``centre``, ``starts``, ``depth`` and ``max_nodes`` are the same as in `_grow_grid`.
     """
     grids = [
         _grow_grid(log_density, centre, cell, starts, offset, depth, max_nodes)
@@ -184,14 +185,15 @@ def _grow_grid(
     depth: float,
     max_nodes: int,
 ) -> _Grid:
-    """Return one grid of a lattice, grown from the modes until all nodes added last are negligible.
+    """Return one grid of a lattice, to which nodes are added around the modes of a density.
 
-    A node is negligible if the log density there is lower than the highest log density by ``depth``
-    [nat] or more. Growing also stops at ``max_nodes`` nodes. The grid's steps are the columns of
-    ``cell``, shape (h, h). ``starts`` are the modes of the density relative to ``centre``, in
-    multiples of the steps. ``offset`` is the part of a step, 0 or 0.5, by which the grid is moved
-    in every direction. ``edge`` of the result marks the negligible nodes, and the nodes added last
-    if growth stopped at ``max_nodes``.
+    Nodes next to other nodes are added until all nodes added last are negligible, or until the grid
+    has more than ``max_nodes`` nodes. A node is negligible if ``log_density`` at the node is lower
+    than the highest log density by ``depth`` [nat] or more. The grid has h dimensions; its steps
+    are the columns of ``cell``, shape (h, h). ``starts`` are the modes of the density relative to
+    ``centre``, in multiples of the steps. ``offset`` is the part of a step, 0 or 0.5, by which the
+    grid is moved from ``centre`` in every direction. ``edge`` of the result marks the negligible
+    nodes, and also the nodes added last if the grid has more than ``max_nodes`` nodes.
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])
@@ -218,12 +220,13 @@ def _grow_grid(
 
 
 def _first_front(starts: Sequence[Array], offset: float) -> Array:
-    """Return the grid points next to the points from which a grid starts to grow, shape (n, h).
+    """Return the n grid points next to given points, from which a grid starts to grow.
 
-    There are h dimensions. Starting points and grid points are in multiples of the grid's steps.
-    ``offset`` is the part of a step by which the grid is moved; the positions returned do not
-    include ``offset``. If ``offset`` is zero, the grid point nearest to each starting point is
-    returned. If ``offset`` is 0.5, the 2^h grid points around each starting point are returned.
+    ``starts`` holds the given points in h dimensions. These points, and the grid points returned,
+    shape (n, h), are in multiples of the grid's steps. ``offset`` is the part of a step by which
+    the grid is moved; the positions returned do not include ``offset``. If ``offset`` is zero, the
+    grid point nearest to each given point is returned. If ``offset`` is 0.5, the 2^h grid points
+    around each given point are returned.
     """
     along_axis = [0.0]
     if offset:

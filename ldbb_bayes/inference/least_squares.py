@@ -72,8 +72,8 @@ def fit_least_squares(
     """Return least-squares estimates of compliances and geometric errors, as in the paper (Eq. 31).
 
     If ``degree`` is 1 or 2, the changes of the compliances with force are estimated too. Errors of
-    the balls, the bar and the mount are not modelled. The estimates therefore contain these errors,
-    and the standard uncertainties u are too small. `sample` models these errors.
+    the balls, the bar and the mount are not modelled. The estimates therefore contain the effects
+    of these errors, and the standard uncertainties u are too small. `sample` models these errors.
 
     Parameters
     ----------
@@ -97,7 +97,8 @@ def fit_least_squares(
     ------
     InputError
         For an object that is no campaign, a plan (a campaign without readings), a degree other than
-        0, 1 or 2, an unknown name in ``fixed``, or fewer than degree + 2 force levels.
+        0, 1 or 2, an unknown name in ``fixed``, or a campaign with fewer than degree + 2 different
+        forces.
 
     Examples
     --------

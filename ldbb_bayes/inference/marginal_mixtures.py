@@ -7,11 +7,11 @@ mixture of Gaussians, one for every draw of φ. From seed to seed, the quantiles
 scatter less than the quantiles of the draws of β (Rao-Blackwell theorem).
 
 If truncation is active, β is restricted to A β ≥ 0, where the elements of A β are the compliances
-that must not be negative. The density of a parameter β_j is then no longer Gaussian. But each draw
-of β can be moved along the column V_j of V. Such a move changes β_j, but not the combinations of
-parameters that are independent of β_j. Given these combinations, β_j has the density N(m_j, V_jj)
-between the two values beyond which an element of A β is negative. These truncated Gaussians are the
-components of the mixture.
+that must not be negative. The density of a parameter β_j is then no longer Gaussian. But it is
+known under a further condition: that all combinations of parameters that are independent of β_j
+have the values that they have in the draw of β. β can then move only along the column V_j of V, and
+β_j has the density N(m_j, V_jj) between the two values beyond which an element of A β would be
+negative. These truncated Gaussians are the components of the mixture.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ __all__ = ["MarginalMixtures", "marginal_mixtures"]
 # Largest number of posterior draws from which marginal densities of the parameters are computed.
 # Each draw gives one component of the mixture that represents the density of a parameter.
 _COMPONENTS = 8192
-# Number of bisections in the search for a quantile. The bisections determine the quantile to less
-# than 1e-12 of the range of the draws.
+# Number of bisections in the search for a quantile. So many bisections determine the quantile to
+# less than 1e-12 of the range of the draws.
 _BISECTIONS = 42
-# The components of a mixture are divided into this number of batches of successive draws. The
-# scatter between batches gives the standard error of a quantile, even if successive draws are
-# correlated.
+# Number of batches of successive draws from whose scatter the standard error of a quantile is
+# computed. Each draw gives one component of the mixture. Batches are used, because successive draws
+# may be correlated.
 _BATCHES = 16
 
 
@@ -55,13 +55,13 @@ class MarginalMixtures(NamedTuple):
     high: Array  #: upper bounds of the parameters, shape (n, p)
 
     def cdf(self, x: Array) -> Array:
-        """Return the probability that each parameter is at most ``x``; both have shape (p,)."""
+        """Return the probabilities that p parameters are at most ``x``; both have shape (p,)."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low = (self.low - self.mean) / self.sd
             high = (self.high - self.mean) / self.sd
             z = np.clip((x - self.mean) / self.sd, low, high)
-            # Mirror the density if the interval lies in its upper tail: probabilities there differ
-            # so little from one that digits would be lost.
+            # If the interval lies in the upper tail of the density, mirror the density: cumulative
+            # probabilities in the upper tail differ so little from one that digits would be lost.
             sign = np.where(low > 0.0, -1.0, 1.0)
             at_low = ndtr(sign * low)
             total = ndtr(sign * high) - at_low
@@ -87,7 +87,11 @@ class MarginalMixtures(NamedTuple):
         return np.array(quantiles)
 
     def quantile_errors(self, levels: Array) -> Array:
-        """Return standard errors of `quantiles`, shape (levels, p), from batches of draws."""
+        """Return the standard errors of the quantiles of p parameters, shape (n, p).
+
+        ``levels``, shape (n,), holds the probabilities of the quantiles. The standard errors are
+        computed from the scatter of `quantiles` between batches of components.
+        """
         count = min(_BATCHES, len(self.beta))
         quantiles = []
         for batch in np.array_split(np.arange(len(self.beta)), count):
@@ -99,8 +103,9 @@ class MarginalMixtures(NamedTuple):
 def marginal_mixtures(posterior: xr.DataTree) -> MarginalMixtures:
     """Return the marginal densities of all parameters, as mixtures of at most 8192 components.
 
-    If the posterior is an average over models, every model has its share of the components. A
-    parameter that a model lacks is zero in the components of this model.
+    Each component comes from one posterior draw. If the posterior is an average over models, each
+    model gives a number of components in proportion to its number of draws. A parameter that a
+    model lacks is zero in the components of this model.
     """
     models = averaged_models(posterior)
     total = sum(len(model.phi) for model in models)
@@ -116,8 +121,8 @@ def marginal_mixtures(posterior: xr.DataTree) -> MarginalMixtures:
 def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
     """Return the mixtures that represent the densities of p parameters in draws of one model.
 
-    ``draws`` holds the indices of the draws. Parameters that the model lacks are zero, with a
-    standard deviation of zero.
+    ``draws`` holds the indices of the draws of ``model`` that are used, each of which gives one
+    component. Parameters that the model lacks are zero, with a standard deviation of zero.
     """
     beta = model.beta[draws]
     mean = np.zeros(beta.shape)
@@ -135,10 +140,10 @@ def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
 
 
 def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> MarginalMixtures:
-    """Return the components of the mixtures for the parameters of one model, from w draws.
+    """Return the components that w draws give, for the parameters that one model has.
 
-    ``phi``, shape (w, h), holds draws of the hyper-parameters (scales of the noise and of other
-    effects). ``beta``, shape (w, p), holds draws of all parameters of the average over models.
+    ``phi``, shape (w, h), holds draws of the h hyper-parameters (scales of the noise and of other
+    effects). ``beta``, shape (w, p), holds draws of all p parameters of the average over models.
     """
     conditional = model.bound.given(phi)[1]
     of_model = beta[:, model.places]
@@ -149,7 +154,8 @@ def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> Ma
     truncation = model.bound.truncation
     if truncation.active:
         # ``rate``, shape (w, rows, p), holds the change of each restricted compliance (an element
-        # of A β) if a parameter changes by one unit along its column of the covariance.
+        # of A β) per unit of a parameter, if all parameters move along this parameter's column of
+        # the covariance.
         compliances = of_model @ truncation.rows.T
         covariance = conditional.spread(truncation.rows) @ np.swapaxes(spread, 1, 2)
         rate = covariance / sd[:, None] ** 2

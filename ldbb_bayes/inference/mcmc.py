@@ -32,19 +32,18 @@ __all__ = [
     "run_ensembles",
 ]
 
-# The sampler runs in blocks of steps. After this number of blocks of one length, the next blocks
-# are twice as long.
+# Number of the sampler's blocks of steps that have the same length. The blocks after them are twice
+# as long.
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# The length of the sampler's blocks of steps doubles several times. At the first doublings, as many
-# as this number, the number of draws that a block stores doubles too. At every later doubling, the
-# number of stored draws does not change, and the number of steps from one stored draw to the next
-# doubles.
+# Number of doublings of the length of the sampler's blocks of steps at which the number of draws
+# that a block stores doubles too. At every later doubling, the number of stored draws stays the
+# same, and the number of steps from one stored draw to the next doubles instead.
 _DOUBLINGS_STORED = 2
-# In a move by differential evolution, the step of a walker is a factor times the difference between
-# the points of two other walkers. In this share of such moves, the factor is one, so that walkers
-# can jump between modes.
+# Share of the moves by differential evolution in which walkers can jump between modes. In such a
+# move, the step of a walker is a factor times the difference between the points of two other
+# walkers. In this share of the moves, the factor is one.
 _JUMP_SHARE = 0.1
 # Share of the walkers' moves that propose independent points, if there is a source of such points.
 # The points are drawn from a density near the posterior.
@@ -52,8 +51,8 @@ _REDRAW_SHARE = 0.9
 # Largest number of draws kept of each ensemble of walkers, unless the required effective sample
 # size needs more.
 _MOST_DRAWS = 25_000
-# Moves that propose independent points to walkers take the points from a stock. This number of
-# points is drawn each time that the stock is too small.
+# Number of independent points that are drawn together. They are kept in a stock, from which they
+# are proposed to the walkers; new points are drawn when the stock is too small.
 _STOCK = 512
 
 
@@ -90,18 +89,19 @@ class StoppingRule(Shown):
     #: for independent draws, the largest number of draws of each chain
     max_steps: int = 20_000
     #: number of steps of the sampler before its draws are first assessed; later assessments are
-    #: further apart, and not every step of a long run is stored
+    #: further apart. In a long run, not every step is stored as a draw.
     block: int = 20
     #: share of the stored draws that is discarded as burn-in, from the start of the run
     discard: float = 0.25
-    #: number of autocorrelation times that the draws kept must span, because an ensemble that has
-    #: hardly moved can look well mixed
+    #: number of autocorrelation times over which the draws that are kept must extend; without this
+    #: condition, an ensemble that has hardly moved could pass as converged
     lengths: float = 6.0
 
     def next_block(self, steps: int) -> BlockPlan:
         """Return the plan of the next block of steps of the sampler.
 
-        ``steps`` is the number of steps that have been run before. Later blocks are longer.
+        ``steps`` is the number of steps of the walkers that have been run before this block. Later
+        blocks are longer.
         """
         blocks = steps / (_BLOCKS_PER_LENGTH * self.block)
         doublings = min(int(np.log2(1.0 + blocks)), _LARGEST_DOUBLING)
@@ -122,20 +122,20 @@ class Assessment:
     worst: int = 0
 
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
-        """Return whether the draws assessed meet a stopping rule; False if a diagnostic is NaN.
+        """Return whether the assessed draws meet a stopping rule; False if a diagnostic is NaN.
 
         ``walkers`` is the number of walkers of all ensembles together, or 0 for independent draws.
         """
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
-        """Return the smallest ratio of an effective sample size to its required value.
+        """Return the smallest ratio of an effective sample size to the value required.
 
-        The draws suffice if the ratio is one or more. The effective sample sizes for mean and tails
-        must reach ``ess`` of the rule. For walkers, the effective sample size for the mean must
-        also reach ``lengths`` times the number of walkers, because the draws must span ``lengths``
-        autocorrelation times. ``walkers`` is the number of walkers of all ensembles together, or 0
-        for independent draws.
+        The draws suffice for ``rule`` if the ratio is one or more. The effective sample sizes for
+        mean and tails must reach ``ess`` of the rule. For walkers, the effective sample size for
+        the mean must also reach ``lengths`` times the number of walkers, because the draws must
+        span ``lengths`` autocorrelation times. ``walkers`` is the number of walkers of all
+        ensembles together, or 0 for independent draws.
         """
         shares = [self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess]
         if walkers > 0:
@@ -145,7 +145,7 @@ class Assessment:
 
 @dataclass(frozen=True)
 class Progress:
-    """Report that a run of the sampler makes each time that its draws are assessed."""
+    """Report on a running sampler, made each time that its draws are assessed."""
 
     steps: int  #: number of steps that the sampler has run so far
     max_steps: int  #: largest number of steps that the sampler may run
@@ -196,7 +196,7 @@ class Redraw(Protocol):
         """Return the log importance weights of n points, shape (n,).
 
         The weight of a point is the density to sample divided by the density from which `draw`
-        draws. ``points`` has the shape (n, d).
+        draws. ``points``, shape (n, d), holds n points in d dimensions.
         """
 
 
@@ -228,8 +228,8 @@ def run_ensembles(
     Parameters
     ----------
     log_density : callable
-        Function that returns the log density, shape (n,), at points of shape (n, d). The log
-        density may be −inf but not NaN.
+        Function that returns the log density, shape (n,), at n points in d dimensions, shape (n,
+        d). The log density may be −inf but not NaN.
     starts : array, shape (ensembles, walkers, d)
         Starting points of the walkers.
     rule : StoppingRule
@@ -325,7 +325,8 @@ class _Ensemble:
     def run(self, plan: BlockPlan) -> Array:
         """Run the next block of steps, and return its stored draws, shape (draws, walkers, d).
 
-        The draws are the d coordinates of all walkers at every stored step.
+        The draws are the d coordinates of all walkers at every stored step. ``plan`` states how
+        many steps are run and which of them are stored.
         """
         self._sampler.reset()
         self._state = self._sampler.run_mcmc(
@@ -338,7 +339,7 @@ class _Ensemble:
 
 
 def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
-    """Return the kinds of moves of emcee's walkers, each with its share of all moves.
+    """Return the kinds of moves that emcee's walkers make, each with its share of all moves.
 
     Moves to independent points are included if there is a source ``redraw`` of such points.
     """
@@ -379,7 +380,8 @@ def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Arra
     ensembles, steps, walkers, dimensions = after_burn_in.shape
     most_draws = max(_MOST_DRAWS, int(2.0 * rule.ess / ensembles))
     stride = -(-steps * walkers // most_draws)
-    # Thin the draws so that the draws of the walkers' last step are always kept.
+    # Keep every ``stride``-th step, counted back from the last step, so that the draws of the last
+    # step are always kept.
     thinned = after_burn_in[:, (steps - 1) % stride :: stride]
     return np.swapaxes(thinned, 1, 2).reshape(ensembles, -1, dimensions)
 
@@ -421,9 +423,9 @@ class RedrawMove:
     def _log_weight_of(self, coordinates: Array) -> Array:
         """Return the log importance weights of all walkers, shape (walkers,).
 
-        ``coordinates`` has the shape (walkers, d). The weights are known from the last
-        `RedrawMove`. Weights are computed anew only for walkers that a move of another kind has
-        displaced since then.
+        ``coordinates``, shape (walkers, d), holds the d coordinates of each walker. The weights are
+        known from the last `RedrawMove`. Weights are computed anew only for walkers that a move of
+        another kind has displaced since then.
         """
         displaced = np.ones(len(coordinates), dtype=bool)
         if self._last_coordinates.size:

@@ -26,12 +26,12 @@ Random = np.random.Generator | np.random.RandomState
 # Degrees of freedom that are tried when a Student-t distribution is fitted to points. The values
 # that give the heaviest tails come first.
 _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
-# Student-t distributions with light tails (many degrees of freedom) are fitted only in more
-# dimensions than this number. In few dimensions such distributions gain little, and too few points
-# would be drawn far from the centre of the density to integrate.
+# Largest number of dimensions that counts as few. In few dimensions, Student-t distributions with
+# light tails (many degrees of freedom) are not fitted: they gain little, and too few points would
+# be drawn far from the centre of the density to integrate.
 _FEW_DIMENSIONS = 5
-# In few dimensions, only this number of the values in ``_FREEDOMS`` (degrees of freedom of a
-# Student-t distribution) are tried: the first values, which give the heaviest tails.
+# Number of the values in ``_FREEDOMS`` (degrees of freedom of a Student-t distribution) that are
+# tried in few dimensions. These are the first values, which give the heaviest tails.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
@@ -53,8 +53,8 @@ _WIDER = 1.05
 # Largest number of weighted points to which the tails of a proposal (the density drawn from) are
 # fitted. If there are more points, this number of points is picked in proportion to the weights.
 _FITTED_POINTS = 1024
-# Smallest share of a component in a mixture. A component that receives a smaller share of the
-# weighted points is not fitted to them again.
+# Smallest share of a component in a mixture. A component to which a smaller share of the points'
+# weight belongs gets this share, and is not fitted to the points again.
 _SMALLEST_SHARE = 0.02
 
 
@@ -62,11 +62,11 @@ _SMALLEST_SHARE = 0.02
 class SplitT:
     """Distribution of ``x = centre + root @ z``, where each of h elements of z follows a split t.
 
-    The elements of z are independent if ``dependence`` is None. Otherwise mean and width of each
-    element depend on the first elements (`coordinate_dependence`). A split t is a Student-t
-    distribution with different scales and degrees of freedom on its two sides. Its density is
-    continuous, as the two sides have the same height at z = 0. The columns of the matrix ``root``
-    are the directions of the elements of z in the space of x.
+    The elements of z are independent if ``dependence`` is None. Otherwise mean and width of an
+    element depend on some of the elements before it (`coordinate_dependence`). A split t is a
+    Student-t distribution with different scales and degrees of freedom on its two sides. Its
+    density is continuous, as the two sides have the same height at z = 0. The columns of the matrix
+    ``root`` are the directions of the elements of z in the space of x.
     """
 
     #: point x at which the two sides of the distribution meet in every direction, shape (h,)
@@ -80,12 +80,15 @@ class SplitT:
     #: degrees of freedom of the distribution along each of h directions, shape (2, h); the first
     #: row is for z < 0, the second row for z > 0
     freedom: Array
-    #: how mean and width of each element of z depend on the first elements; None if the elements
-    #: are independent
+    #: how mean and width of an element of z depend on some of the elements before it; None if the
+    #: elements are independent
     dependence: Dependence | None = None
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density of the distribution, shape (n,), at points x of shape (n, h)."""
+        """Return the log density of the distribution at n points, shape (n,).
+
+        ``points``, shape (n, h), holds the points x in h dimensions.
+        """
         z = np.linalg.solve(self.root, (points - self.centre).T).T
         log_width: Array | float = 0.0
         if self.dependence is not None:
@@ -102,8 +105,8 @@ class SplitT:
     def transform(self, uniform: Array) -> Array:
         """Return n random points x of the distribution, shape (n, h), from uniform random numbers.
 
-        ``uniform``, shape (n, h), holds independent random numbers between 0 and 1, one for each
-        direction of each point.
+        ``uniform``, shape (n, h), holds independent random numbers between 0 and 1: one for each of
+        the h directions of each point.
         """
         masses = _side_masses(self.scale, self.freedom)
         side_probability = masses / masses.sum(axis=0)
@@ -134,7 +137,7 @@ def _side_masses(scale: Array, freedom: Array) -> Array:
 
 
 def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
-    """Return minus the logarithm of a Student-t density of z that is scaled to be 1 at z = 0.
+    """Return −ln of a Student-t density of z that is scaled to be 1 at z = 0, shape (n, h).
 
     ``square``, shape (n, h), holds z² for n points along h directions; ``scale``, shape (h,), holds
     the scales of the density. ``freedom`` holds its degrees of freedom, shape (h,), or is one
@@ -151,13 +154,17 @@ class Mixture:
     share: Array  #: probabilities of the k components of the mixture, shape (k,)
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density of the mixture, shape (n,), at points of shape (n, h)."""
+        """Return the log density of the mixture at n points in h dimensions, shape (n,).
+
+        ``points``, shape (n, h), holds the points.
+        """
         return np.asarray(np.logaddexp.reduce(self.by_component(points), axis=0))
 
     def by_component(self, points: Array) -> Array:
         """Return ln (share · density) of each of k components at n points, shape (k, n).
 
-        ``points`` has the shape (n, h). The share of a component is its probability.
+        ``points``, shape (n, h), holds the points in h dimensions. The share of a component is its
+        probability in the mixture.
         """
         rows = []
         for share, component in zip(self.share, self.components, strict=True):
@@ -165,10 +172,11 @@ class Mixture:
         return np.stack(rows)
 
     def transform(self, uniform: Array) -> Array:
-        """Return n random points of the mixture, shape (n, h), from uniform random numbers.
+        """Return n random points of the mixture in h dimensions, shape (n, h).
 
-        ``uniform``, shape (n, h + 1), holds independent random numbers between 0 and 1. The first
-        number of each point picks the component of the point.
+        The points are made from ``uniform``, shape (n, h + 1), which holds independent random
+        numbers between 0 and 1. The first number of each row picks the component from which the
+        point comes.
         """
         limits = np.cumsum(self.share)[:-1]
         picked = np.searchsorted(limits, uniform[:, 0], side="right")
@@ -178,9 +186,10 @@ class Mixture:
         return points
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Return independent random draws from the mixture, shape (size, h).
+        """Return ``size`` random draws from the mixture in h dimensions, shape (size, h).
 
-        The scales (widths) of the components are multiplied by the square root of ``temperature``.
+        The scales (widths) of the components are first multiplied by the square root of
+        ``temperature``. ``rng`` generates the random numbers.
         """
         h = len(self.components[0].centre)
         return self.widen(np.sqrt(temperature)).transform(rng.uniform(size=(size, h + 1)))
@@ -194,10 +203,11 @@ class Mixture:
 def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
     """Return a mixture with each component of ``proposal`` refitted to weighted points.
 
-    ``points`` has the shape (n, h); the weights, shape (n,), sum to one. The weight of each point
-    is divided among the components, in proportion to the density of each component at the point
-    times the share of the component in the mixture. Components that receive less than 2 % of the
-    weight are not changed.
+    ``points``, shape (n, h), holds n points in h dimensions; ``weight``, shape (n,), holds their
+    weights, which sum to one. The weight of each point is divided among the components, in
+    proportion to the density of each component at the point times the share of the component in the
+    mixture. The new shares of the components are the weights that they receive, but at least 2 %,
+    scaled to sum to one. A component that receives less is not refitted.
     """
     by_component = proposal.by_component(points)
     weights = weight * np.exp(by_component - np.logaddexp.reduce(by_component, axis=0))
@@ -214,8 +224,9 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
 def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
     """Return a component of a mixture, refitted to mean, covariance and tails of weighted points.
 
-    ``component`` gives the coordinates in which the fit is made. ``points`` has the shape (n, h);
-    the weights, shape (n,), sum to one.
+    ``component`` is the present component; the fit is made in its coordinates z. ``points``, shape
+    (n, h), holds n points in h dimensions; ``weight``, shape (n,), holds their weights, which sum
+    to one.
     """
     z = np.linalg.solve(component.root, (points - component.centre).T).T
     ess = 1.0 / (weight**2).sum()
@@ -246,14 +257,15 @@ def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
 
 
 def _shrink_correlation(correlation: Array, ess: float) -> Array:
-    """Return a correlation matrix whose coefficients are shrunk towards zero, shape (h, h).
+    """Return a correlation matrix of h variables, shrunk towards zero, shape (h, h).
 
-    A coefficient computed from ``ess`` independent points scatters by 1 / √ess. All coefficients
-    are multiplied by the same factor: one minus the share of their sum of squares that is due to
-    this scatter. On average, this factor brings the coefficients closest to their true values
-    (Schäfer and Strimmer, Statistical Applications in Genetics and Molecular Biology 4 (2005) 32).
-    If few points carry most of the weight in many dimensions, hardly any correlation is left. This
-    is much better than correlations that arise by chance.
+    The coefficients of ``correlation``, shape (h, h), were computed from about ``ess`` independent
+    points, and therefore scatter by 1 / √ess. All of them are multiplied by the same factor: one
+    minus the share of their sum of squares that is due to this scatter. On average, this factor
+    brings the coefficients closest to their true values (Schäfer and Strimmer, Statistical
+    Applications in Genetics and Molecular Biology 4 (2005) 32). If there are few effective points
+    in many dimensions, hardly any correlation is left, which is much better than correlations that
+    arise by chance.
     """
     h = len(correlation)
     sum_of_squares = (correlation**2).sum() - h
@@ -294,8 +306,8 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
         The transformation ``x = centre + root @ z`` from the coordinates z along h directions to
         the coordinates x in which the density is given.
     z, weight : ndarray, shape (n, h)
-        Coordinates of n points along each of the h directions, and their weights, which sum to one
-        along each direction.
+        Coordinates of n points along each of the h directions, and weights of these coordinates.
+        The n weights of each direction sum to one.
     """
     h = z.shape[1]
     freedoms = _FREEDOMS
@@ -318,8 +330,8 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
     """Return split Student-t distributions along h directions, whose two sides meet at ``offset``.
 
     The distributions are fitted to n points: ``z``, shape (n, h), holds the coordinates along each
-    direction; ``weight``, shape (n, h), holds the weights. ``freedoms`` are the degrees of freedom
-    to try.
+    direction; ``weight``, shape (n, h), holds the weights. ``freedoms`` holds the degrees of
+    freedom that are tried for each side.
     """
     h = z.shape[1]
     square = (z - offset) ** 2
@@ -342,10 +354,11 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
 def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array) -> Array:
     """Return scales of split Student-t distributions, shape (2, h), after a few fitting steps.
 
-    The expectation-maximisation steps start from ``scale``, shape (2, h). The degrees of freedom
-    stay at ``freedom``, shape (2, h). ``square``, shape (n, h), holds the squared distances of n
-    points from the coordinate at which the two sides meet. ``side_weights``, shape (2, n, h), holds
-    the weights of the points on the lower and on the upper side, zero for points on the other side.
+    The expectation-maximisation steps start from ``scale``, shape (2, h): the scales of the lower
+    and of the upper side along each of h directions. The degrees of freedom stay at ``freedom``,
+    shape (2, h). ``square``, shape (n, h), holds the squared distances of n points from the
+    coordinate at which the two sides meet. ``side_weights``, shape (2, n, h), holds the weights of
+    the points on the lower and on the upper side, zero for points on the other side.
     """
     for _ in range(_EM_STEPS):
         pull = (freedom[:, None] + 1.0) / (freedom[:, None] + square / scale[:, None] ** 2)
@@ -363,8 +376,8 @@ def _best_freedom(
 
     ``side`` is 0 for the lower and 1 for the upper side of split Student-t distributions.
     ``freedoms`` holds the degrees of freedom that are tried. ``scale`` and ``freedom`` are the
-    present scales and degrees of freedom, each of shape (2, h). ``square`` and ``side_weights`` are
-    the same as in `_fit_scale`.
+    present scales and degrees of freedom of both sides along each of h directions, shape (2, h).
+    ``square`` and ``side_weights`` are the same as in `_fit_scale`.
     """
     other_mass = _side_masses(scale, freedom)[1 - side]
     costs = []

@@ -35,36 +35,39 @@ from ldbb_bayes.units import value_and_uncertainty
 
 __all__ = ["Evidence", "HyperPosterior", "Nodes", "ProbabilityInside"]
 
-# Step of the central differences from which derivatives of the log density of the hyper-parameters
-# are computed. The step is in normal scores, coordinates in which most of the priors are standard
-# normal.
+# Step of central differences, from which derivatives of the log density of the hyper-parameters are
+# computed. The step is in units of normal scores, coordinates in which most of the priors are
+# standard normal.
 _DIFFERENCE_STEP = 0.05
 # Smallest curvature (negative second derivative) of the log density that is assumed in any
-# direction. A smaller curvature is replaced by this value. Curvatures are in normal scores of the
-# hyper-parameters, coordinates in which most of the priors are standard normal.
+# direction; a smaller curvature is replaced by this value. The coordinates are normal scores of the
+# hyper-parameters, in which most of the priors are standard normal.
 _LEAST_CURVATURE = 0.3
 # The search for a mode (maximum) ends when a step raises the log density by at most this value
 # [nat].
 _MODE_GAIN = 1e-5
-# The search for modes (maxima) of the posterior of the hyper-parameters begins with ``_STARTS``
-# points. Only the ``_BEST_STARTS`` points of highest density are considered further.
+# Numbers of points from which the starting points of the search for modes (maxima) of the posterior
+# are chosen. The density is computed at ``_STARTS`` points; only the ``_BEST_STARTS`` points of
+# highest density are considered further.
 _STARTS = 256
 _BEST_STARTS = _STARTS // 4
 # Largest number of starting points of the search for modes (maxima) of the posterior.
 _BASINS = 3
-# Starting points of the search for modes (maxima) of the posterior, and the modes found, count as
-# separate if their distance is larger than this value. The distance is in normal scores of the
-# hyper-parameters, coordinates in which most of the priors are standard normal.
+# Smallest distance between two separate modes (maxima) of the posterior, and between two starting
+# points of the search for modes. The distance is in normal scores of the hyper-parameters,
+# coordinates in which most of the priors are standard normal.
 _SEPARATION = 1.5
 # A maximum of the log posterior density of the hyper-parameters is negligible if it is lower than
 # the highest maximum by at least this value [nat].
 _NEGLIGIBLE_DEPTH = 12.0
-# Maxima of the posterior density are also sought with one scale held near zero. The coordinate of
-# the scale is then this number of posterior standard deviations below its value at the mode.
+# Distance below the mode at which a scale is held near zero, in posterior standard deviations of
+# the scale's coordinate. Maxima of the posterior density are sought with one scale at a time held
+# there.
 _BELOW_MODE = 4.0
-# A maximum with one scale near zero is not sought if the log density, where the search would start,
-# is lower than at the mode by more than ``_NEGLIGIBLE_START`` [nat]. The maximum is negligible if
-# it is lower than the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
+# Limits beyond which a maximum of the density with one scale held near zero does not matter. The
+# maximum is not sought if the log density, where the search would start, is lower than at the mode
+# by more than ``_NEGLIGIBLE_START`` [nat]. A maximum that was found is negligible if it is lower
+# than the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
 # The search for a maximum with one scale near zero ends when a step raises the log density by no
@@ -76,49 +79,51 @@ _CORNER_GAIN = 1e-2
 # Gaussian fitted at the highest mode.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
-# The probability that no compliance is negative is not computed at the nodes (values of the
-# hyper-parameters) of smallest weight. The share of the integral in these nodes is less than the
-# tolerance [nat] divided by this number.
+# The tolerance [nat] divided by this number is the largest share of the integral in nodes that are
+# left out: the nodes (values of the hyper-parameters) of smallest weight, at which the probability
+# that no compliance is negative is not computed.
 _PARTS_OF_TOLERANCE = 20.0
 # Largest share of the integral in nodes at which the probability that no compliance is negative is
 # not computed, whatever the tolerance.
 _LARGEST_LEFT_OUT = 5e-4
-# The error allowed in the log probability that no compliance is negative is a quarter of the
-# tolerance of the log evidence, but at least this value [nat].
+# Smallest error [nat] that is asked for in the log probability that no compliance is negative. The
+# error allowed is a quarter of the tolerance of the log evidence, or this value if the quarter is
+# smaller.
 _FINEST_TOLERANCE = 1e-3
-# The probability that no compliance is negative is computed from quasi-random points that differ
-# between nodes (values of the hyper-parameters). The error that the points cause at one node may be
-# this multiple of the tolerance, because such errors cancel in the mean over hundreds of nodes.
+# Random error allowed in the log probability that no compliance is negative at one node (value of
+# the hyper-parameters), as a multiple of the tolerance. The probability is computed from
+# quasi-random points. These differ between nodes, so that their errors cancel in the mean over
+# hundreds of nodes.
 _NOISE_PER_TOLERANCE = 2.0
-# If nodes (weighted values of the hyper-parameters) miss the tolerance only because of the error of
-# the probability that no compliance is negative, new nodes are computed with the tolerance
-# multiplied by this factor.
+# Factor by which the tolerance is multiplied if nodes (weighted values of the hyper-parameters)
+# miss the tolerance only because of the error of the probability that no compliance is negative.
+# New nodes are then computed with the smaller tolerance.
 _NODES_SHARE = 0.7
-# The posterior probability that no compliance is negative is first computed as a mean over
-# ``_FEWEST_PICKED`` nodes (values of the hyper-parameters). If the error of this mean is too large,
-# the mean over ``_PICKED_GROWTH`` times as many nodes is computed.
+# Numbers of nodes (values of the hyper-parameters) over which the probability that no compliance is
+# negative is averaged. The average is first over ``_FEWEST_PICKED`` nodes. As long as its error is
+# too large, ``_PICKED_GROWTH`` times as many nodes are used.
 _FEWEST_PICKED = 256
 _PICKED_GROWTH = 4
 # Error allowed in the logarithm of the posterior probability that no compliance is negative [nat],
 # where a rough value suffices.
 _PROBABILITY_TOLERANCE = 0.02
-# The probability that no compliance is negative is computed for many values of the
-# hyper-parameters. These probabilities are divided by the largest of them before their mean is
-# computed. If the logarithm of the largest probability is below ``_LEAST_LOG_PROBABILITY``, or the
-# mean is below ``_LEAST_SHARE_INSIDE``, the limit is used instead, so that the logarithm of the
-# mean is finite.
+# Limits that keep the logarithm of a mean probability finite. The mean is of the probabilities, for
+# many values of the hyper-parameters, that no compliance is negative. They are divided by the
+# largest of them before their mean is computed. ``_LEAST_LOG_PROBABILITY`` replaces a smaller
+# logarithm of the largest probability; ``_LEAST_SHARE_INSIDE`` replaces a smaller mean of the
+# quotients.
 _LEAST_LOG_PROBABILITY = -700.0
 _LEAST_SHARE_INSIDE = 1e-300
-# Means and variances of parameters are averages over nodes, that is, weighted values of the
-# hyper-parameters. The nodes of smallest weight are left out; together they hold at most this share
-# of the weight.
+# Largest share of the weight in nodes (weighted values of the hyper-parameters) that are left out
+# of averages, such as the means and variances of the parameters. The nodes of smallest weight are
+# left out.
 _SPARE = 1e-7
-# Quantiles of parameters are computed from a mixture of this number of Gaussians. Each Gaussian
+# Number of Gaussians in the mixture from which quantiles of parameters are computed. Each Gaussian
 # belongs to one value of the hyper-parameters.
 _COMPONENTS = 8192
-# Quantiles of parameters are computed from a mixture of Gaussians. ``_LEAST_SD_SHARE`` is the
-# smallest standard deviation of a Gaussian, as a share of the standard deviation of the means of
-# all Gaussians. Narrower Gaussians are widened to this limit.
+# Smallest standard deviation of a Gaussian in the mixture from which quantiles of parameters are
+# computed, as a share of the standard deviation of the means of all Gaussians. Narrower Gaussians
+# are widened to this limit.
 _LEAST_SD_SHARE = 1e-6
 
 
@@ -210,7 +215,7 @@ class HyperPosterior:
         """Return ln p(y | φ), shape (w,), and the Gaussian densities p(β | y, φ) for w values of φ.
 
         y are the readings, β the parameters (compliances, their changes with force, geometric
-        errors), and φ the hyper-parameters (scales of the noise and of other effects). ``free``,
+        errors), and φ the h hyper-parameters (scales of the noise and of other effects). ``free``,
         shape (w, h), holds φ in unbounded coordinates. The Gaussians are not restricted to
         compliances that are not negative.
         """
@@ -219,8 +224,8 @@ class HyperPosterior:
     def log_density(self, free: Array, *, smooth: bool = False) -> Array:
         """Return the joint log density of readings and hyper-parameters at w points, shape (w,).
 
-        ``free``, shape (w, h), holds w values of the hyper-parameters φ (scales of the noise and of
-        other effects) in unbounded coordinates. If this object is ``truncated``, the log
+        ``free``, shape (w, h), holds w values of the h hyper-parameters φ (scales of the noise and
+        of other effects) in unbounded coordinates. If this object is ``truncated``, the log
         probability that no compliance is negative, given φ and the readings, is added. If
         ``smooth`` is True, an upper bound of this probability is used instead, which is cheaper to
         compute and is a smooth function of φ.
@@ -376,10 +381,10 @@ class HyperPosterior:
         """Return the mean of P(T | y, φ) over n values of the hyper-parameters φ, with its error.
 
         P(T | y, φ) is the probability, given the readings y and φ, that no compliance is negative.
-        ``free``, shape (n, h), holds the values of φ in unbounded coordinates. The error of the
-        mean is twice the standard error that follows from the scatter of P(T | y, φ) between these
-        values, plus the mean numerical error of P(T | y, φ). ``tolerance`` is the error allowed in
-        ln P(T | y) [nat].
+        ``free``, shape (n, h), holds the values of the h hyper-parameters in unbounded coordinates.
+        The error of the mean is twice the standard error that follows from the scatter of P(T | y,
+        φ) between these values, plus the mean numerical error of P(T | y, φ). ``tolerance`` is the
+        error allowed in ln P(T | y) [nat].
         """
         log_values = []
         errors = []
@@ -398,7 +403,11 @@ class HyperPosterior:
 
     @cached_property
     def plain(self) -> HyperPosterior:
-        """Posterior density of the hyper-parameters if negative compliances are allowed."""
+        """Posterior density of the hyper-parameters without the condition on compliances.
+
+        The condition is that no compliance is negative. If this object does not have the condition,
+        the result is this object itself.
+        """
         if not self.truncated:
             return self
         return HyperPosterior(self.bound, truncated=False, seed=self._seed, near=self._near)
@@ -407,9 +416,9 @@ class HyperPosterior:
     def proposal(self) -> Integral:
         """Importance sample of the hyper-parameters, from a mixture fitted to their posterior.
 
-        Further values of the hyper-parameters can be drawn from the mixture. If the posterior
-        density contains the probability that no compliance is negative (``truncated``), this
-        probability is replaced by its upper bound.
+        The sample consists of weighted values. Further values can be drawn from the mixture. If the
+        posterior density contains the probability that no compliance is negative (``truncated``),
+        this probability is replaced by its upper bound.
         """
         sample = importance_sample(
             self._smooth_of_scores,
@@ -423,8 +432,8 @@ class HyperPosterior:
     def coarse_probability(self) -> ProbabilityInside:
         """Posterior probability that no compliance is negative, from a few nodes.
 
-        The error allowed in the logarithm of the probability is 0.02 nat; it is exceeded if too
-        many nodes would be needed.
+        The error allowed in the logarithm of the probability is 0.02 nat. The error is larger if
+        even all nodes do not suffice.
 
         Nodes are values of the hyper-parameters. The few nodes are picked from the `proposal` of
         the density that allows negative compliances.
@@ -443,11 +452,11 @@ class HyperPosterior:
 
     @cached_property
     def coarse_truncated(self) -> Integral:
-        """Coarse nodes of the posterior density: values of the hyper-parameters with exact weights.
+        """Coarse nodes of the posterior density, with exact weights.
 
-        The values are the same as in `coarse`. If the posterior density contains the probability
-        that no compliance is negative (``truncated``), the weights contain the probability itself,
-        not its upper bound.
+        Nodes are weighted values of the hyper-parameters; the values are the same as in `coarse`.
+        If the posterior density contains the probability that no compliance is negative
+        (``truncated``), the weights contain the probability itself, not its upper bound.
         """
         return self._replace_bound(self.coarse)
 
@@ -477,7 +486,7 @@ class HyperPosterior:
 
         At most three points are returned. They have the highest densities among many points, and
         are not close to each other. If the mode of a similar density was given, only this mode is
-        returned. Each point, shape (h,), holds the hyper-parameters in normal scores, coordinates
+        returned. Each point, shape (h,), holds the h hyper-parameters in normal scores, coordinates
         in which most of the priors are standard normal.
         """
         if self._near is not None:
@@ -523,10 +532,11 @@ class HyperPosterior:
         return corners
 
     def _derivatives_at_fixed(self, axis: int) -> Callable[[Array], tuple[Array, Array]]:
-        """Return a function that gives gradient and Hessian, with zeros for one coordinate.
+        """Return a function that gives gradient and Hessian with zeros for one coordinate.
 
-        Both are derivatives of the log posterior density of the hyper-parameters. ``axis`` is the
-        index of the coordinate that the search for a maximum must not change.
+        Both are derivatives of the log posterior density of the h hyper-parameters, shapes (h,) and
+        (h, h). ``axis`` is the index of the coordinate whose derivatives are set to zero, so that a
+        search for a maximum does not change this coordinate.
         """
         may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
 
@@ -542,14 +552,14 @@ class HyperPosterior:
         return np.asarray(log_density + self._scores.log_jacobian(scores))
 
     def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
-        """Return gradient, shape (h,), and Hessian, (h, h), of the smooth log density at a point.
+        """Return gradient and Hessian of the smooth log density at a point, shapes (h,) and (h, h).
 
-        The log density is the log posterior density of the hyper-parameters. If this density
-        contains the probability that no compliance is negative, the smooth log density contains an
-        upper bound of the probability instead. The noise factors of two circles, which are
-        hyper-parameters, hardly depend on each other. Unless ``exact`` is True, mixed second
-        derivatives with respect to two noise factors are not computed, so that the work grows in
-        proportion to the number of circles.
+        ``point``, shape (h,), holds the normal scores of the h hyper-parameters. The log density is
+        the log posterior density of these scores. If this density contains the probability that no
+        compliance is negative, the smooth log density contains an upper bound of the probability
+        instead. The noise factors of two circles, which are hyper-parameters, hardly depend on each
+        other. Unless ``exact`` is True, mixed second derivatives with respect to two noise factors
+        are not computed, so that the work grows in proportion to the number of circles.
         """
         of_circle = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)
@@ -564,9 +574,10 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
     P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ of a node, that
     no compliance is negative. The probability is an integral of the Gaussian density of the
     parameters, which ``orthant`` holds for every node. ``tolerance`` is the error allowed in the
-    logarithm of the mean of P over many nodes [nat]. An error that all nodes have in common may be
-    as large as a quarter of the tolerance. Random errors that differ between nodes may be larger,
-    because they cancel in the mean.
+    logarithm of the mean of P over many nodes [nat], and ``seed`` is the seed of the quasi-random
+    points from which P is computed. An error that all nodes have in common may be as large as a
+    quarter of the tolerance. Random errors that differ between nodes may be larger, because they
+    cancel in the mean.
     """
     return orthant.log_probability_with_noise(
         max(tolerance / 4.0, _FINEST_TOLERANCE),
@@ -576,9 +587,9 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
 
 
 def _is_separate(point: Array, points: list[Array]) -> bool:
-    """Return whether a point is farther than ``_SEPARATION`` from each of ``points``.
+    """Return whether a point is separate from all ``points``: farther than 1.5 from each of them.
 
-    A point, shape (h,), holds the hyper-parameters (scales of the noise and of other effects) in
+    A point, shape (h,), holds the h hyper-parameters (scales of the noise and of other effects) in
     normal scores: coordinates in which most of the priors are standard normal.
     """
     return all(np.linalg.norm(point - other) > _SEPARATION for other in points)
@@ -587,8 +598,8 @@ def _is_separate(point: Array, points: list[Array]) -> bool:
 def _inverse_root(hessian: Array) -> Array:
     """Return a square root, shape (h, h), of the inverse of minus the Hessian of a log density.
 
-    Eigenvalues of minus the Hessian that are below 0.3 are first raised to that value. ``hessian``
-    has the shape (h, h).
+    ``hessian``, shape (h, h), is the Hessian with respect to h coordinates. Eigenvalues of minus
+    the Hessian that are below 0.3 are first raised to 0.3.
     """
     curvature, vectors = np.linalg.eigh(-hessian)
     return np.asarray(vectors / np.sqrt(np.maximum(curvature, _LEAST_CURVATURE)))
@@ -714,13 +725,14 @@ class Nodes:
         return hashlib.sha256("\n".join([campaign.sha256, *names]).encode()).hexdigest()
 
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Return posterior draws of parameters, shape (size, p), and hyper-parameters, (size, h).
+        """Return ``size`` posterior draws of parameters and hyper-parameters.
 
         Hyper-parameters (scales of the noise and of other effects; lengths in mm) are picked from
         the nodes (weighted values) in proportion to the weights. Parameters (compliances, their
         changes with force, geometric errors; in mm, N and rad) are drawn at random given the picked
-        hyper-parameters and the readings. No compliance is negative in any draw if the posterior of
-        the nodes is ``truncated``.
+        hyper-parameters and the readings. For p parameters and h hyper-parameters, the results have
+        the shapes (size, p) and (size, h). If the posterior of the nodes is ``truncated``, no
+        compliance is negative in any draw. ``rng`` generates the random numbers.
         """
         free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)
@@ -779,11 +791,12 @@ class Nodes:
     ) -> _ConditionalMoments:
         """Return means and variances of the parameters, given each of w hyper-parameter values.
 
-        ``free``, shape (w, h), holds the hyper-parameters in unbounded coordinates. Standard
-        coordinates are those in which the Gaussian density of the parameters given the
-        hyper-parameters is N(0, I). If compliances must not be negative, this condition restricts
-        the standard coordinates along d directions. ``along_axes`` is then a function that returns
-        the mean, shape (w, d), and the covariance, shape (w, d, d), of the coordinates along these
+        ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates. If
+        compliances may be negative, the parameters given the hyper-parameters are Gaussian, and
+        ``along_axes`` is not used. Otherwise the parameters are converted to standard coordinates,
+        in which this Gaussian is N(0, I). The condition that no compliance is negative restricts
+        the standard coordinates along d directions only. ``along_axes`` is a function that returns
+        mean, shape (w, d), and covariance, shape (w, d, d), of the coordinates along these
         directions.
         """
         means = []

@@ -179,8 +179,8 @@ def _draw_shared_of_plan(
     in common. The result holds random draws of Fourier coefficients of the orders 0 to 12, shape
     (draws, tests, 25). Nuisances that the measured tests also have are drawn from their posterior,
     all other nuisances from their prior. ``measured`` and ``planned`` are the model applied to the
-    measured and to the planned tests. ``phi``, shape (draws, h), holds draws of the
-    hyper-parameters; ``beta``, shape (draws, p), holds posterior draws of the parameters.
+    measured and to the planned tests. ``phi``, shape (draws, h), holds draws of the h
+    hyper-parameters; ``beta``, shape (draws, p), holds posterior draws of the p parameters.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
     learnt: list[str] = []
@@ -310,7 +310,7 @@ def replicate_left_out(
 def _with_new_noise_factor(
     bound: BoundModel, phi: Array, r: int, rng: np.random.Generator
 ) -> Array:
-    """Return hyper-parameters with a new noise factor λ of the test left out, shape (n, h).
+    """Return h hyper-parameters with a new noise factor λ of the test left out, shape (n, h).
 
     Without the test's readings, λ is independent of all other unknowns and has its prior density. A
     new draw for every circle represents the heavy tail of this density better than the few values

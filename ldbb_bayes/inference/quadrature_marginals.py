@@ -119,7 +119,7 @@ def marginalize(
 
 
 def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
-    """Return posterior draws of the hyper-parameters in unbounded coordinates, shape (draws, h).
+    """Return posterior draws of the h hyper-parameters in unbounded coordinates, shape (draws, h).
 
     Hyper-parameters are the scales of the noise and of other effects; the coordinates are mostly
     ln(value − lower bound). If independent draws are not possible, because weights cannot be

@@ -86,8 +86,8 @@ class RelatedModels:
 def log_values(posterior: HyperPosterior, free: Array, tolerance: float) -> LogValues:
     """Return the log density of readings and hyper-parameters at w points, with its error.
 
-    ``free``, shape (w, h), are the hyper-parameters in unbounded coordinates. ``tolerance`` is the
-    error allowed in a log evidence [nat].
+    ``free``, shape (w, h), are the h hyper-parameters in unbounded coordinates. ``tolerance`` is
+    the error allowed in a log evidence [nat].
     """
     log_density = posterior.bound.hyper_prior.log_density_of_free(free)
     log_evidence, conditional = posterior.given(free)

@@ -55,8 +55,8 @@ def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
 
     The prediction is the mean over posterior draws of the effects of the machine and of nuisances
     (effects that are modelled but not of interest, such as ball form), without scatter. ``phi``,
-    shape (draws, h), holds draws of the hyper-parameters (scales of the noise and of other
-    effects); ``beta``, shape (draws, p), holds draws of the parameters. ``bound`` is the model,
+    shape (draws, h), holds draws of the h hyper-parameters (scales of the noise and of other
+    effects); ``beta``, shape (draws, p), holds draws of the p parameters. ``bound`` is the model,
     applied to its campaign.
     """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))

@@ -46,11 +46,11 @@ def draw_with_shared(
 ) -> SharedDraws:
     """Return ``repeats`` random draws of nuisances and parameters for each of w values of φ.
 
-    Nuisances are effects that are modelled but not of interest. φ are the hyper-parameters (scales
-    of the noise and of other effects); ``free``, shape (w, h), holds their values in unbounded
-    coordinates. ``bound`` is the model, applied to its campaign. There are w × ``repeats`` draws;
-    the draws for one value of φ follow each other. Raise an `InputError` if the model allows no
-    negative compliances and no draw without negative compliances is found.
+    Nuisances are effects that are modelled but not of interest. φ are the h hyper-parameters
+    (scales of the noise and of other effects); ``free``, shape (w, h), holds their values in
+    unbounded coordinates. ``bound`` is the model, applied to its campaign. There are w ×
+    ``repeats`` draws; the draws for one value of φ follow each other. Raise an `InputError` if the
+    model allows no negative compliances and no draw without negative compliances is found.
     """
     p = len(bound.names)
     phi = bound.hyper_prior.phi(free)
@@ -67,7 +67,7 @@ def draw_with_shared(
 def _draw_standard(
     conditional: ParameterConditional, repeats: int, rng: np.random.Generator
 ) -> Array:
-    """Return random draws of the parameters in standard coordinates, shape (w, repeats, p).
+    """Return random draws of the p parameters in standard coordinates, shape (w, repeats, p).
 
     In standard coordinates the density of the parameters given each of w values of the
     hyper-parameters is N(0, I). If the model allows no negative compliances, no compliance is

@@ -260,8 +260,8 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
 
     Shared nuisances are effects that are modelled but not of interest and that several tests have
     in common. The prior standard deviation depends on the hyper-parameters; ``phi``, shape (h,),
-    holds the values of the hyper-parameters at which the standard deviation is computed. ``bound``
-    is the model, applied to its campaign.
+    holds the values of the h hyper-parameters at which the standard deviation is computed.
+    ``bound`` is the model, applied to its campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))
     rows = {}
