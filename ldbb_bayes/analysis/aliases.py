@@ -28,7 +28,7 @@ __all__ = ["Degeneracy", "degeneracies"]
 # Largest number of angles of a test at which the effects of coefficients on the readings are
 # computed. This number suffices, because no effect has more than 12 waves per turn.
 _MOST_ANGLES = 240
-# Angles of readings [rad] that agree to this number of decimals count as one angle.
+# Angles of readings [rad] that agree to this number of decimals are treated as equal.
 _ANGLE_DECIMALS = 9
 # A parameter is named in the description of a degeneracy only if its effect on the readings is more
 # than this share of the largest effect of any coefficient in the degeneracy.
@@ -36,8 +36,8 @@ _NAMED_SHARE = 0.02
 # The effect of a coefficient on the readings counts as a rounding error if it is below this share
 # of the largest effect of any coefficient in the same combination.
 _ROUNDING = 1e-9
-# A change of a reading counts as invisible if it is below this share of the resolution of the
-# readings.
+# A change of a reading is called invisible if it is smaller than the resolution of the readings,
+# multiplied by this number.
 _VISIBLE_SHARE = 0.1
 # One micrometre in millimetres.
 _MICROMETRE = 1e-3
@@ -47,12 +47,13 @@ _MICROMETRE = 1e-3
 class Degeneracy:
     """A combination of parameters and nuisance coefficients that no reading resolves.
 
-    Nuisance coefficients are effects that are not of interest. Effects that the preset of the model
-    includes, but the model leaves out, are considered too.
+    Nuisance coefficients are effects that are not of interest. A model is made from a preset
+    (ready-made model) and may leave out effects of the preset. Such effects are considered too.
     """
 
-    #: class name of the model term that the pivot belongs to; empty if the pivot is a parameter.
-    #: The pivot is the coefficient whose effect on the readings the other coefficients cancel.
+    #: The pivot of the degeneracy is the coefficient whose effect on the readings the other
+    #: coefficients cancel. This is the class name of the model term that the pivot belongs to, or
+    #: an empty string if the pivot is a parameter.
     term: str
     #: change of each coefficient, by its name, in internal units (mm, N, rad). Together, these
     #: changes cancel in every reading. Nuisance coefficients come before parameters.
@@ -85,11 +86,12 @@ class Degeneracy:
 class _Coefficients:
     """The m coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients are effects that are not of interest. Those that the preset of the model
-    includes, but the model leaves out, are listed too. ``owners`` are the class names of the model
-    terms that the coefficients belong to; for a parameter, the name is empty. ``columns``, shape
-    (tests, 25, m), are the changes of the 25 Fourier coefficients of each test's radial deviation
-    per unit of each coefficient. ``prior_sd``, shape (m,), are the prior standard deviations.
+    Nuisance coefficients are effects that are not of interest. A model is made from a preset
+    (ready-made model) and may leave out effects of the preset. These effects are listed too.
+    ``owners`` are the class names of the model terms that the coefficients belong to; for a
+    parameter, the name is empty. ``columns``, shape (tests, 25, m), are the changes of the 25
+    Fourier coefficients of each test's radial deviation per unit of each coefficient. ``prior_sd``,
+    shape (m,), are the prior standard deviations.
     """
 
     names: tuple[str, ...]
@@ -130,13 +132,13 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
-    """Return a combination of coefficients without nuisance coefficients, where possible.
+    """Return a degenerate combination without its nuisance coefficients, where possible.
 
-    The nuisance coefficients of the combination are set to zero if no reading resolves the
-    remaining combination of parameters. If a reading resolves it, the given combination is returned
-    unchanged. ``vector``, shape (m,), is the given combination: the values of m coefficients in
-    units of their prior standard deviations. ``space`` is the null space of the campaign's design
-    matrix.
+    ``vector``, shape (m,), is a combination that no reading resolves: the values of m coefficients
+    in units of their prior standard deviations. The function sets the nuisance coefficients to
+    zero. If no reading resolves the combination of parameters that remains, this combination is
+    returned. If not, ``vector`` is returned unchanged. ``space`` is the null space of the
+    campaign's design matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)
@@ -154,9 +156,10 @@ def _describe_degeneracy(
 
     The combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
     deviations. ``pivot`` is the index of the coefficient whose effect on the readings the other
-    coefficients cancel; its value is one. ``space`` is the null space that the combination belongs
-    to. Return None if the effect of every parameter on the readings is at most 2 % of the largest
-    effect of any coefficient in the combination.
+    coefficients cancel; its value in ``vector`` is one. ``coefficients`` are all coefficients, and
+    ``space`` is the null space that the combination belongs to. Return None if the effect of every
+    parameter on the readings is at most 2 % of the largest effect of any coefficient in the
+    combination.
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
@@ -189,7 +192,8 @@ def _describe_degeneracy(
 def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
     """Return the given indices of coefficients, sorted by effect on the readings, largest first.
 
-    ``effect`` holds the largest effect of every coefficient on any reading.
+    ``indices`` are the given indices. ``effect`` holds, for every coefficient, its largest effect
+    on any reading.
     """
     effect_by_index = {i: float(effect[i]) for i in indices}
     return ranked(effect_by_index, effect_by_index.__getitem__)
@@ -235,9 +239,9 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients are effects that are not of interest. The result has the nuisance
-    coefficients of the model's terms. It also has those of terms that the model leaves out although
-    its preset has them; a preset is the ready-made model from which a model is made.
+    Nuisance coefficients are effects that are not of interest. A model is made from a preset
+    (ready-made model) and may leave out terms of the preset. The result has the nuisance
+    coefficients of all terms, including the terms that were left out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**edition_terms(bound), **modelled}

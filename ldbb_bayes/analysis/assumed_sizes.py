@@ -27,7 +27,7 @@ class AssumedSize:
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of ``source``
     unit: str  #: internal unit of ``sd``
-    #: whether the effect has other coefficients in the same unit with a smaller prior standard
+    #: whether another coefficient of the effect, in the same unit, has a smaller prior standard
     #: deviation
     differs: bool
 
@@ -79,9 +79,11 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
 
 
 def _sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
-    """Return the largest size of an effect for each unit, from the effect's lines in the budgets.
+    """Return the size of an effect in each unit: the largest prior standard deviation.
 
-    Lines that stand for several coefficients are left out, because they state no size.
+    ``lines`` are the lines of the effect in the uncertainty budgets; each states the prior standard
+    deviation of one coefficient. Lines that stand for several coefficients state none and are left
+    out.
     """
     by_unit: dict[str, dict[str, float]] = {}
     for line in lines:

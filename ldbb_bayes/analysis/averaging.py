@@ -269,9 +269,10 @@ def _draw_posteriors(
 ) -> tuple[Array, list[ModelDraws]]:
     """Return ``size`` draws from the averaged posterior.
 
-    The first result, shape (size,), is the index of the model of each draw. The second result holds
-    the draws of each model that has any. The number of draws of a model differs by less than one
-    from ``size`` times the probability of the model.
+    Each draw comes from one model of the average, ``weighted``. The first result, shape (size,), is
+    the index of this model for each draw. The second result holds the draws of each model, in the
+    same order; models without draws are left out. The number of draws of a model is ``size`` times
+    the probability of the model, rounded up or down.
     """
     cumulative = np.append(0.0, np.cumsum(weighted.probability) / weighted.probability.sum())
     ends = np.floor(cumulative * size + rng.random()).astype(int)
@@ -289,7 +290,8 @@ def _draw_priors(
 ) -> list[ModelDraws]:
     """Return random draws from the prior of each model, the same number for every model.
 
-    ``draws`` is the least number of draws from all models together.
+    ``weighted`` holds the models. ``draws`` is the number of draws from all models together; it is
+    rounded up to a multiple of the number of models.
     """
     size = -(-draws // len(weighted.nodes))
     draws_of_models = []
@@ -322,10 +324,11 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
 def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
     """Return the log densities of the draws of all models, by name of the density.
 
-    For example, the key ``lp`` stands for the log density of the posterior. Each result has the
-    shape of ``order``, (chains, draws). ``order`` holds the indices of the draws in the order of
-    the result. The indices count the draws of the first model first, then those of the next model,
-    and so on.
+    The keys of the result are the names; for example, ``lp`` is the log density of the posterior.
+    ``draws_of_models`` holds the draws of each model. The draws are numbered through all models:
+    those of the first model first, then those of the next model, and so on. ``order``, shape
+    (chains, draws), holds these numbers in the order in which the draws are wanted. Each log
+    density has the same shape.
     """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}
@@ -335,7 +338,7 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 
 
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
-    """Return the log probability that no compliance is negative, and the error of this value [nat].
+    """Return the log probability that no compliance is negative, and its numerical error [nat].
 
     The probability is computed from the posterior of the most probable model, without the condition
     that compliances are not negative.
@@ -348,8 +351,9 @@ def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
 def _free_coordinates(beta: Array, phi: Array) -> Array:
     """Return the draws of those parameters β and hyper-parameters φ that are not constant.
 
-    β has the shape (chains, draws, p), φ the shape (chains, draws, h). The result has the shape
-    (chains, draws, at most p + h).
+    A parameter or hyper-parameter is left out if all its draws are equal. ``beta`` holds the draws
+    of β, shape (chains, draws, p), and ``phi`` those of φ, shape (chains, draws, h). The result has
+    the shape (chains, draws, k), where k is at most p + h.
     """
     coordinates = np.concatenate([beta, phi], axis=2)
     return coordinates[:, :, np.ptp(coordinates, axis=(0, 1)) > 0.0]
@@ -381,10 +385,10 @@ def _averaged_prior(
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
     """Return the models with their probabilities, for the record of the averaged posterior.
 
-    Each model is described by name, rival explanations, log evidence and posterior probability. The
-    result also has two kinds of sums of these probabilities: one for each model name, over all
-    subsets of rival explanations, and one for each rival explanation, over all models that include
-    it.
+    Each model is described by name, rival explanations, log evidence and posterior probability. A
+    name occurs several times, each time with another subset of the rival explanations. The result
+    therefore also states two kinds of sums of the probabilities: the sum for each name, and the sum
+    over all models that include a certain rival explanation.
     """
     models = []
     for combination, nodes, probability in zip(

@@ -67,8 +67,8 @@ class Contribution:
     #: ("other …"), a noise of the readings, or ``Parameters`` for the priors of the parameters
     source: str
     term: str  #: model term that the source belongs to, such as ``Mount``
-    #: type of evaluation (GUM 2.3.2, 2.3.3): "A" from the scatter of the readings, "B" by other
-    #: means
+    #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the
+    #: scatter of the readings, "B" if it is evaluated by other means
     kind: Kind
     origin: Origin  #: where the size of the source comes from: measured here, stated or assumed
     #: standard uncertainty of the source, in the unit ``unit``; None if the source has no single
@@ -123,12 +123,12 @@ class _ModelBudget:
     p parameters, in internal units. ``phi`` are the mean hyper-parameters, by name. ``covariance``,
     shape (m, m), is the posterior covariance of all m coefficients (parameters and nuisances) at
     these hyper-parameters, in units of the prior standard deviations; ``information`` is the
-    `Information` of the bound model at the same hyper-parameters. ``shares`` holds, for the names
-    of a source and of its model term, the share of the source in the variance of each parameter,
-    shape (p,). ``ratio_if_known`` holds, for the name of a model term, the variance that each
-    parameter would have if the term were known exactly, divided by the present variance of the
-    parameter, shape (p,). ``origins`` states for each source whether its size is measured here,
-    stated or assumed.
+    `Information` of the bound model at the same hyper-parameters. ``shares`` holds the share of
+    each source in the variance of each parameter, shape (p,); a key is the name of the source and
+    the name of its model term. ``ratio_if_known`` shows what exact knowledge of a model term would
+    bring; the keys are names of model terms. Each value, shape (p,), is the variance that each
+    parameter would then have, divided by its present variance. ``origins`` states for each source
+    whether its size is measured here, stated or assumed.
     """
 
     model: AveragedModel
@@ -163,7 +163,7 @@ class _ParameterVariance:
 
     @property
     def total(self) -> float:
-        """The averaged variance, by which shares are divided. A variance of zero counts as one."""
+        """The averaged variance, by which shares are divided; 1 if this variance is zero."""
         return (sum(self.weights) + (self.spread or 0.0)) or 1.0
 
 
@@ -179,9 +179,9 @@ class _SourceKey(NamedTuple):
 class _Portion:
     """Share of a source in the variance of one parameter, summed over the models of an average.
 
-    One of the models adds the largest part to this share. ``largest`` is this part, ``budget`` is
-    the budget under the model that adds it, and ``row`` is the index of the parameter in this
-    model.
+    Every model adds a part to this share. ``largest`` is the largest of these parts. ``budget`` is
+    the budget under the model that adds the largest part, and ``row`` is the index of the parameter
+    in this model.
     """
 
     share: float
@@ -300,8 +300,9 @@ def _variance_of_parameter(
 ) -> _ParameterVariance:
     """Return the variance of one parameter under all models that have it.
 
-    ``i`` is the index of the parameter in the average over models. ``spread`` is the variance of
-    the parameter's mean over the models; None if there is only one model.
+    ``budgets`` are the budgets under the models of an average. ``i`` is the index of the parameter
+    in the list of all parameters of these models. ``spread`` is the variance of the parameter's
+    mean over the models; None if there is only one model.
     """
     with_parameter = []
     rows = []
@@ -389,9 +390,11 @@ def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin
 def _coefficient_line(key: _SourceKey, portion: _Portion, u: float) -> Contribution:
     """Return the line of one nuisance coefficient in the budget of a parameter.
 
-    The standard uncertainty of the coefficient and the sign of the sensitivity are taken from the
-    model in which the coefficient has the largest share of the parameter's variance. ``u`` is the
-    standard uncertainty of the parameter.
+    ``key`` names the coefficient, and ``portion`` states its share of the parameter's variance. The
+    budget may be averaged over several models, under which the coefficient has different standard
+    uncertainties and sensitivities. The standard uncertainty of the coefficient and the sign of the
+    sensitivity are then those under the model that adds most to the share. ``u`` is the standard
+    uncertainty of the parameter.
     """
     information = portion.budget.information
     place = information.interest[portion.row]
@@ -414,11 +417,13 @@ def _contribution(
     unit: str = "",
     sign: float = 1.0,
 ) -> Contribution:
-    """Return the line of a source in a budget, from the source's share of the variance.
+    """Return the line of a source in the uncertainty budget of a parameter.
 
-    ``u`` is the standard uncertainty of the parameter. ``source_u`` is the standard uncertainty of
-    the source in the unit ``unit``, or None if the source has no single standard uncertainty.
-    ``kind`` is the type of evaluation, A or B of the GUM. ``sign`` is the sign of the sensitivity.
+    ``key`` holds the names of the source and of its model term, and ``share`` is the source's share
+    of the variance. ``u`` is the standard uncertainty of the parameter. ``source_u`` is the
+    standard uncertainty of the source in the unit ``unit``, or None if the source has no single
+    standard uncertainty. ``kind`` is the type of evaluation, A or B of the GUM. ``sign`` is the
+    sign of the sensitivity.
     """
     contribution = float(np.sqrt(max(share, 0.0))) * u
     sensitivity = None
@@ -440,8 +445,8 @@ def _contribution(
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
     """Return type (A or B), standard uncertainty and unit of a noise or of the parameters' priors.
 
-    ``term`` is the name of this source in the budget. ``phi`` are the hyper-parameters by name,
-    with lengths in mm.
+    ``term`` is the name under which the budget lists the noise or the priors. ``phi`` are the
+    hyper-parameters by name, with lengths in mm.
     """
     if term == NOISE:
         return _NoiseSource("A", phi["sigma"], "mm")
@@ -482,8 +487,9 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
 def _uncertainty_if_known(variance: _ParameterVariance, term: str, u: float) -> float | None:
     """Return the standard uncertainty that a parameter would have if a term were known exactly.
 
-    ``term`` is the name of the model term, and ``u`` the present standard uncertainty of the
-    parameter. Return None if the term cannot be known, such as noise of the readings.
+    ``variance`` is the variance of the parameter, averaged over models. ``term`` is the name of the
+    model term, and ``u`` the present standard uncertainty of the parameter. Return None if the term
+    cannot be known, such as noise of the readings.
     """
     remaining = variance.spread or 0.0
     can_be_known = False

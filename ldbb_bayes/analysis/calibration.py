@@ -38,9 +38,9 @@ __all__ = [
     "rank_replicates",
 ]
 
-# Name of the log likelihood in `Validation.names`. The log likelihood is ranked too, like the
-# parameters and hyper-parameters. Its true value is the log likelihood at the true parameters and
-# hyper-parameters.
+# Name of the log likelihood in `Validation.names`. Ranks are computed not only for the parameters
+# and hyper-parameters, but also for the log likelihood. Its true value is the log likelihood at the
+# true parameters and hyper-parameters.
 LOG_LIKELIHOOD = "log_likelihood"
 # Probabilities of the credible intervals whose coverage (share of true values inside) is reported.
 _INTERVALS = (0.5, 0.8, 0.95)
@@ -170,7 +170,8 @@ class Validation(Result):
         table = pd.DataFrame(index=list(self.names))
         for prob in _INTERVALS:
             limit = prob * (self.draws + 1)
-            # A true value exactly at an end of the credible interval counts as half inside.
+            # A true value exactly at an end of the credible interval adds one half to the number of
+            # values inside.
             inside = 0.5 * (distance < limit - 1e-9) + 0.5 * (distance < limit + 1e-9)
             table[_percent(prob)] = inside.mean(axis=0)
             table[f"u{_percent(prob)}"] = np.sqrt(prob * (1.0 - prob) / self.replicates)

@@ -1,4 +1,4 @@
-"""Columns of the design matrix for the circle of one test, at a force that may be chosen.
+"""Columns of the design matrix for the circle of one test, at any force of the bar.
 
 A circle is described by 25 Fourier coefficients of its radial deviation. Each column holds the
 changes of these coefficients per unit of one parameter.
@@ -45,7 +45,7 @@ class MachineColumns(NamedTuple):
 
 
 class SecondOrderFactors(NamedTuple):
-    """Scale mismatch and squareness per µm of a circle's second harmonic [µm/m per µm].
+    """Factors that convert a circle's second harmonic [µm] to scale mismatch and squareness [µm/m].
 
     The second harmonic of the radial deviation has two amplitudes: one of cos 2θ and one of sin 2θ.
     """
@@ -68,10 +68,10 @@ def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns
 
 
 def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:
-    """Return scale mismatch and squareness per µm of the second harmonic, for one circle.
+    """Return the factors that convert the second harmonic to scale mismatch and squareness.
 
-    The factors depend on the radius and the plane of the circle, which is run in the test with
-    index ``r``.
+    The second harmonic is that of a circle's radial deviation [µm]. The factors depend on the
+    radius and the plane of the circle: the circle of the test with index ``r``.
     """
     radius_m = float(bound.setting.radius_mm[r]) * 1e-3
     sin2_of_squareness = float(bound.setting.geometric[r][SIN2, _squareness_index(bound, r)])
@@ -81,7 +81,8 @@ def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:
 def _squareness_index(bound: BoundModel, r: int) -> int:
     """Return the index of the squareness error in the plane of the test with index ``r``.
 
-    The index counts the campaign's geometric errors from 0.
+    The result is the position of this error in the list of the campaign's geometric errors, counted
+    from 0. ``bound`` is the model bound to the campaign.
     """
     sin2 = bound.setting.geometric[r][SIN2]
     for j, error in enumerate(geometric_errors_of(bound.campaign)):

@@ -5,13 +5,14 @@ ring that contains the path and has the least-squares centre. The radial deviati
 are measured from the least-squares circle. F_max_nominal and F_min_nominal are measured from a
 circle that has the same centre and the nominal radius.
 
-The uncertainty of the path makes the peak-to-peak value of every posterior draw too large. This
-excess is removed, so that the mean of the draws of G equals G of the posterior mean path; see
-`extremes`.
+Because the path is uncertain, each posterior draw of the path has random waves that increase its
+peak-to-peak value G. This excess is removed: the draws of G are shifted so that their mean equals G
+of the posterior mean path; see `extremes`.
 
-Radial deviations are small compared with the radius R. About a centre that is shifted by (a, b),
-the deviation at angle θ is therefore lower by a cos θ + b sin θ. The error of this approximation is
-at most e²/2R for a shift by e, for example 0.01 µm for e = 50 µm and R = 125 mm.
+Radial deviations are small compared with the radius R. If the centre from which they are measured
+is shifted by (a, b), the deviation at the angle θ therefore decreases by a cos θ + b sin θ. The
+error of this approximation is at most e²/2R for a shift by e, for example 0.01 µm for e = 50 µm and
+R = 125 mm.
 """
 
 from __future__ import annotations
@@ -279,10 +280,11 @@ class _Hysteresis(NamedTuple):
 def _draw_hysteresis(
     bound: BoundModel, draws_of_models: Sequence[ModelDraws]
 ) -> dict[str, _Hysteresis]:
-    """Return random draws of hysteresis for each plane run in both directions of travel.
+    """Return random draws of the hysteresis in each plane that is run in both directions of travel.
 
-    The keys are the planes. If the posterior is an average over models, the draws of all models are
-    joined, one model after the other. Planes whose hysteresis is zero are left out.
+    The keys are the planes; planes whose hysteresis is zero are left out. ``draws_of_models`` holds
+    posterior draws of each model. There are several models if the posterior is an average over
+    models; the result then holds the draws of all models, one model after the other.
     """
     if not bound.setting.both_ways:
         return {}
@@ -300,9 +302,9 @@ def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
     """Return draws of the hysteresis in each plane, under one model of an average.
 
     The keys are the planes run in both directions of travel. Planes in which the hysteresis is zero
-    in all draws are left out. Hysteresis changes its sign with the direction of travel. The result
-    holds for clockwise travel. The result has two parts: one that does not depend on the force, and
-    one that is proportional to the force.
+    in all draws are left out. Hysteresis changes its sign with the direction of travel; the result
+    has the sign of clockwise travel. The result has two parts: one that does not depend on the
+    force, and one that is proportional to the force.
     """
     bound = draws.bound
     names: list[str] = []

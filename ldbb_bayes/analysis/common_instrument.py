@@ -26,9 +26,9 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
-# The readings of a campaign count as informative about a nuisance coefficient of the instrument if
-# the prior variance of the coefficient is larger than its posterior variance, by more than this
-# share of the posterior variance.
+# The readings of a campaign are called informative about a nuisance coefficient of the instrument
+# if they reduce its variance enough: the prior variance must exceed the posterior variance by more
+# than this fraction of the posterior variance.
 _LEAST_INFORMATION = 0.05
 # Names of the hyper-parameters of the instrument: the scale of the balls' form errors, and the
 # decay, the power by which these errors fall with the number of waves per turn.
@@ -42,8 +42,8 @@ class Conflict(NamedTuple):
     """
 
     coefficient: str
-    #: p-value of the disagreement: probability of a larger disagreement by chance, times the number
-    #: of coefficients compared (Bonferroni); at most 1
+    #: p-value of the disagreement. It is the probability of a larger disagreement by chance,
+    #: multiplied by the number of coefficients that are compared (Bonferroni), and is at most 1.
     p_value: float
 
 
@@ -97,8 +97,8 @@ def joint_difference(
     common = _common_coefficients(first, second)
     all_names = [*first.names, *(name for name in second.names if name not in common)]
     size = len(all_names)
-    # The posteriors of both campaigns contain the prior of the coefficients of the common
-    # instrument. Subtract this prior once, because it must count only once.
+    # Each of the two posteriors contains the prior of the common instrument's coefficients, so that
+    # their product contains this prior twice. Remove the prior once.
     common_places = np.array([first.names.index(name) for name in common], dtype=int)
     prior_precision = np.zeros((size, size))
     prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0
@@ -175,7 +175,7 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
 
 
 def _common_coefficients(first: _Campaign, second: _Campaign) -> list[str]:
-    """Return the names of the instrument's nuisance coefficients that both campaigns have."""
+    """Return the names of the instrument's nuisance coefficients that two campaigns both have."""
     common = []
     for name, owner in zip(first.names, first.information.owners, strict=True):
         of_instrument = owner in Term.kinds and Term.kinds[owner].instrument
@@ -217,9 +217,9 @@ def worst_conflict(
 
     The campaigns were run with the same instrument. A coefficient ν of the instrument is estimated
     from the readings y of each campaign alone, without the prior of ν. The standard uncertainty of
-    the estimate is 1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. The
-    campaigns disagree most about the coefficient with the largest ratio of the difference of the
-    two estimates to the standard uncertainty of this difference.
+    the estimate is 1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. For each
+    coefficient, the difference of the two estimates is divided by the standard uncertainty of this
+    difference. The campaigns disagree most about the coefficient with the largest absolute ratio.
 
     Parameters
     ----------

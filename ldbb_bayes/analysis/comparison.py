@@ -3,9 +3,9 @@
 The posterior probability of a model M given the readings y is p(M | y) ∝ p(y | M) p(M). The
 evidence p(y | M) is the density of the readings under the model, averaged over the prior of the
 parameters; it is computed by quadrature. The ratio of two evidences is the Bayes factor B; ln B is
-stated in nats (1 nat is a factor e). The comparison is repeated under other priors and assumptions
-than the models have, and every test is predicted from the other tests. All models use the same
-readings, and have the same priors for the parameters that they share.
+stated in nats (1 nat is a factor e). The comparison is repeated with models that have other priors
+or make other assumptions. Every test is also predicted from the other tests. All models use the
+same readings, and have the same priors for the parameters that they share.
 
 The elpd (expected log predictive density) of a model states how well it predicts readings that were
 left out. Here the elpd is the sum, over the tests r, of ln p(y_r | y_−r): the log density of test r
@@ -70,13 +70,14 @@ __all__ = [
 # of force, divided by the size of the compliance. The size is the estimate of the compliance or, if
 # ``slopes_of_estimate`` of the prior is false, the prior standard deviation of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# The readings reject an assumption about how circles differ if its log evidence is at least this
-# number [nat] below the log evidence of the assumption that the models make.
+# The models make an assumption about how circles differ from one another. The readings reject
+# another assumption if its log evidence is at least this number [nat] below the log evidence of the
+# assumption that the models make.
 _REJECTED = 5.0
-# Evidences under an assumption about how circles differ are computed only roughly if the log
-# evidences of both models are low under this assumption. They are low if they are at least this
-# number [nat] below the larger log evidence of the two models under the assumption that the models
-# make.
+# To save time, evidences under another assumption about how circles differ are computed only
+# roughly if the readings clearly reject the assumption: if it lowers the log evidences of both
+# models by at least this number [nat]. The reference is the larger log evidence of the two models
+# under the assumption that the models make.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -361,10 +362,11 @@ class Comparison(Result):
         return Sign.FIRM
 
     def preferred_assumption(self) -> Assumed | None:
-        """Return the assumption about how circles differ that has the largest evidence, or None.
+        """Return the assumption that the readings clearly prefer to that of the models, or None.
 
-        Return None unless this log evidence is more than 5 nat above the log evidence of the
-        assumption that the models make.
+        The assumptions are about how circles differ from one another. The assumption with the
+        largest log evidence is returned if its log evidence is more than 5 nat above the log
+        evidence of the assumption that the models make. If not, None is returned.
         """
         best = ranked(self.discrepancy_sensitivity, lambda assumed: assumed.best)[0]
         return best if self.gain(best) > _REJECTED else None
@@ -661,10 +663,11 @@ def _plan_comparison(
 def _models_by_slope_scale(
     pair: Mapping[str, HybridModel],
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return both models of a pair under every scale of the slopes' prior; keys name the scales.
+    """Return both models of a pair with every scale of the prior of the slopes.
 
-    Slopes are changes of compliance with force. The result is empty if neither model has slopes, or
-    if the two models differ only in this prior.
+    Slopes are changes of compliance with force. The keys of the result are labels with the scale,
+    such as "slope scale 0.3"; each value holds both models. The result is empty if neither model
+    has slopes, or if the two models differ only in this prior.
     """
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):
@@ -686,10 +689,11 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
 
 
 def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
-    """Return the number of evidences that this process computes for a comparison.
+    """Return the number of evidences that the process of `compare` itself computes.
 
-    ``models`` is the number of models. Evidences under other assumptions about how circles differ
-    are not counted.
+    ``plan`` states which results are computed, and ``models`` is the number of models that the
+    caller gave. Each test of ``campaign`` may be left out once. Evidences under other assumptions
+    about how circles differ are not included, because another process may compute them.
     """
     steps = models
     if plan.leaves_tests_out:
@@ -709,7 +713,9 @@ def _begin_local_fits(
     """Begin the fits of constant compliance to the tests at every two neighbouring forces.
 
     Return a function that waits for the fits and returns their table. The table is empty if the
-    plan of the comparison has no such fits. ``prob`` is the probability of the credible intervals.
+    comparison includes no such fits, according to ``plan``. ``prob`` is the probability of the
+    credible intervals. ``executor`` runs the fits in parallel; if it is None, this process runs
+    them.
     """
     if not plan.has_local_fits:
         return pd.DataFrame
@@ -725,9 +731,10 @@ def _begin_assumptions(
 ) -> Callable[[], tuple[tuple[Assumed, ...], list[Evidence]]]:
     """Begin to compute evidences of the first two models under other assumptions.
 
-    The assumptions are about how circles differ from one another. Return a function that waits for
-    the log Bayes factors and evidences, and returns them. ``nodes_by_model`` holds the evidences
-    under the assumption that the models make themselves.
+    The assumptions are about how circles differ from one another; ``plan`` lists them. Return a
+    function that waits for the log Bayes factors and evidences, and returns them.
+    ``nodes_by_model`` holds the evidences under the assumption that the models make themselves.
+    ``executor`` runs the computation in parallel; if it is None, this process runs it.
     """
     best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
     separate = evidences.apart()
@@ -761,7 +768,7 @@ def _weigh_assumptions(
 
 
 def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:
-    """Return the evidences of all models with each test left out in turn, as one list.
+    """Return one list with the evidences of all models, computed with each test left out in turn.
 
     ``left_out_nodes`` holds the posterior of each model for each test left out. The outer keys are
     names of models, and the inner keys are names of tests.
@@ -773,7 +780,7 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 
 
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
-    """Return the log Bayes factor of every other model over the first model, and its error [nat].
+    """Return the log Bayes factors of all other models over the first, and their errors [nat].
 
     In a key such as "linear/constant", the first model is named last.
     """
@@ -862,8 +869,9 @@ def _compare_models(
 ) -> dict[str, ComparedModel]:
     """Return evidence, fit and parameter estimates of every model, by name.
 
-    ``log_densities`` holds, for each model, the log density of every test given the other tests
-    [nat]. ``prob`` is the probability of the credible intervals of compliance at every force.
+    ``nodes_by_model`` holds the posterior of each model. ``log_densities`` holds, for each model,
+    the log density of every test given the other tests [nat]. ``seed`` is the seed of posterior
+    draws, and ``prob`` is the probability of the credible intervals of compliance at every force.
     """
     log_evidence = [nodes.evidence.log_value for nodes in nodes_by_model.values()]
     shares = probabilities(np.array(log_evidence))
@@ -926,7 +934,8 @@ def _compare_tests(
     The result is empty if no test is left out. ``nodes_by_model`` holds the posterior of each model
     for all tests; ``left_out_nodes`` holds, for each model and test, the posterior without the
     test. ``left_out_log_densities`` holds, for each model, the log density of every test given the
-    other tests [nat]. ``tolerance`` is the largest error allowed for a log evidence [nat].
+    other tests [nat]. ``seed`` is the seed of simulated readings, and ``tolerance`` is the largest
+    error allowed for a log evidence [nat].
     """
     if not left_out_nodes:
         return {}

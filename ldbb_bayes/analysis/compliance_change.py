@@ -19,8 +19,8 @@ from ldbb_bayes.results import Array, ByName, Result
 
 __all__ = ["ChangeWithForce", "DrawnValue", "change_with_force"]
 
-# Probabilities are shares of draws. A difference of probabilities is rounded to this number of
-# decimals.
+# Differences of probabilities are rounded to this number of decimals, to remove rounding errors.
+# The probabilities are shares of posterior draws, and so need no more decimals.
 _DECIMALS_OF_PROBABILITY = 12
 
 

@@ -55,8 +55,8 @@ __all__ = [
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
-# A posterior standard deviation below this number is replaced by this number where it is a divisor,
-# to avoid a division by zero.
+# To avoid a division by zero, values are divided by this number instead of the posterior standard
+# deviation if the standard deviation is smaller.
 _LEAST_SD = 1e-300
 
 
@@ -291,9 +291,10 @@ def _decide_by_draws(
 ) -> Conformity:
     """Return the decision on conformity from the share of posterior draws between the limits.
 
-    ``stated`` holds the draws of the quantity, in ``unit``. Where too few draws lie on one side of
-    a limit, the probability of that side follows from a normal distribution; see
-    `_tail_probability`.
+    ``stated`` holds the draws of the quantity, in ``unit``, and ``tolerance`` its limits. If too
+    few draws lie on one side of a limit, the probability of that side follows from a normal
+    distribution; see `_tail_probability`. ``confidence`` is the least probability at which a
+    decision is made.
     """
     draws = stated.values
     mean = float(draws.mean())
@@ -355,15 +356,16 @@ def stiffness_conformity(
 ) -> Conformity:
     """Return the decision on the conformity of a stiffness whose compliance has a normal posterior.
 
-    The stiffness 1/C lies between its limits exactly where the compliance C lies between the
-    inverse limits, so that the probability follows from the normal distribution of C. A negative C,
-    which no machine has, counts as infinite stiffness. For a compliance with mean m and standard
-    deviation s, the result states 1/m and s/m² as mean and standard deviation of the stiffness.
-    These are approximations, and the decision does not depend on them.
+    The stiffness 1/C lies between its limits if, and only if, the compliance C lies between the
+    inverses of these limits. The probability of conformance therefore follows from the normal
+    distribution of C. A negative C, which no machine has, counts as infinite stiffness. For a
+    compliance with mean m and standard deviation s, the result states 1/m and s/m² as mean and
+    standard deviation of the stiffness. These are approximations, and the decision does not depend
+    on them.
 
-    ``unit`` is the unit of the stiffness and of the limits of ``tolerance``. Mean and standard
-    deviation of the compliance are in the inverse of this unit. ``confidence`` is the least
-    probability at which a decision is made.
+    ``unit`` is the unit of the stiffness and of the limits of ``tolerance``. ``compliance_mean``
+    and ``compliance_sd``, mean and standard deviation of the compliance, are in the inverse of this
+    unit. ``confidence`` is the least probability at which a decision is made.
     """
     lowest_stiffness, highest_stiffness = tolerance.ends
     lowest_compliance = -np.inf
@@ -381,7 +383,11 @@ def stiffness_conformity(
 
 
 def _normal_probability(mean: float, sd: float, limits: tuple[float, float]) -> float:
-    """Return the probability that a normally distributed quantity lies between two limits."""
+    """Return the probability that a normally distributed quantity lies between ``limits``.
+
+    ``mean`` and ``sd`` are the mean and the standard deviation of the quantity, in the unit of the
+    limits.
+    """
     low, high = limits
     return float(ndtr((high - mean) / sd) - ndtr((low - mean) / sd))
 
@@ -395,7 +401,7 @@ def _decide(
     confidence: float,
     force: float | None,
 ) -> Conformity:
-    """Return the decision that follows from the probability of conformance.
+    """Return the decision that follows from the probability of conformance with a tolerance.
 
     ``probability`` is the probability of conformance, and ``confidence`` the least probability at
     which a decision is made. ``mean`` and ``sd`` are the posterior mean and standard deviation of

@@ -10,18 +10,18 @@ from ldbb_bayes.model.terms.columns import OWN
 
 __all__ = ["NEAR_TIE", "SAME_COMBINATION", "confounding_sources"]
 
-# An effect causes an error of every parameter; these errors form a vector. Two effects act on the
-# same combination of parameters if the squared cosine of the angle between the vectors of the two
-# effects is at least this number.
+# Two effects are said to act on the same combination of parameters if the errors that they cause
+# are in nearly the same proportions. The errors of all parameters that one effect causes form a
+# vector. This is the least squared cosine of the angle between the vectors of the two effects.
 SAME_COMBINATION = 0.95
 # A parameter is never said to be confounded with an effect that causes less than this share of the
 # parameter's variance.
 _NAMED_SHARE = 0.05
-# A share of a variance, or a contraction, counts as equal to its limit if the difference is below
-# this number, so that no verdict on a parameter depends on rounding errors. The contraction is one
-# minus the ratio of posterior to prior variance. A parameter is confounded only if a share is above
-# the limit for shares, and prior-limited only if the contraction is below the limit for
-# contractions.
+# Verdicts on parameters must not depend on rounding errors. A number that differs from its limit by
+# less than this amount is therefore treated as equal to the limit. There are two such numbers. A
+# share of a variance must be above its limit for the verdict "confounded". The contraction, which
+# is one minus the ratio of posterior to prior variance, must be below its limit for the verdict
+# "prior-limited".
 NEAR_TIE = 1e-6
 
 
@@ -32,9 +32,10 @@ def confounding_sources(
 
     A parameter is confounded with assumed sources if they together cause more than half of its
     variance, and if they act on the same combination of parameters. ``sources`` are all sources of
-    the parameter's variance, the largest share first. ``likeness`` is the squared cosine of the
-    angle between the vectors of parameter errors that two sources cause; its keys are pairs of
-    names of sources. If ``likeness`` is None, all sources are taken to act on the same combination.
+    the parameter's variance, the largest share first. ``likeness`` states how similarly two sources
+    act: each source causes errors of all parameters, which form a vector, and the likeness is the
+    squared cosine of the angle between the vectors of the two sources. The keys are pairs of names
+    of sources. If ``likeness`` is None, all sources are taken to act on the same combination.
     """
     candidates = []
     for source in sources:

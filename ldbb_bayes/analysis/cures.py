@@ -22,7 +22,7 @@ __all__ = ["Cure", "Directed", "at_other_radius", "clocked", "cures", "in_other_
 
 # A test whose arc is shorter than this angle is not a full circle [°].
 _FULL_CIRCLE_DEG = 355.0
-# A test with readings at fewer different angles than this number does not count as a full circle,
+# A test with readings at fewer different angles than this number is not treated as a full circle,
 # because its readings do not resolve all Fourier orders.
 _FEWEST_ANGLES = 36
 # Angles of the readings in full circles that are tried as further tests [°].
@@ -107,7 +107,10 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
 
 def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
-    """Return whether a degeneracy of a plan is among the degeneracies of a longer plan."""
+    """Return whether a degeneracy of a plan remains when tests are added to the plan.
+
+    ``remaining`` are the degeneracies of the plan with the added tests.
+    """
     return any(_is_same(degeneracy, candidate) for candidate in remaining)
 
 
@@ -115,10 +118,10 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     """Return whether two degeneracies count as the same.
 
     The pivot of a degeneracy is the coefficient whose effect on the readings the other coefficients
-    cancel. Two degeneracies with nuisance coefficients as pivots are the same if the pivots are of
-    the same kind. Two degeneracies with parameters as pivots are the same if they have two
-    parameters in common. If the first degeneracy has a single parameter, it is enough that the
-    second degeneracy has this parameter too.
+    cancel. If both pivots are nuisance coefficients, the degeneracies are the same if the pivots
+    differ at most in ball, phase or radius. If both pivots are parameters, the degeneracies are the
+    same if they have two parameters in common. If ``degeneracy`` has a single parameter, it is
+    enough that ``candidate`` has this parameter too.
     """
     if degeneracy.term != candidate.term:
         return False
@@ -161,7 +164,7 @@ def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[Circul
 def _at_other_forces(plan: Campaign) -> list[CircularTest]:
     """Return two copies of the test with the lowest force, at other forces.
 
-    One force is below the lowest force of the plan, the other is above the highest force.
+    One copy is at half the lowest force of the plan, the other at 1.5 times the highest force.
     """
     forces = plan.forces_N
     first = plan.tests[int(forces.argmin())]
@@ -227,9 +230,9 @@ def clocked(
 def at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
-    The new radius is the radius of the test with the lowest force, times two thirds. If a test of
-    the plan has about this radius, the new radius is multiplied by two thirds again, until no test
-    has this radius.
+    The new radius is two thirds of the radius of the test with the lowest force. If a test of the
+    plan has about the same radius as the new one, the new radius is multiplied by two thirds again,
+    until no test has about this radius.
     """
     radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
     radius = float(radii_of_plan[plan.forces_N.argmin()])

@@ -82,11 +82,13 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
 
 
 def _joint_load_weights(bound: BoundModel, information: Information, axis: str) -> Array:
-    """Return the change of a compliance due to the term `JointLoad`, per unit of each coefficient.
+    """Return the effect of each coefficient on the change of a compliance with force.
 
-    The compliance is the direct compliance of ``axis``. The change is its value at the largest
-    tested force minus its value at the smallest. The result has the shape (m,) for m coefficients.
-    All elements are zero if the model does not have the term, or if no circle moves the axis.
+    Only the effect through the term `JointLoad` (joints that yield to their own load) is returned.
+    The compliance is the direct compliance of ``axis``. Its change is its value at the largest
+    tested force minus its value at the smallest. The result, shape (m,), is this change per unit of
+    each of the m coefficients that ``information`` lists. All elements are zero if the model does
+    not have the term, or if no circle moves the axis.
     """
     weights = np.zeros(len(information.names))
     columns = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ())).get(axis)

@@ -217,8 +217,9 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
 def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
     """Return the matrix that converts a model's parameters to another reference force.
 
-    The matrix, shape (n, p), maps the p parameters at the reference force of the model to the n
-    parameters ``names`` at the force ``reference_force_N`` [N].
+    The matrix, shape (n, p), is multiplied by the p parameters of ``bound`` at the reference force
+    of this model. The product is the n parameters ``names`` at the reference force
+    ``reference_force_N`` [N].
     """
     rows = np.zeros((len(names), len(bound.names)))
     lever = reference_force_N - bound.setting.reference_force_N

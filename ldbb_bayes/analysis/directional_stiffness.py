@@ -5,11 +5,11 @@ c = cos θ, s = sin θ and the radius R, in the plane XY,
 
     c(θ; F) = C_XXX c² + C_XYX c s + C_YYY s² + R (C_CXY c² s + C_CYY c s²) + R² C_CCY c² s²,
 
-where every compliance is taken at the force F, and includes the effects of its slopes and of the
-term `JointLoad`, which also depends on the direction. The first three compliances determine the
-deflection of a tool in the circle's centre. The other three add the deflection of a tool at the
-position (R c, R s) on the circle. This deflection is due to the rotation of an axis under the bar's
-load. A stiffness is 1 / c(θ; F).
+where every compliance is taken at the force F. It includes the effect of its slopes, and that of
+the term `JointLoad` (joints that yield to their own load), which also depends on the direction. The
+first three compliances determine the deflection of a tool in the circle's centre. The other three
+add the deflection of a tool at the position (R c, R s) on the circle. This deflection is due to the
+rotation of an axis under the bar's load. A stiffness is 1 / c(θ; F).
 
 The symmetric matrix S with the elements C_XXX, C_XYX / 2 and C_YYY is the compliance tensor of the
 plane in the circle's centre. Its principal axes are at the angle ½ atan2(C_XYX, C_XXX − C_YYY).
@@ -67,8 +67,8 @@ _SMALLEST_SHARE = 0.1
 _WIDEST_DEG = 90.0
 # Radius of a very small circle [mm], whose compliance equals the compliance in the centre.
 _CENTRE_RADIUS_MM = 1e-6
-# Angles of the directions from which the compliance tensor of a plane is computed: along the first
-# axis of the plane, along its second axis, and midway between both axes [rad].
+# Angles of the three directions in which compliance is needed to compute the compliance tensor of a
+# plane [rad]: the first axis of the plane, its second axis, and midway between both axes.
 _TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
 
 
@@ -200,7 +200,7 @@ class DirectionalStiffness(Result):
     principal: tuple[PrincipalStiffness, ...] = ()
 
     def at(self, force_N: float) -> tuple[PlaneStiffness, ...]:
-        """Return the stiffness of every plane at one of the forces."""
+        """Return the stiffness of every plane at one of the forces, ``force_N`` [N]."""
         return tuple(plane for plane in self.planes if plane.force_N == force_N)
 
     def table(self) -> pd.DataFrame:
@@ -460,7 +460,10 @@ class _NamedDraws(NamedTuple):
 
 
 def _direct_compliance(bound: BoundModel, axis: str, compliances: Array) -> _NamedDraws:
-    """Return posterior draws of the direct compliance of an axis [mm/N]."""
+    """Return name and draws of the direct compliance of ``axis`` [mm/N].
+
+    ``compliances``, shape (draws, n), holds posterior draws of the n compliances of ``bound``.
+    """
     for k, compliance in enumerate(bound.compliances):
         if compliance.kind == "direct" and compliance.twist == axis:
             return _NamedDraws(compliance.label, compliances[:, k])
@@ -472,8 +475,10 @@ def _cross(
 ) -> tuple[str, StatedValue | None]:
     """Return the name and the estimate of a plane's cross compliance.
 
-    If the model has no such compliance, the name is empty and the estimate None. A cross compliance
-    is the deflection along one axis of the plane, divided by the force along the other axis.
+    A cross compliance is the deflection along one axis of the plane, divided by the force along the
+    other axis. If the model has no such compliance, the name is empty and the estimate None.
+    ``compliances``, shape (draws, n), holds posterior draws of the model's n compliances, and
+    ``prob`` is the probability of the credible interval.
     """
     for k, compliance in enumerate(bound.compliances):
         if compliance.kind == "cross" and {compliance.twist, compliance.wrench} == set(plane):
@@ -492,8 +497,9 @@ class _Tensor(NamedTuple):
 def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> _Tensor:
     """Return the compliance tensor of a plane, in the centre of the circle of one test.
 
-    ``r`` is the index of this test. The compliance in the centre along a unit vector u is uᵀ S u.
-    The tensor S is computed from this compliance in three directions.
+    ``r`` is the index of this test. ``compliances``, shape (draws, n), holds posterior draws of the
+    model's n compliances. The compliance in the centre along a unit vector u is uᵀ S u, where S is
+    the tensor. S is computed from the compliances along three directions.
     """
     circle = bound.campaign.tests[r].circle
     centre = replace(circle, radius_mm=_CENTRE_RADIUS_MM, plane=plane)
@@ -507,7 +513,11 @@ def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> 
 def _principal_stiffness(
     bound: BoundModel, force_N: float, compliances: Array, prob: float
 ) -> PrincipalStiffness:
-    """Return the principal stiffnesses in space, in the centre of the first circle."""
+    """Return the principal stiffnesses in space, in the centre of the first circle.
+
+    ``compliances``, shape (draws, n), holds posterior draws of the model's n compliances at the
+    force ``force_N`` of the bar [N]. ``prob`` is the probability of the credible intervals.
+    """
     tensors = np.zeros((len(compliances), 3, 3))
     for plane in bound.setting.planes:
         tensor = _plane_tensor(bound, 0, plane, compliances)
@@ -550,15 +560,15 @@ def _inverse(compliance: Array) -> Array:
 
 
 def _ratio(extremes: CurveExtremes) -> Array:
-    """Return draws of the largest compliance divided by the smallest; no draw is below one."""
+    """Return draws of the ratio of the largest compliance to the smallest; no draw is below one."""
     return np.asarray(np.maximum(extremes.largest / _above_zero(extremes.smallest), 1.0))
 
 
 def _above_zero(compliance: Array) -> Array:
-    """Return draws of a compliance; draws near or below zero are replaced by a positive value.
+    """Return draws of a compliance in which draws near or below zero are replaced.
 
-    The positive value is ``_SMALLEST_SHARE`` times the median of the draws' absolute values. All
-    draws below this value are replaced.
+    Draws that are below ``_SMALLEST_SHARE`` times the median of the draws' absolute values are
+    replaced by this positive value. The inverse of the result, a stiffness, is therefore finite.
     """
     floor = _SMALLEST_SHARE * np.median(np.abs(compliance))
     return np.maximum(compliance, max(floor, np.finfo(float).tiny))
@@ -585,12 +595,19 @@ def _stated(unit: str, draws: Array, prob: float, only_lower_limit: bool = False
 
 
 def _share_within(deviation: Array, expanded: float) -> float:
-    """Return the share of deviations from the mean whose absolute value is at most ``expanded``."""
+    """Return the share of draws that differ from the mean by at most ``expanded``.
+
+    ``deviation``, shape (draws,), are the differences between the draws and their mean.
+    """
     return float(np.mean(np.abs(deviation) <= expanded))
 
 
 def _direction(angle_rad: Array, prob: float) -> AxialDirection:
-    """Return the mean of axial directions with its uncertainty, from posterior draws [rad]."""
+    """Return the mean of a direction and its uncertainty, from posterior draws of its angle.
+
+    ``angle_rad``, shape (draws,), are the angles [rad]; opposite directions are the same. ``prob``
+    is the probability of the credible interval.
+    """
     resultant = np.exp(2j * angle_rad).mean()
     mean_deg = float(np.degrees(0.5 * np.angle(resultant))) % 180.0
     deviation_deg = (np.degrees(angle_rad) - mean_deg + 90.0) % 180.0 - 90.0

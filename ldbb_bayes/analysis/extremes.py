@@ -1,9 +1,10 @@
 """Largest and smallest values of a curve that is known with an uncertainty.
 
-Noise increases the largest value of a curve: in a peak-to-peak value, noise adds up and never
-cancels. The largest values of posterior draws of the curve are therefore too large on average.
-Their mean exceeds the largest value of the mean curve, and the excess is about as large as the
-error. In the same way, the smallest values are too small.
+Each posterior draw of the curve is the mean curve plus an error, here called noise. Noise raises
+some points of the curve and lowers others, and the largest value is often one of the raised points.
+The largest values of the draws are therefore too large on average: their mean exceeds the largest
+value of the mean curve, by about the size of the noise. In the same way, the smallest values are
+too small.
 """
 
 from __future__ import annotations
@@ -52,8 +53,8 @@ def extremes_of(curves: Array) -> CurveExtremes:
 def without_noise_excess(values: Array, at_mean: float) -> Array:
     """Return posterior draws of a quantity, shifted so that their mean is ``at_mean``.
 
-    ``values``, shape (draws,), are draws of a quantity that noise makes larger, such as the largest
-    value of a curve. ``at_mean`` is the same quantity, computed from the posterior mean of the
-    curve.
+    ``values``, shape (draws,), are draws of a quantity that noise makes too large or too small,
+    such as the largest or the smallest value of a curve. ``at_mean`` is the same quantity, computed
+    from the posterior mean of the curve.
     """
     return np.asarray(values - (values.mean() - at_mean))

@@ -8,10 +8,10 @@ posterior if the model has this condition.
 
 The law of propagation and the distribution each give an interval. They agree within n significant
 digits of u if the lower ends of the two intervals differ by at most the numerical tolerance δ =
-10^l / 2, and if the upper ends do not differ by more than δ either. The exponent l follows from u,
-for which the posterior standard deviation is taken here: rounded to n digits, u is a whole number
-times 10^l (JCGM 101, 7.9.2 and 8.1). If the two intervals do not agree, JCGM 101 requires the
-interval of the distribution to be stated.
+10^l / 2, and if the upper ends do not differ by more than δ either. The exponent l follows from u:
+rounded to n digits, u is a whole number times 10^l (JCGM 101, 7.9.2 and 8.1). Here u is the
+posterior standard deviation. If the two intervals do not agree, JCGM 101 requires the interval of
+the distribution to be stated.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ __all__ = [
     "validate_gum",
 ]
 
-# Largest number of significant digits of a standard uncertainty within which intervals are
-# compared.
+# Two intervals may agree within one or two significant digits of the standard uncertainty. This is
+# the largest number of digits that is tried.
 _MOST_DIGITS = 2
 # JCGM 101, 8.2, requires the ends of the distribution's interval to be computed with a numerical
 # error of at most this share of the tolerance.
@@ -99,11 +99,11 @@ class GumComparison(Result):
 
     @property
     def decided(self) -> bool:
-        """Whether the numerical error leaves no doubt about ``validated``.
+        """Whether ``validated`` is certain in spite of the numerical error.
 
-        There is no doubt if the numerical error is at most a fifth of the tolerance, as JCGM 101,
-        8.2, requires. There is no doubt either if the numerical error is smaller than the
-        difference between the tolerance and the larger of ``d_low`` and ``d_high``.
+        It is certain if the numerical error is at most a fifth of the tolerance, as JCGM 101, 8.2,
+        requires. It is also certain if the numerical error is smaller than the difference between
+        the tolerance and the larger of ``d_low`` and ``d_high``.
         """
         distance = abs(max(self.d_low, self.d_high) - self.tolerance)
         return self.error <= max(_SHARE_OF_TOLERANCE * self.tolerance, distance)
