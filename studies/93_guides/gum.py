@@ -72,10 +72,28 @@ DAILY_MEANS_V = (
 DAILY_SD_UV = (60.0, 77.0, 111.0, 101.0, 67.0, 93.0, 80.0, 73.0, 88.0, 86.0)
 READINGS_A_DAY = 5
 
+# H.6: hardness of a block on the scale Rockwell C, in units of the scale. The hardness is 100 units
+# minus the mean depth of five indentations; DEPTH is what the printed hardness leaves.
+SCALE_UNIT_MM = 0.002
+FULL_SCALE = 100.0
+PRINTED_HARDNESS = 64.0
+DEPTH = FULL_SCALE - PRINTED_HARDNESS
+# Standard uncertainties of the three contributions that the annex states: repeatability of the mean
+# depth, unequal hardness of the transfer block, and the national standard with the definition of
+# hardness. Those of the resolution and of the comparison of both machines are smaller.
+U_HARDNESS = (0.20, 0.11, 0.5)
+
 
 def figures() -> list[Figure]:
-    """Return the figures of examples H.1 to H.5."""
-    return [*_end_gauge(), *_impedance(), *_thermometer(), *_activity(), *_zener()]
+    """Return the figures of examples H.1 to H.6."""
+    return [
+        *_end_gauge(),
+        *_impedance(),
+        *_thermometer(),
+        *_activity(),
+        *_zener(),
+        *_hardness(),
+    ]
 
 
 def _end_gauge() -> list[Figure]:
@@ -291,6 +309,12 @@ def _zener() -> list[Figure]:
     mean = Gaussian.from_rows(
         np.ones((days, 1)) / (sd_of_means_uv * 1e-6), means / (sd_of_means_uv * 1e-6)
     )
+    # If the day has no effect, all readings scatter alike; their degrees of freedom are pooled.
+    readings = days * READINGS_A_DAY
+    pooled_uv = np.sqrt(
+        ((days - 1) * between_uv**2 + (readings - days) * within_uv**2) / (readings - 1)
+    )
+    same_day = Gaussian.from_rows(np.ones((readings, 1)) / pooled_uv, np.zeros(readings))
     example = "H.5 Zener voltage"
     return [
         Figure(GUIDE, example, "mean", "10.000097", float(mean.mean[0]), "V"),
@@ -306,4 +330,37 @@ def _zener() -> list[Figure]:
             reason="the annex divides numbers rounded to 57 µV and 85 µV",
         ),
         Figure(GUIDE, example, "u of the mean", "18", float(mean.sd[0] * 1e6), "µV"),
+        Figure(
+            GUIDE,
+            example,
+            "u of the mean without effect of the day",
+            "13",
+            float(same_day.sd[0]),
+            "µV",
+        ),
     ]
+
+
+def _hardness() -> list[Figure]:
+    """Return the figures of H.6: the hardness of a block by a calibrated machine."""
+    inputs = np.array([DEPTH, 0.0, 0.0])
+    hardness = propagate_linearly(_hardness_of, inputs, np.square(U_HARDNESS))
+    u = float(hardness.u[0])
+    example = "H.6 hardness"
+    return [
+        Figure(
+            GUIDE,
+            example,
+            "hardness",
+            "0.1280",
+            float(hardness.estimate[0]) * SCALE_UNIT_MM,
+            "mm",
+        ),
+        Figure(GUIDE, example, "combined u", "0.55", u, "HRC"),
+        Figure(GUIDE, example, "combined u", "0.0011", u * SCALE_UNIT_MM, "mm"),
+    ]
+
+
+def _hardness_of(inputs: Array) -> Array:
+    """Return the hardness (Eq. H.33a) from the mean depth and two corrections of zero [HRC]."""
+    return FULL_SCALE - inputs.sum(axis=-1, keepdims=True)

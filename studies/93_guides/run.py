@@ -13,9 +13,10 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
+import conformity
 import gum
-import others
 import supplements
+import technical_note
 from figures import Figure
 from study import Effort, Study, run
 
@@ -36,7 +37,12 @@ def as_row(figure: Figure) -> dict[str, Any]:
 
 def measure(effort: Effort) -> dict[str, Any]:
     """Return all figures with their outcomes, and how many of each guide pass."""
-    figures = [*gum.figures(), *supplements.figures(), *others.figures()]
+    figures = [
+        *gum.figures(),
+        *supplements.figures(),
+        *conformity.figures(),
+        *technical_note.figures(),
+    ]
     outcomes = Counter((figure.guide, figure.outcome) for figure in figures)
     guides = dict.fromkeys(figure.guide for figure in figures)
     return {

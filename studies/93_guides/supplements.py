@@ -6,6 +6,8 @@ JCGM 101, 7.9.2 only. Intervals are of 95 %, probabilistically symmetric where n
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from figures import Figure
 from propagation import Drawn, propagate_distributions, propagate_linearly
@@ -41,6 +43,57 @@ NOMINAL_LENGTH_NM = 50_000_000.0
 
 # JCGM 102, 9.3: real and imaginary part of a complex quantity, each with this u.
 U_COMPLEX = 0.010
+POLAR_NAMES = ("magnitude", "phase")
+
+
+@dataclass(frozen=True)
+class _PolarCase:
+    """A complex quantity, and what JCGM 102 prints of its magnitude and phase.
+
+    ``drawn`` and ``by_gum`` are estimate and u of the magnitude, then of the phase.
+    """
+
+    real: str  #: estimate of the real part; that of the imaginary part is zero
+    correlation: float  #: correlation of the two parts
+    drawn: tuple[str, ...]  #: figures by random draws
+    by_gum: tuple[str, ...]  #: figures by the law of propagation of uncertainty
+
+    @property
+    def example(self) -> str:
+        """Name of the example."""
+        return f"9.3 magnitude and phase, x₁ = {self.real}, r = {self.correlation}"
+
+    @property
+    def mean(self) -> Array:
+        """Estimates of the two parts."""
+        return np.array([float(self.real), 0.0])
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance matrix of the two parts."""
+        return U_COMPLEX**2 * np.array([[1.0, self.correlation], [self.correlation, 1.0]])
+
+
+POLAR_CASES = (
+    _PolarCase(
+        real="0.001",
+        correlation=0.0,
+        drawn=("0.013", "0.007", "0.000", "1.744"),
+        by_gum=("0.001", "0.010", "0.000", "10.000"),
+    ),
+    _PolarCase(
+        real="0.001",
+        correlation=0.9,
+        drawn=("0.012", "0.008", "-0.556", "1.599"),
+        by_gum=("0.001", "0.010", "0.000", "10.000"),
+    ),
+    _PolarCase(
+        real="0.010",
+        correlation=0.9,
+        drawn=("0.015", "0.008", "-0.343", "0.903"),
+        by_gum=("0.010", "0.010", "0.000", "1.000"),
+    ),
+)
 
 
 def figures() -> list[Figure]:
@@ -256,21 +309,45 @@ def _sum_of_two(rng: np.random.Generator) -> list[Figure]:
 def _polar(rng: np.random.Generator) -> list[Figure]:
     """Return the figures of JCGM 102, 9.3: magnitude and phase of a complex quantity."""
     rows = []
-    for printed_x, correlation, printed in (
-        ("0.001", 0.0, ("0.013", "0.007", "0.000", "1.744")),
-        ("0.001", 0.9, ("0.012", "0.008", "-0.556", "1.599")),
-        ("0.010", 0.9, ("0.015", "0.008", "-0.343", "0.903")),
-    ):
-        covariance = U_COMPLEX**2 * np.array([[1.0, correlation], [correlation, 1.0]])
-        parts = rng.multivariate_normal([float(printed_x), 0.0], covariance, DRAWS)
-        magnitude = np.hypot(parts[:, 0], parts[:, 1])
-        phase = np.arctan2(parts[:, 1], parts[:, 0])
-        example = f"9.3 magnitude and phase, x₁ = {printed_x}, r = {correlation}"
-        names = ("magnitude", "phase")
-        for k, values in enumerate((magnitude, phase)):
-            drawn = propagate_distributions(values)
-            estimate = printed[2 * k]
-            u = printed[2 * k + 1]
-            rows.append(_row(SUPPLEMENT_2, example, names[k], estimate, drawn.mean, drawn, ""))
-            rows.append(_row(SUPPLEMENT_2, example, f"u of the {names[k]}", u, drawn.u, drawn, ""))
+    for case in POLAR_CASES:
+        rows += _polar_drawn(rng, case)
+        rows += _polar_by_gum(case)
     return rows
+
+
+def _polar_drawn(rng: np.random.Generator, case: _PolarCase) -> list[Figure]:
+    """Return the figures of a complex quantity by random draws."""
+    parts = rng.multivariate_normal(case.mean, case.covariance, DRAWS)
+    magnitude, phase = _polar_of(parts).T
+    rows = []
+    for k, values in enumerate((magnitude, phase)):
+        name = POLAR_NAMES[k]
+        drawn = propagate_distributions(values)
+        estimate = case.drawn[2 * k]
+        u = case.drawn[2 * k + 1]
+        rows.append(_row(SUPPLEMENT_2, case.example, name, estimate, drawn.mean, drawn, ""))
+        rows.append(_row(SUPPLEMENT_2, case.example, f"u of the {name}", u, drawn.u, drawn, ""))
+    return rows
+
+
+def _polar_by_gum(case: _PolarCase) -> list[Figure]:
+    """Return the figures of a complex quantity by the law of propagation of uncertainty."""
+    polar = propagate_linearly(_polar_of, case.mean, case.covariance)
+    rows = []
+    for k, name in enumerate(POLAR_NAMES):
+        quantity = f"{name} by the GUM"
+        estimate = case.by_gum[2 * k]
+        u = case.by_gum[2 * k + 1]
+        rows.append(
+            Figure(SUPPLEMENT_2, case.example, quantity, estimate, float(polar.estimate[k]))
+        )
+        rows.append(
+            Figure(SUPPLEMENT_2, case.example, f"u of the {quantity}", u, float(polar.u[k]))
+        )
+    return rows
+
+
+def _polar_of(parts: Array) -> Array:
+    """Return magnitude and phase [rad] of a complex quantity from its real and imaginary part."""
+    real, imaginary = np.moveaxis(parts, -1, 0)
+    return np.stack([np.hypot(real, imaginary), np.arctan2(imaginary, real)], axis=-1)

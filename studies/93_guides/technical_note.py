@@ -1,4 +1,4 @@
-"""Examples of JCGM 106 (conformity) and of NIST Technical Note 1900 (measurement models)."""
+"""Examples of NIST Technical Note 1900: measurement models with normal and other inputs."""
 
 from __future__ import annotations
 
@@ -7,20 +7,14 @@ from figures import Figure
 from propagation import Drawn, propagate_distributions, propagate_linearly
 from scipy import stats
 
-import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import normal_conformity
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import round_uncertainty
 
 __all__ = ["figures"]
 
-CONFORMITY = "JCGM 106"
 TECHNICAL_NOTE = "NIST TN 1900"
 DRAWS = 1_000_000
 PROB = 0.95
-# JCGM 106, Table 1: distances of the estimate from one limit in units of u, by the probability of
-# conformance.
-GUARD_BANDS = {"0.80": "0.84", "0.90": "1.28", "0.95": "1.64", "0.99": "2.33", "0.999": "3.09"}
 
 # E3, falling-ball viscometer: estimates and standard uncertainties of the viscosity of the
 # calibration liquid [mPa s], of both fall times [s], and of the densities of ball, liquid and
@@ -40,30 +34,9 @@ EXPANSION_DEGREES_OF_FREEDOM = 3
 
 
 def figures() -> list[Figure]:
-    """Return the figures of JCGM 106 and NIST TN 1900 that are computed here."""
+    """Return the figures of NIST TN 1900 that are computed here."""
     rng = np.random.default_rng(1)
-    return [*_guard_bands(), *_viscometer(rng), *_attenuator(rng), *_expansion(rng)]
-
-
-def _guard_bands() -> list[Figure]:
-    """Return the guard bands and probabilities of one-sided tolerances."""
-    rows = []
-    limit = lb.analysis.Tolerance(upper=0.0)
-    for probability, printed in GUARD_BANDS.items():
-        conformity = normal_conformity("", 0.0, 1.0, limit, confidence=float(probability))
-        at_guard_band = normal_conformity("", -conformity.guard_band, 1.0, limit)
-        example = f"Table 1, p = {probability}"
-        rows.append(Figure(CONFORMITY, example, "guard band in u", printed, conformity.guard_band))
-        rows.append(
-            Figure(
-                CONFORMITY,
-                example,
-                "probability of conformance at it",
-                probability,
-                at_guard_band.probability,
-            )
-        )
-    return rows
+    return [*_viscometer(rng), *_attenuator(rng), *_expansion(rng)]
 
 
 def _row(
