@@ -175,7 +175,8 @@ def _describe_compliances(
     """Return a description of each compliance that circular tests can determine.
 
     ``visible`` holds the names of these compliances. Where one of these compliances represents a
-    weighted sum, ``visible`` also holds the names and weights of the compliances in the sum.
+    weighted sum, ``visible`` also holds the names and weights of the compliances in the sum. The
+    patterns in the description are those for the first of ``circles`` in each plane.
     """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
@@ -205,7 +206,10 @@ def _describe_compliances(
 def _describe_geometric_errors(
     machine: Machine, circles: Sequence[Circle]
 ) -> tuple[VisibleParameter, ...]:
-    """Return a description of each geometric error that tests on ``circles`` can determine."""
+    """Return a description of each geometric error that circular tests can determine.
+
+    The patterns in the description are those for the first of ``circles`` in each plane.
+    """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
         columns = [geometric_jacobian(machine, circle, _ANGLES_RAD) for circle in sampled]

@@ -9,8 +9,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["holm", "pooled_p_value", "uniformity_p_value"]
 
-# Before p-values are pooled, a p-value nearer to 0 than this number is set to this number, and a
-# p-value nearer to 1 is set to one minus this number. Their Cauchy quantiles are then finite.
+# Limit that keeps the Cauchy quantiles of p-values finite. Before p-values are pooled, p-values
+# below this number are replaced by this number, and p-values above one minus this number are
+# replaced by one minus this number.
 _LEAST = 1e-12
 
 
@@ -35,10 +36,11 @@ def holm(p_value: Array) -> Array:
 def pooled_p_value(p_values: Array) -> Array:
     """Return one p-value from n p-values, which may depend on one another (Cauchy combination).
 
-    Every p-value p is transformed to a Cauchy variate tan((1/2 − p) π). If the p-values are
-    independent, the mean of the variates has a Cauchy distribution too. If the p-values depend on
-    one another, the upper tail of the mean's distribution is nearly that of a Cauchy distribution
-    (Liu and Xie, J. Am. Stat. Assoc. 115, 2020).
+    Every p-value p is transformed to a Cauchy variate tan((1/2 − p) π). The result is the
+    probability that a Cauchy variate exceeds the mean of these n variates. If the p-values are
+    independent, the mean has a Cauchy distribution too. If the p-values depend on one another, the
+    upper tail of the mean's distribution is nearly that of a Cauchy distribution (Liu and Xie, J.
+    Am. Stat. Assoc. 115, 2020).
 
     Parameters
     ----------

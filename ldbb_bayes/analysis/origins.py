@@ -9,10 +9,10 @@ that is neither stated nor measured here is *assumed*.
 The origin is determined for each coefficient separately, at the Fourier order of the coefficient.
 For example, the readings may show a form error of the balls at the orders 5 to 12, and the prior of
 the form error may extend this knowledge to the orders 2 and 3. At the orders 2 and 3, the form
-error is still not measured here. The priors of the parameters of interest (compliances, their
-changes with force, and geometric errors) are made flat, too. Otherwise the narrow prior of a
-squareness error would count as a measurement of a form error that changes the readings in the same
-way. All other effects keep their priors.
+error is still not measured here. When an origin is determined, the priors of the parameters of
+interest (compliances, their changes with force, and geometric errors) are made flat, too. If they
+were not, the narrow prior of a squareness error would count as a measurement of a form error that
+changes the readings in the same way. All other effects keep their priors.
 
 Scatter differs from reading to reading, or from circle to circle, and has no coefficients that
 several circles share. Reading noise, set-up shift and discrepancy are kinds of scatter that are

@@ -78,8 +78,9 @@ class JudgedTest:
     #: whether the test is flagged as not in agreement with the other tests. A test is flagged if
     #: its family-wise p-value is below 2 % and more than half of the tests remain unflagged.
     flag: bool
-    #: deviation in the worst Fourier order, stated as −ln of the probability of a larger χ². Among
-    #: tests with equal p-values, the test with the largest deviation is flagged first.
+    #: deviation of the test in the Fourier order in which it deviates most, stated as −ln of the
+    #: probability of a larger deviation. Among tests with equal p-values, the test with the largest
+    #: ``distance`` is flagged first.
     distance: float
 
 

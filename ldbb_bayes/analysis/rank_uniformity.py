@@ -2,10 +2,11 @@
 
 A rank is the number of posterior draws below the true value in a simulated campaign. The method is
 that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and
-Computing 32:32 (2022). The band consists of a binomial interval at every rank. All intervals have
-the same probability. This probability is chosen so that the empirical distribution of uniform ranks
-stays inside all intervals with the probability of the band. The probability of staying inside all
-intervals is computed exactly.
+Computing 32:32 (2022). The band consists of one interval for each k, in which the number of ranks
+up to k should lie; if the ranks are uniform, this number has a binomial distribution. All intervals
+have the same probability. This probability is chosen so that the empirical distribution of uniform
+ranks stays inside all intervals with the probability of the band. The probability of staying inside
+all intervals is computed exactly.
 """
 
 from __future__ import annotations

@@ -98,6 +98,8 @@ def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) ->
 def _limit_in_widest_gap(ratios: Sequence[float]) -> float:
     """Return the middle of the widest gap between ratios, on a logarithmic scale.
 
+    A ratio is the posterior divided by the prior standard deviation of a parameter.
+
     Only gaps between 0.25 and 0.4 are considered; the two numbers themselves are treated as ratios.
     """
     inside = sorted(ratio for ratio in ratios if _LEAST_RATIO < ratio < _LARGEST_RATIO)

@@ -156,9 +156,9 @@ def worth_of_certificates(
     Returns
     -------
     dict
-        For each case, a dict with the standard uncertainty of every parameter, by name, in internal
-        units (mm, N, rad). The cases are "none of these", the names of the missing certificates
-        and, if several certificates are missing, "all of these".
+        For each case, a dict with the standard uncertainty of every parameter, in internal units
+        (mm, N, rad); its keys are the names of the parameters. The cases are "none of these", the
+        names of the missing certificates and, if several certificates are missing, "all of these".
     """
     missing = missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}

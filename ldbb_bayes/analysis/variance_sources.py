@@ -39,7 +39,8 @@ __all__ = [
     "weights_of_parameters",
 ]
 
-# Name of the source of variance for the differences between the means under the averaged models.
+# Results may be averaged over several models. The differences between the means of a quantity under
+# these models are then a source of the quantity's variance, which has this name.
 MODEL_CHOICE = "ModelChoice"
 
 
@@ -50,7 +51,8 @@ class VarianceSource(Result):
     If the source is a model term or the reading noise, ``name`` is the class name of the term, such
     as ``Mount``, or ``ReadingNoise``. If the source is a prior, ``name`` is ``Parameters`` for the
     prior of the parameter itself, and the name of the other parameter for the prior of another
-    parameter. For the spread between the models of an average, ``name`` is ``ModelChoice``.
+    parameter. In an average over several models, the differences between the results of the models
+    are a source, too, with the name ``ModelChoice``.
     """
 
     name: str
@@ -142,9 +144,9 @@ class ModelVariance:
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return the variances that quantities would have if some assumed coefficients were known.
 
-        ``partners`` are names of effects: class names of model terms, or names of parameters for
-        the effects of the parameters' priors. Those coefficients of these effects whose size is
-        assumed are taken to be known. Coefficients of these effects whose size is measured or
+        ``partners`` are names of effects. An effect is a model term, given by its class name, or
+        the prior of a parameter, given by the name of the parameter. Those coefficients of the
+        effects whose size is assumed are taken to be known. Coefficients whose size is measured or
         stated stay uncertain. For example, if a certificate states the mount's deflection, only the
         curvature of the deflection is assumed and taken to be known. The result has the shape (q,).
         """

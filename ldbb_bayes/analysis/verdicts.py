@@ -92,8 +92,9 @@ __all__ = [
 # A parameter β is prior-limited if its contraction, 1 − Var(β | y) / Var(β) for readings y, is
 # below this limit. The posterior sd of β is then more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
-# An error of a parameter's least-squares estimate that is below this share of the parameter's scale
-# counts as a rounding error and is set to zero.
+# An error of a parameter's least-squares estimate counts as a rounding error, and is set to zero,
+# if it is below this share of the parameter's prior standard deviation. For a flat prior, the
+# typical size of the parameter takes the place of the standard deviation.
 _ROUNDING = 1e-12
 
 
@@ -274,7 +275,8 @@ class Identifiability(Result):
     #: certificates together. For a flat prior, there are no entries.
     certificates: dict[str, dict[str, float]]
     #: values of the hyper-parameters (scales of the noise and of other effects) at which the
-    #: verdicts are computed, by name; lengths in µm; noise factors λ and decays are pure numbers
+    #: verdicts are computed; the keys are names of hyper-parameters. Lengths are in µm; noise
+    #: factors λ and decays are pure numbers.
     hyper_um: dict[str, float]
     #: whether the campaign has readings; false for a plan
     measured: bool
@@ -312,10 +314,10 @@ def _relative_to(
 ) -> dict[str, dict[str, float]]:
     """Return standard uncertainties with further certificates, scaled to a plan's forecast.
 
-    ``certificates`` holds standard uncertainties by certificate, then by parameter. Its first key
-    stands for no further certificate. For each parameter, all standard uncertainties are multiplied
-    by the factor that makes the standard uncertainty without a further certificate equal to the
-    forecast ``expected``.
+    ``certificates`` holds, for each certificate, the standard uncertainty of every parameter. Its
+    first key stands for no further certificate. For each parameter, all standard uncertainties are
+    multiplied by the factor that makes the standard uncertainty without a further certificate equal
+    to the forecast ``expected``.
     """
     without = next(iter(certificates.values()))
     scaled = {}
@@ -748,7 +750,8 @@ def judge_parameters(
     information
         Information of the bound model, given the hyper-parameters.
     mean
-        Mean of the p parameters, shape (p,), in internal units (mm, N, rad).
+        Posterior mean (for a plan, prior mean) of the p parameters, shape (p,), in internal units
+        (mm, N, rad).
     sampled_sd
         Prior and posterior standard deviations that the results state. They come from random draws
         in which no compliance is negative, or they are averaged over the hyper-parameters. Default:

@@ -134,10 +134,11 @@ class Workflow(Result):
 
     @property
     def quiet_circles(self) -> tuple[str, ...]:
-        """Names of the circles whose range of readings is below the interval the prior expects.
+        """Names of the circles whose range of readings is smaller than the prior expects.
 
-        For these circles, the prior is wider than this machine needs. This is no fault, because the
-        prior is meant for all machines.
+        The range is the largest minus the smallest reading. For a circle named here, the range is
+        below the interval of ranges that the prior expects: the prior is wider than this machine
+        needs. This is no fault, because the prior is meant for all machines.
         """
         names = []
         for name, expected in self.prior_ranges.items():
@@ -156,11 +157,13 @@ class Workflow(Result):
 
     @property
     def uniformity_p_value(self) -> float:
-        """p-value of the hypothesis that the p-values of all circles left out are uniform.
+        """p-value of the hypothesis that the circles scatter as predicted.
 
-        The test accounts for the dependence of the circles' p-values on one another. If no circle
-        is outlying, a small result means that many circles deviate a little more than the other
-        circles predict, or that many circles deviate a little less.
+        Each circle has a p-value, for its comparison with the prediction from the other circles. If
+        the hypothesis is true, these p-values are uniformly distributed. The test accounts for
+        their dependence on one another. If no circle is outlying, a small result means that many
+        circles deviate a little more than the other circles predict, or that many circles deviate a
+        little less.
         """
         p_values = np.array([circle.p_value for circle in self.left_out.values()])
         return float(uniformity_p_value(p_values))

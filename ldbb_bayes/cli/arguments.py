@@ -282,7 +282,10 @@ def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
 
 
 def _model_options() -> dict[str, Option]:
-    """Return the options that describe a model; ``--without`` lists all terms of models."""
+    """Return the options that describe a model.
+
+    The help text of the option ``--without`` lists all terms that a model can have.
+    """
     options = options_of("model")
     terms = [kind.key() for kind in Term.kinds.values()]
     without = options["without"]

@@ -56,7 +56,7 @@ CATALOGUE: Mapping[str, Any] = tomllib.loads(
 
 
 class Kind(NamedTuple):
-    """A kind of option value: the type that Typer reads, and a function that converts it."""
+    """A kind of option value: type of the typed value, and function that converts the value."""
 
     #: Type in which Typer, the library that reads the command line, returns the typed value.
     typed: Any
@@ -170,7 +170,7 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     Parameters
     ----------
     kind
-        A type that Typer reads, or a `Kind`.
+        Type of the value that Typer (the library that reads the command line) reads, or a `Kind`.
     help
         Help text of the option.
     default

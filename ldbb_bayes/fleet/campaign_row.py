@@ -116,7 +116,7 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
 
 
 def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
-    """Return the row of a campaign that could not be fitted.
+    """Return the row, in the table of a batch, of a campaign that could not be fitted.
 
     Parameters
     ----------

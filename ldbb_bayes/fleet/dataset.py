@@ -219,9 +219,10 @@ def read_batch(
     topology, planes, compliances (JSON text that states the weighted sum of joint compliances for
     each fitted compliance), tolerances (JSON text), tests (number of tests), readings (number of
     readings), force_min_N, force_max_N, reference_force_N, degree, terms, model_sha256, sampler,
-    seed, versions, converged, state, kinds, verdict, misfits, warnings, log_prob_truncation [nat]
-    (log probability that no compliance is negative), rmse_um, log_bayes_factor (linear over
-    constant compliance) and log_bayes_factor_error [nat].
+    seed, versions (of software), converged (whether the sampler reached its target), state (how far
+    the fit can be trusted), kinds (of all warnings and misfits), verdict (sentence on the fit),
+    misfits, warnings, log_prob_truncation [nat] (log probability that no compliance is negative),
+    rmse_um, log_bayes_factor (linear over constant compliance) and log_bayes_factor_error [nat].
 
     Every parameter and hyper-parameter (scale of the noise or of another effect) has five columns:
     NAME.mean, NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high, in internal units (mm, N, rad)

@@ -69,9 +69,9 @@ class JudgedMachines:
     #: shape (n, c). A deviation is stated as the quantile of the standard normal distribution that
     #: has the same two-sided p-value; it is positive if the parameter is above the prediction.
     z: Array
-    #: for each of n machines, whether its p-values cannot be trusted, because the weights of the
-    #: random draws of the spreads (standard deviations from machine to machine) are unreliable
-    #: (Pareto's k̂ is too high), shape (n,)
+    #: for each of n machines, whether its p-values cannot be trusted, shape (n,). They cannot be
+    #: trusted if Pareto's k̂ is too high for the weights of the random draws of the spreads
+    #: (standard deviations from machine to machine).
     doubtful: Array
 
 
@@ -179,15 +179,15 @@ def _leave_out_each(
 def _draw_without(
     density: SpreadDensity, separate: Estimates, mode: Array, m: int, seed: int
 ) -> tuple[Spreads, Array]:
-    """Return k draws of the spreads given all machines except m, and z of m, shape (c, k, 1).
+    """Return k draws of the spreads given all machines except m, and the deviations z of m.
 
     Spreads s are the standard deviations of the machines about the mean of their population. They
     are drawn from their posterior density given all machines except the machine with the index m.
     For each draw, z holds the difference between each of the c parameters of machine m and its
-    prediction from the other machines, divided by the standard deviation of the difference.
-    ``density`` is the posterior density of ln s given all machines, and ``mode`` is the mode of
-    this density. ``separate`` holds the estimates from each machine alone. ``seed`` is the seed of
-    the new draws.
+    prediction from the other machines, divided by the standard deviation of the difference; z has
+    the shape (c, k, 1). ``density`` is the posterior density of ln s given all machines, and
+    ``mode`` is the mode of this density. ``separate`` holds the estimates from each machine alone.
+    ``seed`` is the seed of the new draws.
     """
     likelihood = density.likelihood
     stays = np.arange(len(likelihood.shift)) != m

@@ -215,7 +215,7 @@ class Population(Result):
     #: machines about the mean); the draws are the more reliable, the lower k̂ is
     pareto_k: float
     #: whether the random draws of the spreads (standard deviations from machine to machine) can be
-    #: trusted, because Pareto's k̂ of their weights is low enough
+    #: trusted. They can be trusted if Pareto's k̂ of their weights is low enough.
     trusted: bool
     caveats: tuple[Caveat, ...]  #: limitations of the population and of its campaigns
     prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals

@@ -20,11 +20,11 @@ from ldbb_bayes.results import Result
 
 __all__ = ["Caveat", "CaveatKind", "check_rows", "choose", "labels", "moment"]
 
-# Kinds of warnings and of failed checks of a campaign's fit that mean that the readings of the
-# campaign do not fit the model.
+# A warning or failed check of one of these kinds means that the readings of a campaign do not fit
+# the model.
 _MISFIT_KINDS: frozenset[str] = frozenset({CheckKind.ORDER, ConcernKind.TRUNCATION})
-# Kinds of failed checks of a campaign's fit that mean that the noise of the campaign's readings is
-# not white, as the model assumes.
+# A failed check of one of these kinds means that the noise of a campaign's readings is not white,
+# although the model assumes white noise.
 _NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELATION})
 
 
