@@ -127,11 +127,11 @@ else:
 
 
 def entries_of(source: Any) -> dict[str, Any]:
-    """Return a dictionary with the names and values of the displayed attributes of an object.
+    """Return a dictionary with names and values of the displayed attributes of ``source``.
 
-    The displayed attributes are those that the object's class lists in ``shown``. If the class
-    lists none, all fields of a dataclass or pydantic model are displayed. For any other object the
-    dictionary is empty.
+    ``source`` is any object. Its displayed attributes are those that its class lists in ``shown``.
+    If the class lists none, they are all fields of a dataclass or pydantic model. For any other
+    object the dictionary is empty.
     """
     kind = type(source)
     names = getattr(kind, "shown", ())

@@ -37,8 +37,8 @@ _NARROWEST = 80
 _WIDEST = 100
 # Number of lines that is assumed for a terminal of unknown size.
 _TERMINAL_LINES = 24
-# If a table needs more lines than this number, ``print`` leaves out the columns that do not fit
-# side by side.
+# Largest number of lines of a table that ``print`` shows with all columns. From a longer table,
+# ``print`` leaves out the columns that do not fit side by side.
 _SCREEN_LINES = 45
 # Smallest widths to which the heads of columns may be broken into lines [characters]. These widths
 # are tried in this order until the table fits.
@@ -73,8 +73,8 @@ _ROUNDED_LIKE_U = frozenset(
 )
 # Names of columns that hold a standard uncertainty.
 _STANDARD_UNCERTAINTIES = ("sd", "u")
-# Names of columns with an estimate and its uncertainty. If a table is too wide, cells of some
-# columns are moved to lines beneath their rows; cells of the columns named here are moved last.
+# Names of columns that hold an estimate or its uncertainty. If a table is too wide, the cells of
+# some columns are moved to lines beneath their rows; the columns named here are moved last.
 _ESTIMATE = frozenset(("mean", "sd", "ci_low", "ci_high", "difference"))
 # Names of columns whose texts can name the rows of a data frame. If the rows are only numbered, the
 # first column in this list that exists in the data frame is used, and its texts are displayed as
@@ -337,7 +337,12 @@ class _TextLayout:
 
 
 def _entry(head: str, value: str, numeric: bool) -> str:
-    """Return the head of a column and a cell as one text, such as "noise 0.12 µm"."""
+    """Return the head of a column and one of its cells as one text.
+
+    ``value`` is the text of the cell. If the column is ``numeric``, the unit that stands in
+    brackets in ``head`` is moved behind the value: "noise (µm)" and "0.12" give "noise 0.12 µm". If
+    not, the result is such as "direction: CW".
+    """
     if not numeric:
         return f"{head}: {value}"
     name, _, unit = head.removesuffix(")").partition(" (")

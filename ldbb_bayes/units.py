@@ -127,13 +127,14 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # The name of a setting (such as the standard deviation of a prior) ends with its unit: sd_um is in
 # µm. The keys are these endings, and the values are the units.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
-# If the lower limit of a compliance's credible interval is below this share of the median, the
-# compliance may be near zero. Its stiffness then has a lower limit, but no upper limit.
+# Share of a compliance's median below which the lower limit of its credible interval counts as near
+# zero. The stiffness, which is the reciprocal, then has a lower limit, but no upper limit is
+# stated.
 _NEAR_ZERO_SHARE = 0.2
-# When items are ranked by a sort key, keys below this share of the largest key are treated as zero.
+# Share of the largest sort key below which a key is treated as zero when items are ranked.
 _ZERO_SHARE = 1e-12
-# A credible interval is treated as skewed if its middle differs from the mean by more than this
-# share of half the interval's width.
+# Distance between the mean and the middle of a credible interval above which the interval is
+# treated as skewed, as a share of half the interval's width.
 _SKEWED_SHARE = 0.2
 
 
@@ -151,11 +152,11 @@ def display_unit(unit: str) -> tuple[float, str]:
 
 
 def to_inside(text: str, unit: str, subject: str = "value") -> float:
-    """Return the quantity that a text states, with its unit, as a number in an internal unit.
+    """Return a quantity, which a text states with any unit, as a number in an internal unit.
 
-    In mm/N, "0.5 nm/N" is 5e-7. Any unit of the same kind may be used: nm/N, µm/kN or um/kN for a
-    compliance; nm/N per kN or nm/N/kN for the change of a compliance with force; µrad/(N m) or
-    µrad/N/m for a rotation.
+    For the text "0.5 nm/N" and the internal unit mm/N, the result is 5e-7. Any unit of the same
+    kind as the internal unit may be used: nm/N, µm/kN or um/kN for a compliance; nm/N per kN or
+    nm/N/kN for the change of a compliance with force; µrad/(N m) or µrad/N/m for a rotation.
 
     Parameters
     ----------
@@ -204,10 +205,11 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
 
 
 def _ratio(match: re.Match[str] | None, text: str, subject: str) -> float:
-    """Return the number that a text without a unit states.
+    """Return the number that ``text``, a text without a unit, states.
 
-    ``match`` holds the number and the characters after the number. ``match`` is None if the text
-    does not begin with a number. Raise an `InputError` if the text is not a number alone.
+    ``match`` holds, as its groups 1 and 2, the number and the characters after the number; it is
+    None if the text does not begin with a number. Raise an `InputError` if the text is not a number
+    alone; ``subject`` is the name of the quantity in the message.
     """
     if match is None or match[2].strip():
         raise InputError(f"{subject} must be a number without a unit, got {text!r}. Write 1.5.")
@@ -274,7 +276,8 @@ def _size_of(unit: str) -> _Size | None:
 def _as_quotients(match: re.Match[str]) -> str:
     """Return the units in a bracket as a quotient.
 
-    For (N m) the result is N/m, because µrad/(N m) equals µrad/N/m.
+    ``match`` is the match of a regular expression, whose group 1 is the text in the bracket. For (N
+    m) the result is N/m, because µrad/(N m) equals µrad/N/m.
     """
     return re.sub(r"[ ·*]+", "/", match[1].strip())
 
@@ -297,7 +300,10 @@ def is_slope(name: str) -> bool:
 
 
 def without_slopes(names: Iterable[str]) -> list[str]:
-    """Return all names except those of slopes (`is_slope`), or all names if all are of slopes."""
+    """Return ``names`` without the names of slopes, or all ``names`` if all are of slopes.
+
+    Slopes are coefficients of the change of a compliance with force (`is_slope`).
+    """
     listed = list(names)
     return [name for name in listed if not is_slope(name)] or listed
 
@@ -315,9 +321,9 @@ def inside_name(text: str) -> str:
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
     """Return items in the order of a sort key, the largest key first.
 
-    ``key`` is a function that gives the sort key of an item. Items whose keys are nearly equal keep
-    their original order; rounding errors therefore do not affect the order. Keys below 1e-12 of the
-    largest key are treated as zero.
+    ``key`` is a function that gives the sort key of an item. Items whose keys differ by at most the
+    share ``tolerance`` keep their original order; rounding errors therefore do not affect the
+    order. Keys below 1e-12 times the largest key are treated as zero.
     """
     entries = [_Ranked(key(item), i, item) for i, item in enumerate(items)]
     entries.sort(key=_largest_key_first)
@@ -387,7 +393,7 @@ def two_digits(value: float | None, factor: float = 1.0) -> str:
 
 
 def three_digits(value: float) -> str:
-    """Return a number with three significant digits as text; from 1000 on, as a whole number."""
+    """Return ``value`` with three significant digits as text; from 1000 on, as a whole number."""
     return f"{value:.3g}" if value < 999.5 else f"{value:.0f}"
 
 

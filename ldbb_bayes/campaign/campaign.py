@@ -85,9 +85,9 @@ _DIGESTED_ALWAYS = (
     "centre_x_mm",
     "centre_y_mm",
 )
-# Names of further fields of a test, each with its usual value. Such a field enters the SHA-256
-# digest of the campaign only if its value differs from the usual one. Digests from older versions
-# of the program, which lacked these fields, therefore stay valid.
+# Names and usual values of those fields of a test that enter the SHA-256 digest of the campaign
+# only if their value is not the usual one. Digests from older versions of the program, which lacked
+# these fields, therefore stay valid.
 _DIGESTED_UNLESS_USUAL = {
     "centre_z_mm": 0.0,
     "setup": 1.0,
@@ -110,7 +110,7 @@ def _as_tuple(tests: Any) -> Any:
         return tests
 
 
-# Type of a field of a campaign that holds tests. Any iterable of tests is accepted; the tests are
+# Type of those fields of a campaign that hold tests. Any iterable of tests is accepted; it is
 # stored as a tuple.
 Tests = Annotated[Sequence[CircularTest], BeforeValidator(_as_tuple)]
 
@@ -153,13 +153,13 @@ class CampaignFields(Shown):
     #: an order that was drawn at random. If all tests state ``time_s``, these times are used
     #: instead.
     order: Order | None = None
-    #: whether the length of the bar and the centre of the circle may have drifted from test to
-    #: test, as they do while a machine warms up
+    #: whether the model assumes that the length of the bar and the centre of the circle may have
+    #: drifted from test to test, as they do while a machine warms up
     drift: StrictBool = True
     #: deflection of the work ball's mount, and whether readings are compensated for this deflection
     mount: MountCompensation = field(default_factory=MountCompensation)
-    #: force of the bar as a linear function of the regulator's pressure, used for tests that state
-    #: only the force or only the pressure
+    #: force law: the force of the bar as a linear function of the regulator's pressure. If a test
+    #: states only its force or only its pressure, the other is computed with this law.
     force_law: ForceLaw = field(default_factory=ForceLaw)
     #: position (X, Y, Z) [mm] of the coordinate frame of each joint when all axes are at zero,
     #: relative to the point where the two balls coincide; see `Machine`. The keys are the letters
@@ -288,7 +288,10 @@ class Campaign(CampaignFields):
         return force_N
 
     def machine(self) -> Machine:
-        """Return the campaign's machine, with the planes of all tests and of all foreseen tests."""
+        """Return the machine of the campaign, which moves in the planes of all its tests.
+
+        Foreseen tests, which may be run later, are included.
+        """
         return Machine(self.topology, tuple(str(test.plane) for test in self.scope), self.frames_mm)
 
     @property
@@ -328,7 +331,7 @@ class Campaign(CampaignFields):
         return sum(len(test.angle_deg) for test in self.tests)
 
     def without(self, *names: str) -> Campaign:
-        """Return the campaign without the tests that are named.
+        """Return the campaign without the tests that ``names`` lists.
 
         If the tests state no times, it is assumed that the remaining tests were run directly one
         after another. Raise an `InputError` for an unknown name, or if no test is left.
@@ -337,9 +340,9 @@ class Campaign(CampaignFields):
         return replace(self, tests=tuple(test for test in self.tests if test.name not in names))
 
     def select(self, names: Sequence[str]) -> Campaign:
-        """Return the campaign with only the tests that are named, in the campaign's order.
+        """Return the campaign with only the tests that ``names`` lists, in the campaign's order.
 
-        Raise an `InputError` for an unknown name, or if no test is named.
+        Raise an `InputError` for an unknown name, or if ``names`` is empty.
         """
         check_known("test", names, [test.name for test in self.tests])
         return self.without(*(test.name for test in self.tests if test.name not in names))

@@ -26,7 +26,8 @@ __all__ = ["LARGEST_PLAN", "CampaignContent", "read_campaign_toml"]
 _PLANNED_READINGS = 720
 # Largest total number of readings that the planned tests of a campaign may have.
 LARGEST_PLAN = 2_000_000
-# Keys of a table [[test]] in campaign.toml that only planned tests, without readings, may have.
+# Keys of a table [[test]] in campaign.toml that are permitted only if the test is planned, that is,
+# has no readings.
 _PLAN_KEYS = ("readings", "start_deg", "arc_deg")
 _STRICT = ConfigDict(extra="forbid", defer_build=True)
 
@@ -44,8 +45,8 @@ class _TestFile(_PlannedTest):
 
 
 # The classes _Balls, _Bar, _Mount, _Force and _Angle describe the tables of campaign.toml that hold
-# certified values. The key U_um of the table [bar] becomes the field bar_U_um of `Instrument`; the
-# names of the other fields are formed in the same way.
+# certified values. Each key becomes a field of `Instrument`, whose name begins with the name of the
+# table: U_um of the table [bar] becomes bar_U_um.
 @dataclass(frozen=True, config=_STRICT)
 class _Balls:
     work: Ball = field(default_factory=Ball)

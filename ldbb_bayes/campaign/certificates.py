@@ -18,9 +18,9 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["CalibrationCertificate", "CertifiedQuantity"]
 
-# Roles that a certified quantity can have, such as length, force or form, each with a text pattern
-# (regular expression). The first pattern found in the quantity's name or its attribute refType
-# decides the role.
+# Text patterns (regular expressions) by which the role of a certified quantity, such as length,
+# force or form, is recognised. The keys are the roles. The first pattern that is found in the
+# quantity's name or in its attribute refType decides the role.
 _ROLES: dict[str, str] = DCC_WORDS["roles"]
 _METRES_PER_MICROMETRE = 1e-6
 # Largest number of certified quantities that an error message lists.
@@ -409,9 +409,10 @@ def _several_errors(
 ) -> InputError:
     """Return the `InputError` for a certificate that states several errors of a bar's length.
 
-    For each of these errors of the length, the message states a name that distinguishes it from the
-    other errors of the length. The message also states the two numbers that the user may give
-    instead of the certificate.
+    ``candidates`` holds the quantities that state the errors. ``lengths`` holds lists of all
+    quantities in units of length; its keys state what the quantities are. For each of the first
+    twelve errors, the message states a name that distinguishes it from the other errors, and the
+    two numbers that the user may give instead of the certificate: length_error_um and U_um.
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:
@@ -466,7 +467,7 @@ def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | Non
 
 
 def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
-    """Return the only entry of ``quantities``; raise an `InputError` for several entries."""
+    """Return the only entry of ``quantities``; raise an `InputError` if there are several."""
     require(
         len(quantities) == 1,
         f"{_listed(quantities[:1])} must stand there once, got {_listed(quantities)}. Give the"

@@ -52,8 +52,8 @@ _ORDINARY_GAP = 3.0
 # Forces of several tests count as equal if they differ by at most this fraction of the largest
 # force, because a pressure regulator does not repeat a force more closely.
 _SAME_FORCE_SHARE = 1e-3
-# Relative tolerance of two comparisons: whether the steps from angle to angle of a test are equal,
-# and whether its angles cover no more than one turn.
+# Relative tolerance with which two things are decided: whether the steps from one angle of a test
+# to the next are equal, and whether its angles extend over at most one turn.
 _EVEN_TOLERANCE = 1e-6
 # Relative tolerance within which the arc of a planned test counts as a full turn.
 _TURN_TOLERANCE = 1e-6
@@ -99,11 +99,11 @@ class TestFields(Shown):
     time_s: Number | None = None  #: start of the test [s], on a clock common to all tests
 
 
-# Names of the fields of a test that an imported table can state without a column of the same name,
-# for example in the name of the file.
+# Names of those fields of a test that can be read from an imported file even if its table has no
+# column of that name, for example from the name of the file.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
-# Names of the fields of a test that a table of readings can state only in a column of the same
-# name.
+# Names of those fields of a test that can be read from a table of readings only if the table has a
+# column of the same name.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 
@@ -360,8 +360,8 @@ class CircularTest(TestFields):
     def circle(self) -> Circle:
         """Nominal circle of the test: its radius, centre and plane.
 
-        If the test does not state a radius or coordinate, zero is assumed; if it does not state a
-        plane, XY is assumed. Tests of a campaign always state radius, centre and plane, because the
+        For a radius or a coordinate of the centre that the test does not state, zero is assumed;
+        for a plane, XY. Tests of a campaign always state radius, centre and plane, because the
         campaign fills in missing values.
         """
         x, y, z = (float(getattr(self, key) or 0.0) for key in CENTRE)
@@ -410,7 +410,7 @@ def usual_gap(gaps_deg: Array) -> float:
     Parameters
     ----------
     gaps_deg
-        At least two gaps, shape (n,) [deg]; their sum is 360°.
+        The n gaps [deg], at least two, shape (n,); their sum is 360°.
     """
     ordered = np.sort(gaps_deg)[:-1]
     covered = np.cumsum(ordered)
@@ -418,7 +418,7 @@ def usual_gap(gaps_deg: Array) -> float:
 
 
 def distinct_forces(forces_N: ArrayLike) -> Array:
-    """Return the distinct values among several forces, in ascending order [N].
+    """Return the distinct values among the forces ``forces_N``, in ascending order [N].
 
     A force counts as equal to the next lower distinct force if it exceeds that force by at most a
     thousandth of the largest force.
@@ -434,7 +434,9 @@ def distinct_forces(forces_N: ArrayLike) -> Array:
 def planned_angles(readings: int, start_deg: float, arc_deg: float) -> Array:
     """Return the angles of a planned test in equal steps [deg], shape (readings,).
 
-    The angles include both ends of the arc, but in a full turn the first angle is not repeated.
+    The number of angles is ``readings``, the first angle is ``start_deg``, and ``arc_deg`` is the
+    arc that the angles cover; it is negative if the angles decrease. The angles include both ends
+    of the arc, but in a full turn the first angle is not repeated.
     """
     steps = readings - 1
     if abs(arc_deg) == 360.0:

@@ -38,11 +38,13 @@ _NO_RESULTS = (
 # Names of the XML elements of a digital calibration certificate that hold one number or a list of
 # numbers, with unit and uncertainty.
 _NUMBER_ELEMENTS = ("real", "realListXMLList")
-# Names of the XML elements for an expanded uncertainty in version 2 and in version 1 of the D-SI
-# (Digital SI). The value for each name is the name of the inner element that holds the number.
+# Names of XML elements by which an expanded uncertainty is recognised. The keys are the names of
+# the elements that state it, first in version 2 and then in version 1 of the D-SI (Digital SI).
+# Each value is the name of the inner element that holds the number.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
-# Names of the XML elements for a standard uncertainty in the D-SI (Digital SI). The value for each
-# name is the name of the inner element that holds the number.
+# Names of XML elements by which a standard uncertainty in the D-SI (Digital SI) is recognised. The
+# keys are the names of the elements that state it. Each value is the name of the inner element that
+# holds the number.
 _STANDARD_UNCERTAINTIES = {
     "standardMU": "valueStandardMU",
     "coverageIntervalMU": "valueStandardMU",
@@ -229,10 +231,12 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
 
 
 def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | None:
-    """Return the number of quantities for which an XML element lists units and uncertainties.
+    """Return for how many quantities an XML element lists both units and uncertainties.
 
-    The number is the length of the shortest list that has more than one entry. Return None if no
-    list has more than one entry. A single unit or uncertainty is then valid for all quantities.
+    ``units`` is the list of units; ``uncertainty`` holds the lists of uncertainties, coverage
+    factors and coverage probabilities. A list with a single entry is valid for all quantities. The
+    result is the length of the shortest list with more than one entry, or None if there is no such
+    list.
     """
     lists = (units, uncertainty.U, uncertainty.k, uncertainty.coverage)
     lengths = [len(entries) for entries in lists if len(entries) > 1]
@@ -240,10 +244,10 @@ def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | Non
 
 
 def _entry(entries: Sequence[_T], k: int) -> _T | None:
-    """Return the entry of a list that is valid for quantity ``k``, counted from 0.
+    """Return that entry of ``entries`` that is valid for quantity ``k``, counted from 0.
 
-    This is entry ``k`` or, if the list has a single entry, the single entry. Return None for an
-    empty list.
+    A list with a single entry is valid for all quantities, and this entry is returned. Otherwise
+    entry ``k`` is returned, or None if the list is empty.
     """
     if not entries:
         return None
@@ -253,7 +257,7 @@ def _entry(entries: Sequence[_T], k: int) -> _T | None:
 
 
 def _words(element: ElementTree.Element, tag: str) -> list[str]:
-    """Return the words that an XML element contains in the inner element ``tag``.
+    """Return the words in that inner element of an XML element whose name is ``tag``.
 
     If there is no such element, return the words of the element ``tag`` + "XMLList", which holds a
     list. Return an empty list if there is neither of these elements.

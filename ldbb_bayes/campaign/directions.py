@@ -9,7 +9,7 @@ __all__ = ["planes_run_both_ways"]
 
 
 def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
-    """Return the planes in which circles run, or are planned, in both directions of travel.
+    """Return the planes in which circles are run, or are planned, in both directions of travel.
 
     Raise an `InputError` if a test in such a plane states no direction, or if in any other plane
     some tests state a direction and some do not.
@@ -28,8 +28,9 @@ def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
 def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
     """Raise an `InputError` if a test in the plane ``plane`` states no direction of travel.
 
-    ``reason`` ends the part of the message that says why a direction is needed. This part begins
-    with "as circles of plane", followed by the name of the plane.
+    ``reason`` is the end of the clause in the message that says why a direction is needed, such as
+    "run, or are to run, both ways". The clause begins with "as circles of plane" and the name of
+    the plane.
     """
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None

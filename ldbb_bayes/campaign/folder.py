@@ -41,7 +41,7 @@ TRUTH_NAME = "truth.json"
 # Name of the file that states how the imported files were read, in the folder of an imported
 # campaign.
 IMPORT_NAME = "import.toml"
-# Longest name, machine_id or date of a campaign that `labels_of` returns [characters]; longer texts
+# Largest number of characters of a name, machine_id or date that `labels_of` returns; longer texts
 # are left out.
 _LONGEST_LABEL = 200
 
@@ -122,7 +122,11 @@ def read_campaign(
 
 
 def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
-    """Return a sentence that says which lines to write into campaign.toml instead of options."""
+    """Return a sentence that tells the user to write options into campaign.toml instead.
+
+    ``options`` holds the values that the user gave as arguments; the keys are the names of fields
+    of `Campaign`. ``file_name`` is the name of the file for the sentence.
+    """
     lines = []
     for name, value in options.items():
         if isinstance(value, str | bool | int | float):
@@ -134,11 +138,11 @@ def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
 
 
 def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) -> Instrument:
-    """Return the instrument after replacing the fields that ``certificates`` names.
+    """Return the instrument with new values of the fields that ``certificates`` names.
 
-    ``certificates`` holds new values; the keys are names of fields of `Instrument`. If a field
-    belongs to the bar or to the force device, the name of the old certificate of this object is
-    removed.
+    ``certificates`` holds new values; the keys are names of fields of `Instrument`. If a field of
+    the bar or of the force device gets a new value, the name of the old certificate of the bar or
+    force device is removed.
     """
     changes: dict[str, Any] = {}
     for name in certificates:

@@ -31,15 +31,16 @@ _ORDER = 12
 # Smallest arc [deg] that counts as a full circle in the preview. A remark is made on a test whose
 # angles cover a smaller arc.
 _FULL_DEG = 359.0
-# If the angles of a test cover at most this arc [deg], a remark states the arc. If the angles cover
-# a larger arc, but not a full circle, the remark states the largest gap between angles. The limit
-# is a full circle minus one period of the highest order of the fitted Fourier series.
+# Largest arc [deg] for which a remark on a test states the arc that its angles cover. For a larger
+# arc that is not a full circle, the remark states the largest gap between angles. The limit is a
+# full circle minus one period of the highest order of the fitted Fourier series.
 _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this many times the
 # usual step from one angle to the next.
 _GAP_STEPS = 10.0
 # A test is reported if its stated force differs from the force that follows from its pressure and
-# the campaign's force law. The difference must exceed this share of the campaign's largest force.
+# the campaign's force law. The difference must exceed this share of the force that follows from the
+# campaign's largest pressure.
 _FORCE_LAW_SHARE = 0.02
 # Usual range of a campaign's largest force [N]. If the force is outside this range, the unit of the
 # forces is probably wrong.
@@ -53,24 +54,26 @@ _SMALLEST_SPAN_RESOLUTIONS = 3.0
 # If the peak-to-peak value of a test's readings is above this [µm], the unit of the readings is
 # probably wrong.
 _LARGEST_SPAN_UM = 1000.0
-# In a preview, a Fourier series is fitted only to tests whose number of readings is in this range.
+# Range of the number of readings of a test within which a preview fits a Fourier series to the
+# readings.
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
 # A reading is a spike if it deviates from the Fourier series fitted to its test by more than this
 # number of standard deviations of the readings about the series.
 _SPIKE_SCATTERS = 8.0
-# The trace of a test that goes once round the circle is reported as open if the jump between its
-# last and first reading is larger than this number times the noise level. The noise level is the
-# standard deviation of the noise or the resolution of the readout, whichever is larger.
+# Limit of the jump between the last and the first reading of a test that goes once round the
+# circle, in units of the noise level. If the jump is larger, the preview reports that the trace of
+# the readings is not closed. The noise level is the standard deviation of the noise or the
+# resolution of the readout, whichever is larger.
 _OPEN_SCATTERS = 10.0
-# Number of fits in the first step of the search for spikes, in which each fit gives new weights to
-# the readings. This number is also the largest number of fits in the second step, in which each fit
-# leaves out the spikes found so far.
+# Largest number of fits in each of the two steps of the search for spikes. In the first step, this
+# number of fits is made, and each fit gives new weights to the readings. In the second step, each
+# fit leaves out the spikes found by the fit before.
 _MAX_ROUNDS = 20
 # Ratio of the standard deviation of a normal distribution to its median absolute deviation (MAD).
 # The MAD of readings times this factor is an estimate of their standard deviation.
 _SD_PER_MAD = 1.4826
-# Smallest step between readings [µm] that counts as their resolution if more than nine tenths of
-# the readings are distinct. A smaller step then only shows how many digits were written.
+# Smallest resolution [µm] that is believed if more than nine tenths of the readings are distinct. A
+# smaller step between readings then only shows with how many digits they were written.
 _FINEST_STEP_UM = 0.005
 # Smallest number of distinct readings from which a resolution is determined if more than nine
 # tenths of the readings are distinct.
@@ -167,8 +170,8 @@ class TestPreview:
     centre_mm: tuple[float, ...]
     work_ball_deg: float
     tool_ball_deg: float
-    #: resolution of the readings [µm]: the step of which all differences between readings are
-    #: multiples
+    #: resolution of the readings [µm]: the digital step; all differences between readings are
+    #: multiples of this step
     resolution_um: float | None
     #: number of spikes, which are readings that deviate from a fitted Fourier series of order 12 by
     #: more than eight standard deviations. The series is fitted without the spikes.
@@ -321,7 +324,12 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
 def _remark_on_angles(
     test: CircularTest, campaign: Campaign, angles: _Angles, remarks: _Remarks
 ) -> None:
-    """Add remarks on angles that contradict the direction, leave a gap, or cover only an arc."""
+    """Add remarks on the angles of ``test`` to ``remarks``.
+
+    There is a remark if the order of the angles contradicts the stated direction of travel, if the
+    angles cover only an arc, or if they leave a wide gap. ``campaign`` is the campaign of the test,
+    and ``angles`` holds the steps, gaps and direction of the angles.
+    """
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
         remarks.add(RemarkKind.TRAVEL, stated=test.direction, travel=angles.travel)
@@ -360,7 +368,7 @@ def _remark_on_force(test: CircularTest, campaign: Campaign, remarks: _Remarks) 
 def _preview_readings(
     test: CircularTest, stated_um: float, angles: _Angles, remarks: _Remarks
 ) -> _Readings:
-    """Return the quantities computed from the readings of a test, such as noise and resolution.
+    """Return quantities computed from the readings of ``test``, such as noise and resolution.
 
     Remarks on the readings, for example on a unit that is probably wrong, are added to ``remarks``.
     ``stated_um`` is the resolution that the campaign states [µm]. ``angles`` are the steps, gaps
@@ -595,7 +603,7 @@ def _runs_both_ways(campaign: Campaign, plane: str) -> bool:
 
 
 def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
-    """Return remarks on what looks odd in a campaign as a whole, such as a single force level."""
+    """Return remarks on what looks odd in a campaign as a whole, such as equal forces."""
     kinds = RemarkKind
     remarks = _Remarks()
     remarks.add(kinds.ONE_LEVEL, campaign.force_levels == 1)

@@ -7,11 +7,12 @@ without the test, then represent the posterior without the test, and the ratio o
 needs to be known at a few hundred of these nodes only (`density_ratio`).
 
 The noise factor λ of the test left out is an exception. Without the test's readings, λ has its
-prior, which is much wider than its posterior. In the density without the test, the prior of λ is
-therefore replaced by a Gaussian density of λ's coordinate given the other coordinates. The Gaussian
-is fitted to the nodes of the whole campaign. Both the Gaussian and the prior have the integral one
-over λ, so that the integral over φ does not change. The λ of the resulting nodes are then drawn
-anew from the prior.
+prior, which is much wider than its posterior. The ratio of the two densities would therefore vary
+strongly with λ. To avoid this, the prior of λ in the density without the test is replaced by a
+Gaussian that is about as wide as the posterior of λ. It is a density of ln λ given the other
+coordinates of a node, and is fitted to the nodes of the whole campaign. Both the Gaussian and the
+prior have the integral one over λ, so that the integral over φ does not change. The λ of the
+resulting nodes are then drawn anew from the prior.
 """
 
 from __future__ import annotations
@@ -28,19 +29,20 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NodesWithoutTest"]
 
-# Seed of the random draws of noise factors of tests that are left out. These factors are drawn from
-# the prior.
+# Seed of the random draws by which the noise factor of a test that is left out gets values from its
+# prior.
 _SEED = 0
-# Smallest standard deviation of the coordinate of a noise factor, given the other coordinates. A
-# smaller fitted standard deviation is replaced by this value.
+# Smallest standard deviation of the Gaussian that is fitted to the logarithm of a noise factor. A
+# smaller standard deviation is replaced by this value.
 _LEAST_SD = 1e-6
 
 
 @dataclass(frozen=True)
 class GaussianFactor:
-    """Gaussian density of one of h coordinates given the others, fitted to weighted points.
+    """Gaussian density of one of h coordinates given the other coordinates.
 
-    The mean of the coordinate is linear in the other h − 1 coordinates.
+    The density is fitted to weighted points. The mean of the coordinate is a linear function of the
+    other h − 1 coordinates.
     """
 
     axis: int  #: index of the coordinate among all h coordinates
@@ -120,8 +122,9 @@ class NodesWithoutTest:
         """Return the nodes without one test, for a model with a noise factor of this test.
 
         Nodes are weighted values of the hyper-parameters; the noise factor of the test is one of
-        the hyper-parameters, with the index ``axis``. The result is None if the error of the log
-        evidence from the nodes exceeds the tolerance.
+        the hyper-parameters, with the index ``axis``. ``posterior`` is the posterior density of the
+        hyper-parameters without the readings of the test. The result is None if the error of the
+        log evidence from the nodes exceeds the tolerance.
         """
         factor = fit_factor(self._integral, axis)
 
@@ -138,11 +141,12 @@ class NodesWithoutTest:
         return Nodes(posterior, integral, sampled.value_error)
 
     def _with_prior_of_noise_factor(self, integral: Integral, factor: GaussianFactor) -> Integral:
-        """Return the integral with a noise factor that is drawn from its prior at every node.
+        """Return an integral whose nodes have new values of a noise factor, drawn from its prior.
 
-        The nodes are values of the hyper-parameters. The noise factor belongs to the test that is
-        left out; ``factor`` is the Gaussian density that replaced the prior of the noise factor.
-        The weights of the nodes and the integral do not change.
+        The nodes of ``integral`` are values of the hyper-parameters. One of these is the noise
+        factor of the test that is left out. In ``integral``, the Gaussian density ``factor`` stands
+        in place of the prior of the noise factor; in the result, the prior is put back. The weights
+        of the nodes and the value of the integral do not change.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))

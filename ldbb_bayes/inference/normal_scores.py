@@ -28,10 +28,10 @@ __all__ = ["NormalScores"]
 # Smallest distance of a hyper-parameter from its bounds. A smaller distance is replaced by this
 # value, so that the logarithm of the distance is finite.
 _LEAST_DISTANCE = 1e-300
-# A value of a hyper-parameter counts as near to a bound if the logarithm of the prior probability
-# of values between it and the bound is below this number. The distance from the bound is then
-# computed from this prior probability and the prior density at the bound, because a difference of
-# two nearly equal numbers would be inaccurate.
+# Limit below which a value of a hyper-parameter counts as near to a bound. The limit applies to the
+# logarithm of the prior probability of the interval between the value and the bound. The distance
+# of a near value from the bound is this probability divided by the prior density at the bound; the
+# difference between value and bound would be inaccurate.
 _NEAR_BOUND = -20.0
 # Largest logarithm of a probability. A larger logarithm is replaced by this value, so that the
 # normal quantile for the probability is finite.
@@ -54,7 +54,7 @@ class NormalScores:
 
     @cached_property
     def _restricted(self) -> NDArray[np.bool_]:
-        """Whether each hyper-parameter has a normal prior restricted to an interval, shape (h,)."""
+        """Whether each of h hyper-parameters has a normal prior restricted to an interval, (h,)."""
         return np.array([law != "circle" for law in self.prior.laws])
 
     @cached_property
@@ -76,12 +76,18 @@ class NormalScores:
 
     @cached_property
     def _log_above(self) -> Array:
-        """Log probability of values above the upper bound under unrestricted priors, shape (k,)."""
+        """Log probability of values above the upper bound, for k hyper-parameters, shape (k,).
+
+        The probability is computed with the normal prior before it is restricted to an interval.
+        """
         return np.asarray(log_ndtr(-(self._bounds[1] - self._mean) / self._sd))
 
     @cached_property
     def _log_mass(self) -> Array:
-        """Log probability of values between the bounds, under unrestricted priors, shape (k,)."""
+        """Log probability of values between the bounds, for k hyper-parameters, shape (k,).
+
+        The probability is computed with the normal prior before it is restricted to this interval.
+        """
         return self._log_probability_above(self._bounds[0])
 
     def _log_probability_above(self, values: Array) -> Array:
@@ -97,7 +103,7 @@ class NormalScores:
     def _values(self, scores: Array) -> Array:
         """Return values of the k hyper-parameters with restricted normal priors, shape (..., k).
 
-        ``scores``, shape (..., h), are the normal scores of the values.
+        ``scores``, shape (..., h), holds the normal scores of all h hyper-parameters.
         """
         log_probability = log_ndtr(-scores[..., self._restricted]) + self._log_mass
         log_tail = np.logaddexp(log_probability, self._log_above)
@@ -119,7 +125,7 @@ class NormalScores:
 
         φ are the k hyper-parameters with restricted normal priors, and a and b their lower and
         upper bounds. Where b is infinite, the second result is zero. ``scores``, shape (..., h),
-        are the normal scores.
+        holds the normal scores of all h hyper-parameters.
         """
         lower, upper = self._bounds
         values = self._values(scores)
@@ -136,16 +142,16 @@ class NormalScores:
         return above, np.where(np.isfinite(upper), below, 0.0)
 
     def free(self, scores: Array) -> Array:
-        """Return the unbounded coordinates at given normal scores, both of shape (..., h)."""
+        """Return the unbounded coordinates of h hyper-parameters from normal scores, (..., h)."""
         free = np.array(scores, dtype=float)
         above, below = self._log_distances(scores)
         free[..., self._restricted] = above - below
         return free
 
     def scores(self, free: Array) -> Array:
-        """Return the normal scores of hyper-parameters given in unbounded coordinates.
+        """Return the normal scores of h hyper-parameters from their unbounded coordinates.
 
-        Scores and coordinates have the shape (..., h).
+        ``free``, shape (..., h), holds the unbounded coordinates. The scores have the same shape.
         """
         scores = np.array(free, dtype=float)
         values = self.prior.phi(free)[..., self._restricted]
@@ -161,13 +167,14 @@ class NormalScores:
         return scores
 
     def _log_probabilities_near_bounds(self, free: Array) -> tuple[Array, Array]:
-        """Return log prior probabilities that φ is nearer to a, and nearer to b, than given values.
+        """Return log prior probabilities of the intervals from bounds to values near the bounds.
 
-        φ are the k hyper-parameters with restricted normal priors, and a and b their lower and
-        upper bounds. ``free``, shape (..., h), are the given values in unbounded coordinates. The
-        probabilities are computed as if the prior density were everywhere as large as at the bound;
-        near the bound, this is accurate. Both arrays have the shape (..., k). The second array is
-        infinite where b is infinite.
+        Of the h hyper-parameters, k have restricted normal priors, with lower bounds a and upper
+        bounds b. ``free``, shape (..., h), holds values of all hyper-parameters in unbounded
+        coordinates. The first array holds the log probabilities between a and the values, the
+        second array those between the values and b; both have the shape (..., k). The probabilities
+        are computed as if the prior density were everywhere as large as at the bound; near the
+        bound, this is accurate. The second array is infinite where b is infinite.
         """
         lower, upper = self._bounds
         restricted = free[..., self._restricted]
@@ -221,10 +228,17 @@ class _FreeProposal:
     of_scores: ProposalDensity
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density, shape (n,), at unbounded coordinates of shape (n, h)."""
+        """Return the log density at n points, shape (n,).
+
+        ``points``, shape (n, h), holds the unbounded coordinates of h hyper-parameters.
+        """
         scores = self.coordinates.scores(points)
         return self.of_scores.log_density(scores) - self.coordinates.log_jacobian(scores)
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Return independent random draws in unbounded coordinates, shape (size, h)."""
+        """Return ``size`` independent random draws of h unbounded coordinates, shape (size, h).
+
+        The widths of the density of normal scores are first multiplied by the square root of
+        ``temperature``. ``rng`` generates the random numbers.
+        """
         return self.coordinates.free(self.of_scores.draw(size, rng, temperature=temperature))

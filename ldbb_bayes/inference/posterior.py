@@ -55,9 +55,9 @@ __all__ = [
 
 # Groups of arrays that a posterior must have, as a DataTree of xarray and as a file.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
-# Dimensions of the arrays in the tree of a posterior that are not random draws. The keys are the
-# names of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one entry
-# for each reading of all tests.
+# Dimensions of arrays in the tree of a posterior: of those arrays that do not hold random draws.
+# The keys are the names of the arrays. The dimension ``test`` has one entry for each test, and
+# ``reading`` one entry for each reading of all tests.
 _DIMENSIONS = {
     "force_N": ["test"],
     "pressure_bar": ["test"],
@@ -82,16 +82,17 @@ _UNITS = {
 # Attributes of a `CircularTest` that are arrays. In a posterior these arrays are kept in the group
 # constant_data, not in the JSON record of the campaign.
 _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
-# Angles [°] given to a test that the campaign only plans for later, because the record of a
-# posterior has no angles of such tests.
+# Angles [°] that a foreseen test gets when a campaign is rebuilt from a posterior. Foreseen tests
+# may be run later; the record of a posterior does not hold their angles.
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
-# The file of a posterior counts as damaged if its arrays, decompressed, would have more bytes in
-# memory than ``_LARGEST_EXPANSION`` times the size of the file plus ``_SMALL_FILE_BYTES``.
+# Limit of the size of a posterior's arrays in memory. If the arrays, decompressed, would have more
+# bytes than ``_LARGEST_EXPANSION`` times the size of the file plus ``_SMALL_FILE_BYTES``, the file
+# counts as damaged.
 _LARGEST_EXPANSION = 20
 _SMALL_FILE_BYTES = 2**20
-# Edition of the default model. The record of a posterior states the edition, because draws from
-# another edition do not fit the terms and priors of the present edition. The presets ``first`` and
-# ``paper`` are the same in all editions.
+# Number of the present edition of the default model, which is increased when its terms or priors
+# change. The record of a posterior states the edition with which it was computed; draws from
+# another edition are refused. The presets ``first`` and ``paper`` are the same in all editions.
 MODEL_EDITION = 3
 # Cache of the campaigns from which posteriors were computed, the oldest first. A key holds all that
 # a posterior states about its campaign. Because of the cache, all analyses of a posterior use the
@@ -99,7 +100,7 @@ MODEL_EDITION = 3
 _CAMPAIGNS: dict[tuple[str | bytes, ...], Campaign] = {}
 # Largest number of campaigns that the cache holds.
 _KEPT_CAMPAIGNS = 8
-# Largest number of characters that are quoted from a library's error message on an unreadable file.
+# If a file cannot be read, at most this many characters of the library's error message are quoted.
 _LONGEST_REASON = 120
 
 
@@ -244,8 +245,9 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
 def _require_edition(tree: xr.DataTree, source: Path) -> None:
     """Raise an `InputError` for a fit of another edition of the default model.
 
-    Everything that is computed from a posterior uses the model of this edition, and would be wrong
-    for draws from another edition. ``source`` is the name of the file for the message.
+    ``tree`` is the posterior of the fit. All results of a posterior are computed with the present
+    edition of the model, and would be wrong if the draws came from another edition. ``source`` is
+    the name of the file for the message.
     """
     record = record_of(tree)
     edition = record.get("model_edition", "an earlier one")
@@ -406,7 +408,11 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 
 
 def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
-    """Return all that a posterior states about its campaign: entry of the record, and readings."""
+    """Return all that a posterior states about its campaign, as a key for a cache.
+
+    The key consists of the entry ``campaign`` of the posterior's record, and of the angles and
+    readings.
+    """
     constants = posterior["constant_data"].dataset
     names = ("test_index", "angle_as_read_deg", "reading_as_read_um")
     readings = [np.asarray(constants[name].values).tobytes() for name in names]
@@ -415,7 +421,7 @@ def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
 
 @lru_cache(maxsize=16)
 def _campaign_text(record_json: str) -> str:
-    """Return the entry ``campaign`` of a posterior's record as JSON text."""
+    """Return the entry ``campaign`` of the JSON text of a posterior's record, as JSON text."""
     return json.dumps(json.loads(record_json)["campaign"])
 
 
@@ -485,7 +491,7 @@ def draws_of(
 
 
 def _stack_draws(group: Any, names: tuple[str, ...]) -> Array:
-    """Return random draws of the named variables in one array, shape (chains × draws, variables).
+    """Return random draws of the variables ``names``, shape (chains × draws, variables).
 
     ``group`` is the dataset ``posterior`` of a posterior.
     """
@@ -527,7 +533,8 @@ def curves_of(
     ``force_N``, shape (n,), holds the forces F [N]. C(F) is computed from the compliance at the
     reference force and its slopes (changes with force); see `compliance_curves`. At most ``size``
     draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
-    models, the draws are grouped by model. ``seed`` determines the random draws of effects that are
+    several models, the draws are in the order of `model_draws_of`: draws of models with the same
+    rival explanations follow each other. ``seed`` determines the random draws of effects that are
     not among the parameters.
     """
     rng = np.random.default_rng(seed)
@@ -548,10 +555,11 @@ def elastic_draws_of(
 ) -> ElasticDraws:
     """Return posterior draws of compliances and of the elastic deflection around circles.
 
-    ``circles`` are indices of tests whose circles are used; ``force_N``, shape (n,), holds the
-    forces of the bar [N]; see `elastic_draws`. At most ``size`` draws are used; if ``size`` is
-    None, all draws are used. If the posterior is an average over models, the draws are grouped by
-    model. ``seed`` determines the random draws of effects that are not among the parameters.
+    ``circles`` holds the indices of the tests whose circles are used; ``force_N``, shape (n,),
+    holds n forces of the bar [N]; see `elastic_draws`. At most ``size`` draws are used; if ``size``
+    is None, all draws are used. If the posterior is an average over several models, the draws are
+    in the order of `model_draws_of`: draws of models with the same rival explanations follow each
+    other. ``seed`` determines the random draws of effects that are not among the parameters.
     """
     rng = np.random.default_rng(seed)
     by_model = [

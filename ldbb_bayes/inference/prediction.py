@@ -41,9 +41,9 @@ __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_lef
 
 # Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
-# Number of draws for each value of the hyper-parameters if the circle of one test is predicted from
-# the other tests. Each draw holds the parameters and the nuisances (effects that are modelled but
-# not of interest) that several tests have in common.
+# Number of random draws for each value of the hyper-parameters, where the circle of a test that is
+# left out is predicted from the other tests. Each draw holds the parameters and the nuisances
+# (effects that are modelled but not of interest) that several tests have in common.
 _DRAWS_PER_NODE = 8
 
 
@@ -207,7 +207,8 @@ def readings_drawn(
 
     Each draw is one circle. ``coefficients``, shape (draws, 25), holds the Fourier coefficients of
     the circles (orders 0 to 12) [mm]; ``sigma_mm``, shape (draws,), holds the standard deviations
-    of the white noise [mm]. ``angle_rad``, shape (n,), holds the angles of the readings.
+    of the white noise [mm]. ``angle_rad``, shape (n,), holds the angles of the n readings of a
+    circle, and ``rng`` generates the noise.
     """
     smooth = coefficients @ basis(angle_rad).T
     return np.asarray(smooth + sigma_mm[:, None] * rng.standard_normal(smooth.shape))
@@ -282,7 +283,8 @@ def replicate_left_out(
     rng : Generator
         Generator of random numbers.
     circles_per_draw : int
-        Number of circles for each random draw of parameters and hyper-parameters.
+        Number of circles that are predicted from the same random draw of parameters and
+        hyper-parameters.
 
     Returns
     -------
@@ -310,12 +312,14 @@ def replicate_left_out(
 def _with_new_noise_factor(
     bound: BoundModel, phi: Array, r: int, rng: np.random.Generator
 ) -> Array:
-    """Return h hyper-parameters with a new noise factor λ of the test left out, shape (n, h).
+    """Return hyper-parameters with new draws of the noise factor λ of a test, shape (n, h).
 
-    Without the test's readings, λ is independent of all other unknowns and has its prior density. A
-    new draw for every circle represents the heavy tail of this density better than the few values
-    of λ at the nodes (weighted values of the hyper-parameters). ``r`` is the index of the test, and
-    ``phi``, shape (n, h), are the hyper-parameters.
+    The test, with the index ``r``, is left out of the analysis. Without its readings, λ is
+    independent of all other unknowns and has its prior density. A new draw for every circle
+    represents the heavy tail of this density better than the few values of λ at the nodes (weighted
+    values of the hyper-parameters). ``phi``, shape (n, h), holds n draws of the h hyper-parameters;
+    all but λ are returned unchanged. If the model has no λ of this test, ``phi`` is returned.
+    ``bound`` is the model, applied to its campaign.
     """
     name = str(bound.setting.circle[r])
     if name not in bound.hyper_prior.names:
@@ -336,8 +340,8 @@ def band_um(
 ) -> Array:
     """Return the lower and upper limit of readings at every angle [µm], shape (2, angles).
 
-    At each angle, a reading, white noise included, lies between the limits with the probability
-    ``prob``; the reading is below or above the limits with equal probabilities. The limits are
+    At each angle, a reading with white noise lies between the limits with the probability ``prob``.
+    It lies below the lower limit with the same probability as above the upper limit. The limits are
     computed from random draws of circles: ``coefficients``, shape (draws, 25), holds the Fourier
     coefficients of the circles (orders 0 to 12) [mm]; ``sigma_mm``, shape (draws,), holds the
     standard deviations of the white noise [mm]. ``angle_rad``, shape (angles,), holds the angles.

@@ -23,11 +23,11 @@ __all__ = ["prior_circles"]
 def prior_circles(bound: BoundModel, size: int, rng: np.random.Generator) -> Iterator[Array]:
     """Yield random readings that the prior predicts for each test in turn [mm], shape (size, n).
 
-    A test has n readings. Each draw from the prior of parameters, hyper-parameters and nuisances
-    gives one circle, with white noise. If the model does not allow negative compliances, no
-    compliance is negative in any draw. The measured readings are used only to compute an estimate Ĉ
-    of the compliances, to which some prior standard deviations are proportional. ``bound`` is the
-    model, applied to its campaign; its prior must not be flat.
+    A test has n readings. Each of ``size`` draws from the prior of parameters, hyper-parameters and
+    nuisances gives one circle, with white noise. If the model does not allow negative compliances,
+    no compliance is negative in any draw. The measured readings are used only to compute an
+    estimate Ĉ of the compliances, to which some prior standard deviations are proportional.
+    ``bound`` is the model, applied to its campaign; its prior must not be flat.
     """
     beta, phi = prior_draws_of(bound, size, rng)
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))

@@ -1,6 +1,6 @@
 """Integrals of a density with known modes, from a lattice or by importance sampling.
 
-Of the two methods, the faster one is used.
+The faster of the two methods is used: a lattice in few dimensions, importance sampling in many.
 """
 
 from __future__ import annotations
@@ -14,17 +14,18 @@ from ldbb_bayes.results import Array
 
 __all__ = ["integrate"]
 
-# Largest number of dimensions in which an integral is always computed from a lattice of nodes. With
-# a tolerance of 0.01 nat, lattices of 2, 3, 4 and 5 dimensions took 0.01, 0.03, 0.03 and 0.5 s of
-# processor time, and samples took 0.02, 0.03, 0.03 and 0.08 s.
+# Largest number of dimensions in which an integral is always computed from a lattice of points. In
+# 2, 3, 4 and 5 dimensions, with a tolerance of 0.01 nat, a lattice took 0.01, 0.03, 0.03 and 0.5 s
+# of processor time, and importance sampling took 0.02, 0.03, 0.03 and 0.08 s.
 LARGEST_LATTICE_DIMENSION = 4
-# In this number of dimensions an integral is computed from a lattice if its tolerance is below
-# ``_FINE_TOLERANCE`` [nat], and from a sample otherwise: with 0.001 nat, lattices took 1.7 to 3.7 s
-# of processor time and samples 2.2 to 5.2 s.
+# Number of dimensions in which the method depends on the tolerance: a lattice is used if the
+# tolerance is below ``_FINE_TOLERANCE`` [nat], and importance sampling if it is not. With a
+# tolerance of 0.001 nat, a lattice took 1.7 to 3.7 s of processor time, and importance sampling
+# took 2.2 to 5.2 s.
 _DIMENSION_OF_FINE_LATTICE = 5
 _FINE_TOLERANCE = 3e-3
-# Importance sampling is asked for an integral with an error of at most this share of the tolerance,
-# because averages over its points have further errors.
+# Share of the tolerance that importance sampling may use up. The rest is left for the further
+# errors of averages over its points.
 _SHARE_OF_TOLERANCE = 0.8
 
 
@@ -64,7 +65,11 @@ def integrate(
 
 
 def _is_lattice_cheaper(h: int, tolerance: float) -> bool:
-    """Return whether a lattice takes less time than a sample for an integral in h dimensions."""
+    """Return whether an integral takes less time by a lattice than by importance sampling.
+
+    ``h`` is the number of dimensions, and ``tolerance`` the error allowed in the log integral
+    [nat].
+    """
     if h == _DIMENSION_OF_FINE_LATTICE:
         return tolerance < _FINE_TOLERANCE
     return h <= LARGEST_LATTICE_DIMENSION

@@ -55,8 +55,8 @@ def marginalize(
     prob : float
         Probability of the equal-tailed credible interval, between 0 and 1.
     tolerance : float
-        Relative error allowed in the integrals from which means and standard deviations follow,
-        between 0 and 1.
+        Relative error, between 0 and 1, that is allowed in the integrals from which means and
+        standard deviations are computed.
     seed : int
         Seed of the random points from which quantiles are computed. Because the number of points is
         finite, the cumulative probability at a quantile has a standard error of at most 0.6 %.
@@ -122,9 +122,9 @@ def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
     """Return posterior draws of the h hyper-parameters in unbounded coordinates, shape (draws, h).
 
     Hyper-parameters are the scales of the noise and of other effects; the coordinates are mostly
-    ln(value − lower bound). If independent draws are not possible, because weights cannot be
-    trusted or hardly any draw is accepted, give a warning, and resample the weighted points of an
-    importance sample instead.
+    ln(value − lower bound). Independent draws are impossible if weights cannot be trusted or if
+    hardly any draw is accepted. A warning is then given, and the weighted points of an importance
+    sample are resampled instead. ``seed`` is the seed of the random numbers.
     """
     rng = np.random.default_rng(seed)
     try:

@@ -53,8 +53,9 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
     Parameters are compliances, their changes with force, and geometric errors; hyper-parameters are
     the scales of the noise and of other effects. The arrays have the shapes (size, p) and (size,
     h). If the model does not allow negative compliances, no compliance is negative in any draw. If
-    the prior of the parameters is flat, their array has the shape (0, 0). ``bound`` is the model,
-    applied to its campaign.
+    the prior of the parameters is flat, it has no draws, and the array of the parameters has the
+    shape (0, 0). ``rng`` generates the random numbers. ``bound`` is the model, applied to its
+    campaign.
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:
@@ -76,7 +77,7 @@ def groups_of(
     bound : BoundModel
         The model applied to its campaign.
     beta, phi : array, shapes (chains, draws, p) and (chains, draws, h)
-        Random draws of the parameters and of the hyper-parameters from the posterior.
+        Random draws of the p parameters and of the h hyper-parameters from the posterior.
     prior : pair of arrays
         Random draws from the prior, as `prior_draws_of` returns them.
     densities : mapping

@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["RelatedModels", "log_values"]
 
-# The error allowed in the log probability that no compliance is negative is this share of the
-# tolerance of a log evidence, but at least ``_FINEST_TOLERANCE`` [nat].
+# Error allowed in the log probability that no compliance is negative: ``_SHARE_OF_TOLERANCE`` times
+# the tolerance of a log evidence, but at least ``_FINEST_TOLERANCE`` [nat].
 _SHARE_OF_TOLERANCE = 0.25
 _FINEST_TOLERANCE = 1e-3
 
@@ -73,7 +73,11 @@ class RelatedModels:
         return posterior.nodes(self._tolerance)
 
     def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
-        """Return the given nodes with new weights, computed from the density of another model."""
+        """Return the given nodes with new weights, for which a density is evaluated at all nodes.
+
+        The density is ``posterior``, the posterior density of the hyper-parameters under another
+        model.
+        """
         plain = replace(
             self._integral,
             log_density=in_chunks(posterior.plain.log_density, self._integral.free),
@@ -84,10 +88,11 @@ class RelatedModels:
 
 
 def log_values(posterior: HyperPosterior, free: Array, tolerance: float) -> LogValues:
-    """Return the log density of readings and hyper-parameters at w points, with its error.
+    """Return the joint log density of readings and hyper-parameters at w points, with errors.
 
-    ``free``, shape (w, h), are the h hyper-parameters in unbounded coordinates. ``tolerance`` is
-    the error allowed in a log evidence [nat].
+    ``free``, shape (w, h), holds w values of the h hyper-parameters in unbounded coordinates.
+    ``posterior`` belongs to the model and the readings. ``tolerance`` is the error allowed in a log
+    evidence [nat].
     """
     log_density = posterior.bound.hyper_prior.log_density_of_free(free)
     log_evidence, conditional = posterior.given(free)

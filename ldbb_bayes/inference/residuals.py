@@ -28,8 +28,8 @@ __all__ = [
     "tests_in_order",
 ]
 
-# Singular values of the matrix that holds the Fourier functions at the angles of a test count as
-# zero if they are below this share of the largest singular value.
+# Share of the largest singular value below which a singular value counts as zero. The matrix holds
+# the values of the Fourier functions at the angles of a test.
 RANK_TOLERANCE = 1e-6
 
 
@@ -51,7 +51,7 @@ class FitQuality:
 
 
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
-    """Return root-mean-square residual and fitness of the prediction of a posterior.
+    """Return root-mean-square residual and fitness of the readings predicted by a posterior.
 
     The prediction is the mean over posterior draws of the effects of the machine and of nuisances
     (effects that are modelled but not of interest, such as ball form), without scatter. ``phi``,

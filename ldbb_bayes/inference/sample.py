@@ -51,21 +51,21 @@ _WALKERS = 128
 # larger than one, because the computed effective sample size of every parameter must reach the
 # required value.
 _SURPLUS = 1.3
-# Number of further independent draws of each chain, so that the computed effective sample size of
-# every parameter reaches the required value.
+# Number of independent draws that are added to each chain, so that the computed effective sample
+# size, which scatters, reaches the required value for every parameter.
 _SURPLUS_DRAWS = 50
-# Draws that are as good as independent can be picked from a run of emcee. The effective sample size
-# of the run must then be this multiple of the number of draws picked.
+# Effective sample size that a run of emcee must have if draws that are as good as independent are
+# picked from it, as a multiple of the number of draws picked.
 _THINNING = 4.0
-# If draws that are as good as independent are picked from a run of emcee, R-hat of the run must be
-# at most ``_RHAT_WHEN_THINNED``. The run must span at least ``_LENGTHS_WHEN_THINNED``
-# autocorrelation times.
+# Further conditions on a run of emcee from which draws that are as good as independent are picked:
+# R-hat of the run is at most ``_RHAT_WHEN_THINNED``, and the run spans at least
+# ``_LENGTHS_WHEN_THINNED`` autocorrelation times.
 _RHAT_WHEN_THINNED = 1.05
 _LENGTHS_WHEN_THINNED = 2.0
 
 
 class SampledDraws(NamedTuple):
-    """Run of a sampler, and the draws of parameters and hyper-parameters that the run gave."""
+    """Record of a run of a sampler, and the draws of parameters and hyper-parameters it gave."""
 
     run: EnsembleRun
     #: posterior draws of the p parameters (compliances, their changes with force, geometric errors)
@@ -298,8 +298,8 @@ def run_sampler(
 ) -> SampledDraws:
     """Return posterior draws of parameters and hyper-parameters, drawn by the named sampler.
 
-    The draws meet the stopping rule, unless the sampler gave up; ``converged`` of the run states
-    whether they do. If independent draws are asked for but their weights cannot be trusted, emcee
+    ``converged`` of the run states whether the draws meet the stopping rule; they do unless the
+    sampler gave up. If independent draws are asked for but their weights cannot be trusted, emcee
     samples parameters and hyper-parameters jointly instead. For independent draws, ``steps`` of the
     run is the number of draws of one chain, ``walkers`` is 1, and ``acceptance`` is the share of
     proposals accepted.
@@ -344,7 +344,8 @@ def _sample_independently(
     """Return independent posterior draws, whose number is doubled until the stopping rule is met.
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``, in four chains.
-    Sampling stops in any case before a chain has more draws than ``max_steps`` of the rule.
+    Sampling stops in any case before a chain has more draws than ``max_steps`` of ``rule``.
+    ``seed`` is the seed of the random numbers; ``progress`` is called at every assessment.
     """
     rng = np.random.default_rng(seed)
     block = int(np.ceil(_SURPLUS * rule.ess / _CHAINS + _SURPLUS_DRAWS))
@@ -387,7 +388,9 @@ def _sample_jointly(
     from a density a little wider than the posterior ``start``, and from parameters drawn given
     these hyper-parameters. ``ensembles`` is the number of ensembles of walkers, and ``walkers`` the
     number of walkers of each ensemble. By default there are four times as many walkers as
-    coordinates (parameters and hyper-parameters), but at least 128.
+    coordinates (parameters and hyper-parameters), but at least 128. ``rule`` decides when the run
+    stops, ``seed`` is the seed of the random numbers, and ``progress`` is called at every
+    assessment of convergence.
     """
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)
@@ -418,8 +421,8 @@ def draw(
     Parameters and hyper-parameters are drawn from the posterior density ``start``. If ``sampler``
     is "joint", the draws are thinned from a run of emcee with an effective sample size four times
     as large as the number of draws. If ``sampler`` is "independent", the draws are independent; if
-    the weights of the density drawn from cannot be trusted, emcee is used instead. Raise an
-    `InputError` if emcee does not converge.
+    the weights of the density drawn from cannot be trusted, emcee is used instead. ``seed`` is the
+    seed of the random numbers. Raise an `InputError` if emcee does not converge.
     """
     if sampler == "independent":
         try:

@@ -21,12 +21,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["SharedDraws", "draw_with_shared"]
 
-# A draw of the parameters with a negative compliance is first replaced, up to this number of times,
-# by a draw from the density without truncation. If a compliance is still negative, the parameters
-# are drawn from a density that is shifted towards compliances that are not negative.
+# Number of times that a draw of the parameters with a negative compliance is replaced by a new draw
+# from the same Gaussian density. If a compliance is then still negative, the parameters are drawn
+# from a density that is shifted towards compliances that are not negative.
 _PLAIN_TRIES = 4
-# A draw of the parameters from a density shifted towards compliances that are not negative is
-# repeated at most this many times if it was not accepted.
+# Largest number of times that a draw of the parameters is repeated if it was not accepted. The
+# draws are from a density that is shifted towards compliances that are not negative.
 _REPEATS = 20
 
 
@@ -69,9 +69,10 @@ def _draw_standard(
 ) -> Array:
     """Return random draws of the p parameters in standard coordinates, shape (w, repeats, p).
 
-    In standard coordinates the density of the parameters given each of w values of the
-    hyper-parameters is N(0, I). If the model allows no negative compliances, no compliance is
-    negative in any draw. ``conditional`` holds the densities of the parameters.
+    For each of w values of the hyper-parameters, ``repeats`` draws are made. In standard
+    coordinates the Gaussian density of the p parameters given the hyper-parameters is N(0, I). If
+    the model allows no negative compliances, no compliance is negative in any draw. ``conditional``
+    holds the densities of the parameters.
     """
     w, p = conditional.mean.shape
     standard = rng.standard_normal((w * repeats, p))

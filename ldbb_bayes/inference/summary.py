@@ -32,8 +32,8 @@ __all__ = [
     "summarize_nuisances",
 ]
 
-# Entries of a posterior's record that the JSON result of a fit leaves out. These entries serve to
-# rebuild the campaign and the model, or the JSON result states their contents with each parameter.
+# Entries of a posterior's record that the JSON result of a fit leaves out. Some serve only to
+# rebuild the campaign and the model. The contents of the others are stated with each parameter.
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
 )
@@ -110,11 +110,12 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
 
 
 def _with_changes(table: pd.DataFrame, posterior: xr.DataTree, prob: float) -> pd.DataFrame:
-    """Return a table of parameters that displays changes of compliances instead of coefficients.
+    """Return ``table`` such that it displays changes of compliances instead of coefficients.
 
     The change is the change of the compliance C(F) from the smallest force tested to the largest.
     The coefficients, such as C_XXX_1, are the parameters that describe how C(F) depends on F.
-    ``prob`` is the probability of the credible interval of each change.
+    ``prob`` is the probability of the credible interval of each change, and ``posterior`` the
+    posterior that the table summarizes.
     """
     curves = force_curves(posterior)
     if not curves.compliances:
@@ -193,7 +194,7 @@ def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str
 
 
 def interval_numbers(draws: Array, prob: float) -> dict[str, float]:
-    """Return a dict with mean, sd, median and the ends of the equal-tailed interval of draws.
+    """Return a dict with mean, sd, median and the ends of the equal-tailed interval of ``draws``.
 
     ``prob`` is the probability of the interval, between 0 and 1.
     """
