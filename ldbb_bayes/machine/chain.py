@@ -111,8 +111,8 @@ class Joint:
 
     axis: str  #: name of the linear axis: X, Y or Z
     branch: Branch  #: what the axis carries: ``tool`` or ``workpiece``
-    #: position (X, Y, Z) of the joint's frame with all axes at zero [mm], relative to the point
-    #: where the two balls coincide
+    #: position (X, Y, Z) of the joint's frame with all axes at zero [mm]. The origin is the point
+    #: where, with all axes at zero, the centres of the two balls coincide.
     frame_mm: Sequence[float]
 
     @property
@@ -163,8 +163,9 @@ class Machine(Shown):
     #: planes of the circular tests: one or more of XY, YZ and ZX
     planes: str | Sequence[str] = ("XY",)
     #: position (X, Y, Z) of the frame of each joint with all axes at zero [mm]; the keys are the
-    #: letters of the joints' axes. The position is relative to the point where the two balls
-    #: coincide. The frame of a joint that is not listed here is at this point, as in the paper.
+    #: letters of the joints' axes. The origin is the point where, with all axes at zero, the
+    #: centres of the two balls coincide. The frame of a joint that is not listed here is at this
+    #: point, as in the paper.
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
@@ -295,9 +296,9 @@ class Machine(Shown):
     def end_mm(self, branch: Branch, circle: Circle, angle_rad: Array) -> Array:
         """Return the position (X, Y, Z) of a ball with all axes at zero, shape (n, 3) [mm].
 
-        The work ball is at the circle's centre. The tool ball is at the origin. If the machine
-        lacks one of the linear axes X, Y and Z, the coordinate of the tool ball along this axis is
-        its nominal coordinate on the circle.
+        There is one position for each of n angles of the bar. The work ball is at the circle's
+        centre. The tool ball is at the origin. If the machine lacks one of the linear axes X, Y and
+        Z, the coordinate of the tool ball along this axis is its nominal coordinate on the circle.
 
         Parameters
         ----------

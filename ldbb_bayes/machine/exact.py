@@ -40,7 +40,7 @@ def exact_reading_mm(
     circle : Circle
         Nominal circle of the test.
     angle_rad : ndarray
-        Angles θ of the bar from the first axis of the plane, shape (n,) [rad].
+        The n angles θ of the bar from the first axis of the plane, shape (n,) [rad].
     force_N : float, default 0.0
         Radial force F of the bar [N].
     compliances : mapping of str to float, optional
@@ -139,7 +139,7 @@ def _joint_transform(
     """Return the homogeneous transforms of one joint about its frame, shape (n, 4, 4).
 
     The transforms contain the nominal motion and the error motions of the joint (Eq. 4-5 and 8-9 of
-    the paper). ``coordinate`` (n,) holds nominal displacements along the joint's axis [mm]. For a
+    the paper). ``coordinate`` (n,) holds n nominal displacements along the joint's axis [mm]. For a
     joint that carries the workpiece, the displacement is the machine coordinate times −1.
     ``errors`` maps the names of geometric errors to their values.
     """

@@ -102,7 +102,7 @@ def compliance_jacobian(
     machine, circle
         Machine and nominal circle of the test.
     angle_rad
-        Angles of the bar from the first axis of the plane, shape (n,) [rad].
+        The n angles of the bar from the first axis of the plane, shape (n,) [rad].
     names
         Names of the compliances, one for each column.
 
@@ -208,8 +208,8 @@ class Kept:
     #: effects of these further compliances are linear combinations of the effects of several kept
     #: compliances.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: for each compliance that is kept as representative of a set, whether it cannot be negative
-    #: because it is a deflection in the direction of the load
+    #: for each kept compliance, whether it is never negative; this is the case if it is a
+    #: deflection in the direction of the load itself
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
     #: names of compliances whose effect on the reading is a linear combination of the effects of
@@ -401,8 +401,9 @@ def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]
     """Return a symmetric matrix of the weights of compliances for each joint, shape (6, 6).
 
     Rows and columns are in the order X, Y, Z, A, B, C: components along and about the three axes.
-    The weight of a compliance is divided equally between the elements (i, j) and (j, i) of the
-    matrix; ``halves`` holds half of the weight of each compliance in ``names``.
+    The weight of a compliance with the components i and j (motion and load) is divided equally
+    between the elements (i, j) and (j, i) of the matrix; ``halves`` holds half of the weight of
+    each compliance in ``names``.
     """
     matrices: dict[str, Array] = {}
     for name, half in zip(names, halves, strict=True):

@@ -3,8 +3,8 @@
 A bound model is the model of one campaign. The coefficients of the model are the parameters of
 interest (compliances, their slopes and geometric errors) and the coefficients of nuisances, which
 are effects that are modelled but not of interest. The hyper-parameters φ of the model are the
-scales of noise and nuisances. Reduced readings are the at most 25 numbers to which the module
-`reduction` reduces the readings of a test.
+scales of noise and nuisances. The readings of a test are replaced by at most 25 numbers without
+loss of information (module `reduction`); these numbers are called reduced readings.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class _Noise:
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
         """Return the covariance of this effect in the m reduced readings of one test, (m, m) [mm²].
 
-        Reduced readings are the at most 25 numbers to which the readings of a test are reduced.
+        Reduced readings are the at most 25 numbers that replace the readings of a test.
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
     The coefficients are the parameters of interest, and all coefficients of nuisances (effects
     modelled but not of interest) that have the same value in all tests. Nuisances whose
     coefficients differ between tests are treated as noise of each test. ``bound`` is the model of
-    the campaign. ``phi``, shape (h,), are the hyper-parameters, which are the scales of noise and
+    the campaign. ``phi``, shape (h,), are the h hyper-parameters, which are the scales of noise and
     nuisances; lengths are in mm.
     """
     return next(informations_of(bound, phi[None]))
@@ -91,10 +91,11 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     The coefficients are the parameters of interest, and all coefficients of nuisances (effects
     modelled but not of interest) that have the same value in all tests. Nuisances whose
     coefficients differ between tests are treated as noise of each test. ``bound`` is the model of a
-    campaign. ``phi``, shape (w, h), are the hyper-parameters, which are the scales of noise and
-    nuisances; lengths are in mm. The design matrix holds the effect of one unit of each coefficient
-    on the reduced readings (at most 25 numbers for each test). The design matrix does not depend on
-    the hyper-parameters and is computed once. Tests with the same noise share one covariance.
+    campaign. ``phi``, shape (w, h), are w values of the h hyper-parameters, which are the scales of
+    noise and nuisances; lengths are in mm. The design matrix holds the effect of one unit of each
+    coefficient on the reduced readings (at most 25 numbers for each test). The design matrix does
+    not depend on the hyper-parameters and is computed once. Tests with the same noise share one
+    covariance.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)
@@ -144,8 +145,8 @@ def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Ar
     angles, the same noise factor λ of the circle, and the same columns of all nuisance effects that
     act as noise (``noises``). Nuisances are effects that are modelled but not of interest; a column
     is the reading per unit of one coefficient. In a campaign with readings, the angles of any two
-    tests count as different. ``phi``, shape (w, h), are the hyper-parameters, among them the
-    factors λ. Indices count from 0.
+    tests count as different. ``phi``, shape (w, h), are w values of the h hyper-parameters, among
+    which are the factors λ. Indices count from 0.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}
@@ -168,9 +169,9 @@ def _noise_covariances(
     The result is a dict of arrays of shape (m, m), for m reduced readings. Its keys are the class
     names of the nuisance terms (effects modelled but not of interest) in ``noises``, which act as
     noise; the white noise of the readings has the key ``NOISE``. Reduced readings are the at most
-    25 numbers to which the readings of a test are reduced. ``factor`` (m, 25) turns Fourier
-    coefficients into reduced readings, ``hyper`` holds the hyper-parameters by name, with lengths
-    in mm, and ``test`` is the index of the test, from 0.
+    25 numbers that replace the readings of a test. ``factor`` (m, 25) turns Fourier coefficients
+    into reduced readings, ``hyper`` holds the hyper-parameters by name, with lengths in mm, and
+    ``test`` is the index of the test, from 0.
     """
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:

@@ -47,10 +47,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "EliminationPlan", "Front"]
 
-# Largest number of values of the hyper-parameters for which matrices are factorised in one pass.
+# Matrices are factorised for many values of the hyper-parameters in one pass. This is the largest
+# number of values in one pass.
 _MOST_PHI = 512
-# Smallest number of values of the hyper-parameters for which matrices are factorised in one pass,
-# even if the factors do not fit into the processor's cache.
+# Smallest number of values of the hyper-parameters for which matrices are factorised in one pass.
+# The factors of so many values need not fit into the processor's cache.
 FEWEST_PHI = 256
 # Number of floating-point numbers that are assumed to fit into the processor's cache.
 _CACHE_SIZE = 1 << 19
@@ -79,8 +80,9 @@ class Update(NamedTuple):
     ``stop`` − 1 of the border with the entries in all rows of the border from ``first`` on.
     """
 
-    #: Slice that selects, among all groups of columns that are eliminated together, the groups to
-    #: which this update applies. Groups that change the same later columns follow each other.
+    #: Slice of the list of all groups of columns that are eliminated together; it selects the
+    #: groups to which this update applies. In this list, groups that change the same later columns
+    #: follow each other.
     groups: slice
     #: Number of borders (sets of later columns that a group of columns changes). No two borders
     #: have a column in common.
@@ -107,11 +109,13 @@ class Front(NamedTuple):
     the border of the group.
     """
 
-    #: Rows of the workspace (the array of all matrix entries) that hold the entries of these groups
-    #: of columns: s (s + m + 1) entries for a group of s columns that changes m later columns.
+    #: Rows of the workspace (the array of all matrix entries) that hold the entries of all groups
+    #: of columns of this front. A group of s columns that changes m later columns has s (s + m + 1)
+    #: entries.
     entries: slice
     #: Number of groups of columns, number s of columns in a group, and number s + m + 1 of entries
-    #: of a column. The m entries belong to the later columns that the group changes.
+    #: of a column. A column has s entries for the columns of its group, m entries for the later
+    #: columns that the group changes, and one entry for the right-hand side.
     shape: tuple[int, int, int]
     #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
     #: all are positive. A pivot is negative where a prior variance is negative
@@ -150,9 +154,10 @@ class Front(NamedTuple):
         """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for the groups of this front.
 
         P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
-        ``workspace`` (entries, w) holds the entries of L. ``solution`` (columns of A, w) is changed
-        in place. Before the call, it holds L⁻¹ Aᵀ D⁻¹ r in the rows of the columns of this front,
-        and the coefficients in the rows of all columns that are eliminated after this front.
+        The computation is made for w values of the hyper-parameters. ``workspace`` (entries, w)
+        holds the entries of L. ``solution`` (columns of A, w) is changed in place. Before the call,
+        it holds L⁻¹ Aᵀ D⁻¹ r in the rows of the columns of this front, and the coefficients in the
+        rows of all columns that are eliminated after this front.
         """
         columns = self.shape[1]
         matrix = workspace[self.entries].reshape(*self.shape, workspace.shape[1])
@@ -372,9 +377,9 @@ class Elimination:
         """Return the coefficients P⁻¹ Aᵀ D⁻¹ r + L⁻ᵀ z, shape (columns of A, w).
 
         P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
-        ``workspace`` (entries, w) holds L and L⁻¹ Aᵀ D⁻¹ r, as `factorize` returns them.
-        ``standard`` is z, shape (columns of A, w); None for zero. If z is standard normal, the
-        coefficients are a random draw from their density given the readings.
+        ``workspace`` (entries, w) holds L and L⁻¹ Aᵀ D⁻¹ r for w values of the hyper-parameters, as
+        `factorize` returns them. ``standard`` is z, shape (columns of A, w); None for zero. If z is
+        standard normal, the coefficients are a random draw from their density given the readings.
         """
         solution = workspace[self._plan.right]
         if standard is not None:
@@ -391,12 +396,13 @@ class Elimination:
         Parameters
         ----------
         workspace
-            Entries of L and L⁻¹ Aᵀ D⁻¹ r, as `factorize` returns them.
+            Entries of L and L⁻¹ Aᵀ D⁻¹ r for at least w values of the hyper-parameters, as
+            `factorize` returns them.
         wanted
             Indices of the q columns that were eliminated last, in the order of their elimination.
         lower
-            Array (q, q, w) of zeros that receives L; its first index is the column, its second the
-            row.
+            Array of zeros that receives L, shape (q, q, w) for w values of the hyper-parameters;
+            its first index is the column, its second the row.
         white_shift
             Array (q, w) that receives L⁻¹ Aᵀ D⁻¹ r.
         """

@@ -20,7 +20,7 @@ SIZE = 2 * MAX_ORDER + 1
 # Order n of every Fourier basis function 1, cos θ, sin θ, cos 2θ, …: 0, 1, 1, 2, 2, …, 12, 12.
 ORDERS = np.repeat(np.arange(MAX_ORDER + 1), 2)[1:]
 ORDERS.setflags(write=False)
-# A Fourier coefficient smaller than this share of the function's largest coefficient counts as
+# A Fourier coefficient smaller than this fraction of the function's largest coefficient counts as
 # zero, because it is a rounding error.
 _ROUNDING = 1e-13
 

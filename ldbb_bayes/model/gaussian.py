@@ -37,7 +37,7 @@ __all__ = ["Gaussian"]
 
 _LOG_2PI = float(np.log(2 * np.pi))
 # Columns of a design matrix count as linearly dependent if a diagonal entry of the R factor of
-# their QR decomposition is below this share of the largest diagonal entry. Such an entry has at
+# their QR decomposition is below this fraction of the largest diagonal entry. Such an entry has at
 # most three correct digits.
 _DEPENDENT = 1e-13
 
@@ -411,8 +411,8 @@ class Gaussian(Shown):
 def _lower_with_positive_diagonal(upper: Array) -> Array:
     """Return the transpose of upper triangular matrices (..., q, q), with a positive diagonal.
 
-    Rows of the upper triangular matrices are first multiplied by −1 where their diagonal entry is
-    negative.
+    There are many matrices of q rows and columns. Rows of the upper triangular matrices are first
+    multiplied by −1 where their diagonal entry is negative.
     """
     sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
     return np.swapaxes(upper * sign[..., :, None], -1, -2)
@@ -421,8 +421,9 @@ def _lower_with_positive_diagonal(upper: Array) -> Array:
 def _column_scales(rows: Array) -> Array:
     """Return factors, shape (..., q), that bring the norms of the columns of matrices near one.
 
-    The matrices ``rows`` have the shape (..., n, q). The factors are powers of two, so that
-    multiplying by them causes no rounding errors.
+    There is one factor for each of the q columns of each matrix. ``rows``, shape (..., n, q), holds
+    the matrices of n rows. The factors are powers of two, so that multiplying by them causes no
+    rounding errors.
     """
     norms = np.linalg.norm(rows, axis=-2)
     exponent = np.round(np.log2(np.where(norms > 0.0, norms, 1.0))).astype(int)

@@ -33,9 +33,9 @@ _DENSE_SHARE = 0.35
 # matrix uses at least this number of entries that are not zero. With fewer entries, the function
 # calls of dense products take longer than the sparse product.
 _FEWEST_DENSE = 500
-# Number of columns of a precision matrix whose entries one product with a dense matrix computes. A
-# smaller number would waste time in function calls; a larger number would waste time on entries
-# before the diagonal, which are not needed.
+# One product with a dense matrix computes the entries of this number of columns of a precision
+# matrix. A smaller number would waste time in function calls; a larger number would waste time on
+# entries before the diagonal, which are not needed.
 _COLUMNS_AT_ONCE = 4
 
 
@@ -47,25 +47,26 @@ class EntryBlock(NamedTuple):
     the same group; entries before the diagonal are not needed.
     """
 
-    #: Indices of the block's entries among all matrix entries. There are n entries for each of the
-    #: s columns of every group.
+    #: Indices of the entries of this block among all matrix entries. A block belongs to several
+    #: groups of s columns, and each of these columns has n entries.
     entries: slice
-    #: Number of groups of columns, number s of columns in a group, and number n of entries in a
-    #: column.
+    #: Number of groups of columns in this block, number s of columns in a group, and number n of
+    #: entries in a column.
     shape: tuple[int, int, int]
 
 
 class _DenseGram(NamedTuple):
-    """Gram entries of some columns of every group of a block, as a dense array.
+    """Gram entries of a block, for at most four columns of each group, as a dense array.
 
     Gram entries are scalar products of columns of the design matrix over rows of one kind (rows
-    with the same variance). The array also holds the entries that are zero.
+    with the same variance). A block belongs to several groups of columns. The array also holds the
+    entries that are zero.
     """
 
     block: EntryBlock
-    #: Index, within each group of columns, of the first column whose Gram entries (scalar products
-    #: of columns) are in ``products``. Entries before the diagonal entry of this column are left
-    #: out.
+    #: Index of the first column whose Gram entries (scalar products of columns) are in
+    #: ``products``. The index counts within each group of columns and is the same for all groups.
+    #: Entries before the diagonal entry of this column are left out.
     first: int
     #: For each group of columns, the indices of the k kinds of rows (rows with the same variance)
     #: to which the group's Gram entries (scalar products of columns) belong, shape (groups, k).
@@ -78,8 +79,9 @@ class _DenseGram(NamedTuple):
         """Compute the entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r for the columns of this object.
 
         A is the design matrix, D the noise covariance, and r are the readings. ``weight``
-        (kinds, w) is the reciprocal variance 1/D of every kind of row. The results are written into
-        ``entries``, the array that `GramEntries.assemble` returns.
+        (kinds, w) is the reciprocal variance 1/D of every kind of row, for w values of the
+        hyper-parameters. The results are written into ``entries``, the array that
+        `GramEntries.assemble` returns.
         """
         matrix = entries[self.block.entries].reshape(*self.block.shape, weight.shape[1])
         stop = self.first + self.products.shape[1]
@@ -130,7 +132,8 @@ class GramEntries:
         """Return all entries of P = Aᵀ D⁻¹ A and of Aᵀ D⁻¹ r, shape (entries, w).
 
         A is the design matrix, D the noise covariance, and r are the readings. ``weight``
-        (kinds, w) is the reciprocal variance 1/D of every kind of row.
+        (kinds, w) is the reciprocal variance 1/D of every kind of row, for w values of the
+        hyper-parameters.
         """
         entries = np.asarray(self._sparse @ weight)
         for dense in self._dense:

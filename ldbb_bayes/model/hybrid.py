@@ -78,7 +78,8 @@ Preset = Literal["default", "first", "paper"]
 # Hyper-parameter that every model has: the standard deviation σ of the readings' white noise.
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 # Order of the hyper-parameters (scales of the noise and of other effects) in all arrays and lists.
-# Other hyper-parameters follow these, and the noise factors λ of single circles are last.
+# Hyper-parameters that are not named here come after those that are named, and the noise factors λ
+# of single circles are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # If the model has the term ``CircleScale`` and the campaign has at least this number of circles,
 # every circle has a noise factor λ of its own. Otherwise no circle has a noise factor.
@@ -413,10 +414,11 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the model: the sd σ of white noise, then those that scale nuisances.
+        """Hyper-parameters of the model: the sd σ of white noise, then the scales of nuisances.
 
-        Nuisance terms are effects modelled but not of interest. The hyper-parameters of a nuisance
-        term are scales (sds) of its effects, or numbers without unit.
+        Nuisances are effects modelled but not of interest. Most of their hyper-parameters are sds
+        of effects; some are numbers without unit, such as the decay of form errors with their
+        order.
         """
         scales = [_SIGMA]
         for term in self.nuisances:
@@ -555,7 +557,7 @@ def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
 
 
 def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Array:
-    """Return the values of parameters of interest in the order of ``names``, shape (p,).
+    """Return the values of p parameters of interest in the order of ``names``, shape (p,).
 
     A parameter that ``parameters`` does not name is zero. Raise an `InputError` for an unknown
     name.
@@ -1138,8 +1140,8 @@ class BoundModel(Shown):
     def linearised_at(self, beta: Array) -> Setting:
         """Return the conditions of the tests for a machine whose parameters of interest are β.
 
-        ``beta``, shape (p,), holds the parameters β in mm, N and rad; they replace the estimate of
-        the machine. Effects that depend on the machine, such as an error of the angle, are then
+        ``beta``, shape (p,), holds the p parameters β in mm, N and rad; they replace the estimate
+        of the machine. Effects that depend on the machine, such as an error of the angle, are then
         computed for β (``linearise``).
         """
         every_parameter = np.zeros(len(self._free))
@@ -1154,7 +1156,7 @@ class BoundModel(Shown):
         """Return the linearisation error of one test's n readings, shape (n,) [mm].
 
         The error is the exact effect of the geometric errors on the reading (Eq. 1-14 of the paper)
-        minus the linear effect. ``beta``, shape (p,), holds the parameters of interest for which
+        minus the linear effect. ``beta``, shape (p,), holds the p parameters of interest for which
         the error is computed, in mm, N and rad.
         """
         values = dict(zip(self.names, beta.tolist(), strict=True))
@@ -1173,7 +1175,7 @@ class BoundModel(Shown):
         """Return the largest absolute linearisation error of all readings [mm].
 
         The error is the exact effect of the geometric errors on the reading minus the linear
-        effect. ``beta``, shape (p,), holds the parameters of interest for which the error is
+        effect. ``beta``, shape (p,), holds the p parameters of interest for which the error is
         computed, in mm, N and rad.
         """
         errors = []

@@ -40,13 +40,13 @@ _LEAST_DECAY = 0.5
 _MOST_DECAY = 3.5
 
 
-# Shape a of the inverse gamma prior InvGamma(a, b) of λ², where λ is the factor that multiplies the
-# noise of one circle.
+# Shape a of the inverse gamma prior of λ², InvGamma(a, b) with the rate b, where λ is the factor
+# that multiplies the noise of one circle.
 _SHAPE = 1.5
 
 
-# Rate b of the inverse gamma prior InvGamma(a, b) of λ², where λ is the factor that multiplies the
-# noise of one circle.
+# Rate b of the inverse gamma prior of λ², InvGamma(a, b) with the shape a, where λ is the factor
+# that multiplies the noise of one circle.
 _RATE = 1.5
 
 
@@ -109,12 +109,13 @@ class HyperPrior:
     def carried(self, other: HyperPrior, phi: Array) -> Array:
         """Return values of this model's hyper-parameters, taken from another model, shape (..., h).
 
-        ``other`` is the prior of the other model, and ``phi`` holds values of the other model's
-        hyper-parameters along its last dimension. Each hyper-parameter of this model gets the value
-        of the hyper-parameter of ``other`` with the same name. If ``other`` lacks the size ω of the
-        machine's pattern (geometric and cyclic errors of higher orders), ω gets the size τ of the
-        balls' form, because the pattern is then part of the form. All other hyper-parameters that
-        ``other`` lacks get their prior median. Lengths are in mm.
+        This model has h hyper-parameters. ``other`` is the prior of the other model, and ``phi``
+        holds values of the other model's hyper-parameters along its last dimension. Each
+        hyper-parameter of this model gets the value of the hyper-parameter of ``other`` with the
+        same name. If ``other`` lacks the size ω of the machine's pattern (geometric and cyclic
+        errors of higher orders), ω gets the size τ of the balls' form, because the pattern is then
+        part of the form. All other hyper-parameters that ``other`` lacks get their prior median.
+        Lengths are in mm.
         """
         median = self.quantile(np.full(len(self.names), 0.5))
         values = np.broadcast_to(median, (*phi.shape[:-1], len(self.names))).copy()

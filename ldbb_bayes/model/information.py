@@ -4,8 +4,9 @@ Parameters are compliances, their slopes (changes with force) and geometric erro
 effects that are modelled but not of interest. Hyper-parameters are the scales of noise and
 nuisances. The module computes the uncertainty of each coefficient, and what the uncertainty would
 be if a nuisance were known. `identify`, uncertainty budgets and designs use this module. The
-computation needs the forces and angles of the readings, but not their values. Reduced readings are
-the at most 25 numbers to which the module `reduction` reduces the readings of a test.
+computation needs the forces and angles of the readings, but not their values. The readings of a
+test are replaced by at most 25 numbers without loss of information (module `reduction`); these
+numbers are called reduced readings.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Information"]
 
-# Singular values below this share of the largest singular value count as zero when the effects of
-# the parameters of interest are removed from the readings.
+# Singular values below this fraction of the largest singular value count as zero. The singular
+# values are those of the effects of the parameters of interest on the readings; they are computed
+# to remove these effects from the readings.
 _RANK_TOLERANCE = 1e-9
 # The precision (1 / variance) that the readings alone give to a coefficient is compared with the
 # prior precision of the coefficient. If the ratio is below this number, it is a rounding error, and
@@ -37,8 +39,8 @@ _ROUNDING = 1e-9
 class Information:
     """Linear model z = A c + e of the readings, at given scales of the noise and of other effects.
 
-    z are the reduced readings, scaled so that their noise e is white and has unit variance. c (m,)
-    are all coefficients divided by their ``scale`` (prior sd), and A is the design matrix of c. The
+    z are the reduced readings, scaled so that their noise e is white and has unit variance. c are
+    all m coefficients, divided by their ``scale`` (prior sd), and A is the design matrix of c. The
     coefficients are the parameters of interest, and all coefficients of nuisances (effects modelled
     but not of interest) that have the same value in all tests. If no prior is flat, c has the
     posterior covariance (1 + AᵀA)⁻¹. Several methods have an argument ``fixed``, which names terms
@@ -199,8 +201,9 @@ class Information:
     def _root_of(self, rows: Array, free: NDArray[np.intp]) -> Array:
         """Return a square root R of the precision matrix RᵀR of the free coefficients.
 
-        ``rows`` is the design matrix of all m coefficients for readings with unit noise, (k, m).
-        ``free`` are the indices of the free coefficients, which are those not taken as known.
+        ``rows`` is the design matrix of all m coefficients for k reduced readings with unit noise,
+        shape (k, m). ``free`` are the indices of the free coefficients, which are those not taken
+        as known.
         """
         prior = np.ones(len(free))
         if self.flat:
@@ -366,11 +369,12 @@ class Information:
     def sd_from_readings(self) -> Array:
         """Return the sd of each nuisance coefficient as the readings alone determine it, (m,).
 
-        To compute the sd of a coefficient, the priors of this coefficient and of the parameters of
-        interest are taken as flat; all other nuisance coefficients keep their priors. The sds are
-        divided by the coefficients' prior sds. An sd is infinite if the coefficient changes no
-        reading, or if the parameters of interest can change the readings in the same way. For
-        parameters of interest, the result is not a number (NaN).
+        The result has one element for each of all m coefficients. To compute the sd of a
+        coefficient, the priors of this coefficient and of the parameters of interest are taken as
+        flat; all other nuisance coefficients keep their priors. The sds are divided by the
+        coefficients' prior sds. An sd is infinite if the coefficient changes no reading, or if the
+        parameters of interest can change the readings in the same way. For parameters of interest,
+        the result is not a number (NaN).
 
         Let v_k be the posterior variance of coefficient k if this coefficient has the prior
         precision 1 and the parameters of interest have flat priors. Then 1 / v_k = 1 + r_k, where

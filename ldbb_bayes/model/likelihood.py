@@ -145,8 +145,9 @@ class StructuredGaussian:
         # negative variance.
         self._kind_signs = np.where(rows.variance[first].sum(axis=1) < 0.0, -1.0, 1.0)
         self._kind_variance = sparse_or_dense(np.abs(rows.variance[first]))
-        # Rows of the observation equations that depend on the parameters of interest are evaluated
-        # in every call. The products of all other rows are computed only once, here.
+        # The rows of the observation equations that depend on the parameters of interest are
+        # evaluated in every call of a method. The products of all other rows are computed only
+        # once, here.
         depends = (rows.interest != 0.0).any(axis=1)
         known_values = np.where(depends, 0.0, rows.values)
         self._design = DesignRows(

@@ -35,7 +35,7 @@ def minimum_norm_solution(
         units are the reciprocal norms of the columns of ``jacobian``.
     rank_tolerance
         Combinations of parameters count as undetermined by the readings if their singular value is
-        below this share of the largest singular value.
+        below this fraction of the largest singular value.
     """
     if scale is None:
         norms = np.linalg.norm(jacobian, axis=0)
@@ -47,8 +47,8 @@ def minimum_norm_solution(
 def singular_root(covariance: Array) -> Array:
     """Return a square root X of covariance matrices, with X Xᵀ = covariance, shape (..., p, p).
 
-    Unlike a Cholesky factor, X exists for singular covariance matrices too. Eigenvalues that are
-    negative because of rounding count as zero.
+    Each covariance matrix is that of p variables. Unlike a Cholesky factor, X exists for singular
+    covariance matrices too. Eigenvalues that are negative because of rounding count as zero.
     """
     symmetric = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
     values, vectors = np.linalg.eigh(symmetric)
@@ -58,7 +58,7 @@ def singular_root(covariance: Array) -> Array:
 def sparse_or_dense(matrix: Array) -> Array | csr_array:
     """Return a matrix in the form, sparse or dense, with which products are computed faster.
 
-    The result is a sparse matrix if most elements of ``matrix`` (n, m) are zero; otherwise it is
+    The result is a sparse matrix if most elements of ``matrix`` are zero; otherwise it is
     ``matrix`` itself.
     """
     if np.count_nonzero(matrix) < _SPARSE_SHARE * matrix.size:

@@ -14,7 +14,7 @@ __all__ = ["mixture_moments", "mixture_quantiles", "weighted_quantiles"]
 # Maximum number of steps in the search for a quantile of a Gaussian mixture. Bisection alone would
 # need about fifty steps.
 _ITERATIONS = 100
-# The search for a quantile of a Gaussian mixture ends when a step is no longer than this, in
+# The search for a quantile of a Gaussian mixture ends when a step is not longer than this number of
 # standard deviations of the mixture.
 _STEP_TOLERANCE = 1e-12
 # Largest number of values (Gaussian components times mixtures) that are processed at once, so that
@@ -105,9 +105,9 @@ def _mixture_quantile(
             newton_x = x - excess / density
         low = np.where(excess <= 0.0, x, low)
         high = np.where(excess >= 0.0, x, high)
-        # Take the step of Newton's method where it is short enough to end the search, or where it
-        # stays between the bounds of the quantile and is at most half as long as the step before.
-        # Elsewhere go to the middle of the two bounds.
+        # Take the step of Newton's method in two cases: if the step is short enough to end the
+        # search, or if the step is at most half as long as the step before and ends between the
+        # bounds of the quantile. In all other cases, go to the middle of the two bounds.
         size = np.abs(newton_x - x)
         converged = size <= _STEP_TOLERANCE * spread
         inside = (newton_x > low) & (newton_x < high)

@@ -85,8 +85,8 @@ def central_differences(
 ) -> tuple[Array, Array]:
     """Return gradient (h,) and Hessian (h, h) of a function at a point, by central differences.
 
-    The mixed derivative for coordinates i and j is computed from the values at two further points,
-    at which both coordinates are changed in the same direction.
+    The function has h coordinates. Its mixed derivative for coordinates i and j is computed from
+    the values at two further points, at which both coordinates are changed in the same direction.
 
     Parameters
     ----------

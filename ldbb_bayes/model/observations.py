@@ -42,11 +42,11 @@ class Rows(NamedTuple):
     nuisances (effects modelled but not of interest), and D is a diagonal covariance.
     """
 
-    #: Design matrix A of the coefficients of nuisances (effects modelled but not of interest), one
-    #: column for each coefficient, shape (n rows, coefficients).
+    #: Design matrix A of the coefficients of nuisances (effects modelled but not of interest),
+    #: shape (n, coefficients), with n rows and one column for each coefficient.
     columns: Array
     #: Design matrix H of the p parameters of interest (compliances, their slopes and geometric
-    #: errors), shape (n rows, p).
+    #: errors), shape (n, p) for n rows.
     interest: Array
     #: Left-hand side z of each of the n rows, shape (n,). It is a reduced reading [mm], the prior
     #: mean of a coefficient or, in one row for each test, the norm of that part of the readings

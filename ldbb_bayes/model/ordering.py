@@ -39,12 +39,14 @@ PRODUCT_COLUMNS = 8
 # cost is the time of the function calls that each group of columns needs once, when the group is
 # eliminated.
 _GROUP_COST = 100.0
-# Time of the function calls that eliminate one column of a group, in multiplication times.
+# Time of the function calls that eliminate one column of a group, in units of the time of one
+# multiplication.
 _COLUMN_COST = 200.0
-# Time of the function calls for the products of `PRODUCT_COLUMNS` columns of a border (the later
-# columns that a group changes), in multiplication times.
+# Time of the function calls that multiply `PRODUCT_COLUMNS` columns of a border (the later columns
+# that a group changes) with all columns of the border, in units of the time of one multiplication.
 _PRODUCT_CALL_COST = 250.0
-# Time to subtract one product from the matrix entry of two later columns, in multiplication times.
+# Time to subtract one product from the matrix entry of two later columns, in units of the time of
+# one multiplication.
 _UPDATE_COST = 1.0
 # Largest number of computed elimination times that the cache holds. A cache is useful because
 # groups with the same numbers of columns occur again and again.
@@ -60,9 +62,9 @@ class ColumnGroup(NamedTuple):
 
     #: Columns of the group, shape (s,).
     columns: NDArray[np.intp]
-    #: Columns eliminated later that are neighbours of the group, shape (m,): columns that have a
-    #: row in common with a column of the group, and columns that become neighbours when earlier
-    #: columns are eliminated.
+    #: The m neighbours of the group that are eliminated later, shape (m,). A column is a neighbour
+    #: if it has a row in common with a column of the group, or if it becomes a neighbour when
+    #: earlier columns are eliminated.
     border: NDArray[np.intp]
 
 
@@ -217,9 +219,10 @@ def _merge(single: list[_Node]) -> list[_Node]:
     while merged:
         merged = False
         count = Counter(node.shape for node in nodes.values())
-        # Nodes (sets of columns) with the same numbers of columns count as copies of each other. If
-        # a node is merged into its parent, the copies of the node are merged into copies of the
-        # parent. The merged node therefore has as many copies as the parent had.
+        # Nodes (sets of columns) count as copies of each other if they have equal numbers of
+        # columns and change equal numbers of later columns. If a node is merged into its parent,
+        # the copies of the node are merged into copies of the parent. The merged node therefore has
+        # as many copies as the parent had.
         copies = {k: count[node.shape] for k, node in nodes.items()}
         for k in sorted(nodes):
             node = nodes[k]
@@ -251,9 +254,9 @@ def _cost(shape: tuple[int, int], copies: int) -> float:
     """
     columns = shape[0]
     border = shape[1]
-    # For column k = 0 … s − 1 of s columns, k products are subtracted from each of the
-    # s + border + 1 − k entries from the diagonal on. The next two lines are the sums of k and of
-    # k² over all columns.
+    # The s columns of a set are numbered k = 0 … s − 1. For column k, k products are subtracted
+    # from each of the s + border + 1 − k entries from the diagonal on. The next two lines are the
+    # sums of k and of k² over all columns.
     places = columns * (columns - 1) // 2
     squares = columns * (columns - 1) * (2 * columns - 1) // 6
     multiplications = places * (columns + border + 1) - squares

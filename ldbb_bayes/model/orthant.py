@@ -40,8 +40,9 @@ _DEPENDENT = 1e-7
 # A constraint u_j ≥ 0 counts as certain to hold if the mean of u_j is more than this many sd of u_j
 # above zero.
 _CERTAIN_SD = 12.0
-# No constraint counts as certain to hold if some constraint u_j ≥ 0 is improbable, which means that
-# the mean of the Gaussian variable u_j, divided by the sd of u_j, is below this number.
+# A constraint u_j ≥ 0 on a Gaussian variable u_j counts as improbable if the mean of u_j divided by
+# the sd of u_j is below this number. If some constraint is improbable, no constraint counts as
+# certain to hold.
 _PUSHED_SD = -3.0
 # The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 for which the mean of
 # u_j is at least this many sd of u_j above zero.
@@ -51,7 +52,8 @@ _NEAR_SD = 6.0
 _LEFT_OUT_SHARE = 0.1
 # Largest number of proposals that the rejection sampler tries for one random draw.
 _MOST_PROPOSALS = 12_800
-# Largest number of the rejection sampler's proposals for one random draw that are computed at once.
+# For one random draw, the rejection sampler computes several proposals at once. This is the largest
+# number of proposals that are computed at once.
 _MOST_TRIES = 64
 # Number of points, in each dimension, of the Gauss-Legendre quadrature rule. The rule is used to
 # compute moments of Gaussian vectors u given u ≥ 0.
@@ -60,8 +62,8 @@ _RULE_POINTS = 24
 # points. The points of each copy (here called a scramble) are shifted by a random vector of their
 # own. The scatter between the estimates gives the stated error.
 _SCRAMBLES = 8
-# Numbers of quasi-random points in a scramble (shifted copy of the set of points), tried in turn
-# until the error of ln P(u ≥ 0) is small enough.
+# Numbers of quasi-random points in a scramble (shifted copy of the set of points). They are tried
+# one after the other, until the error of ln P(u ≥ 0) is small enough.
 _SIZES = (32, 128, 512, 2048, 8192)
 # Factor (as Student's t) by which the standard error of a probability is enlarged, because the
 # standard error is computed from the scatter of only eight estimates.
@@ -86,7 +88,7 @@ _OWEN_ERROR = 1e-15
 # probability, the bound is too inaccurate.
 _LEAST_PAIR = 1e-9
 # The computed probability that two constraints u_i ≥ 0 and u_j ≥ 0 both hold counts as too
-# inaccurate if the correlation of u_i and u_j is closer to ±1 than this.
+# inaccurate if the correlation of u_i and u_j differs from 1 or −1 by less than this number.
 _LEAST_DIFFERENCE = 1e-6
 # P(u ≥ 0) is first bounded by the probability that the tightest constraint (the constraint that is
 # most likely to fail) holds. If the relative error of this bound is below this number, pairs of
@@ -126,8 +128,8 @@ class NoisyLogProbability(NamedTuple):
     """Log probabilities ln P(u ≥ 0) of w problems, and two parts of their errors [nat]."""
 
     log_value: Array  #: log probability that all constraints u ≥ 0 hold, shape (w,)
-    #: error of the log probability due to analytical bounds and to constraints left out [nat],
-    #: shape (w,); infinite if no quasi-random point satisfies all constraints
+    #: error of each of w log probabilities due to analytical bounds and to constraints left out
+    #: [nat], shape (w,); infinite if no quasi-random point satisfies all constraints
     common_error: Array
     noise: Array  #: error due to the limited number of quasi-random points [nat], shape (w,)
 
@@ -199,12 +201,13 @@ class Orthant:
 
         u ≥ 0 are the constraints of a problem, and u is Gaussian. ln P is computed from analytical
         bounds if their distance is small enough for the tolerance; if not, it is computed from up
-        to 65 536 quasi-random points. In the second case, the error is the standard error from the
-        scatter between eight random shifts of the points, times a factor from Student's t. The true
-        value of ln P then differs from the result by at most three times this error, with a
-        probability of 99 %. The result of a problem does not depend on the other problems. All
-        problems use the same points, so that their errors are correlated. If no point satisfies all
-        constraints, ln P is replaced by its upper bound and the error is infinite.
+        to 65 536 quasi-random points. In the second case, eight copies of the points, each with a
+        random shift, give eight estimates. The error is the standard error from the scatter of
+        these estimates, times a factor from Student's t. The true value of ln P then differs from
+        the result by at most three times this error, with a probability of 99 %. The result of a
+        problem does not depend on the other problems. All problems use the same points, so that
+        their errors are correlated. If no point satisfies all constraints, ln P is replaced by its
+        upper bound and the error is infinite.
 
         Parameters
         ----------
@@ -425,8 +428,8 @@ class Orthant:
         Parameters
         ----------
         e
-            Values of the standard normal vectors e for which the constraints
-            u = mean + spread e ≥ 0 hold, shape (w, q).
+            Values of the standard normal vectors e of q elements, for which the constraints u =
+            mean + spread e ≥ 0 hold, shape (w, q).
         """
         x = np.einsum("wiq,wq->iw", self.axes, e)
         return self._tilted.log_weight(x[:, None])[0]
@@ -434,7 +437,8 @@ class Orthant:
     def _complete(self, x: Array, normal: Array) -> Array:
         """Return vectors e (w, q) from their coordinates x (w, d) along the directions `axes`.
 
-        Perpendicular to these directions, e is equal to the vectors ``normal``, shape (w, q).
+        Each of w problems has a vector e of q elements and d directions. Perpendicular to these
+        directions, e is equal to the vectors ``normal``, shape (w, q).
         """
         normal_along_axes = np.einsum("wiq,wq->wi", self.axes, normal)
         return normal + np.einsum("wiq,wi->wq", self.axes, x - normal_along_axes)
@@ -588,10 +592,10 @@ def _bound_by_pairs(
 ) -> tuple[Array, Array]:
     """Return ln P(u ≥ 0), with P midway between bounds from pairs of constraints, and its error.
 
-    u ≥ 0 are the m constraints of each of w problems. Both results have shape (w,). The error is
-    infinite if rounding makes the bounds unreliable. The upper bound is P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of
-    the first two constraints. The lower bound is P₁₂ − Σ_{j>2} p_j, where p_j is the smallest of
-    P(u_j < 0), P(u_j < 0 ≤ u₁) and P(u_j < 0 ≤ u₂).
+    u ≥ 0 are the m constraints of each of w problems; u depends on q standard normal variables.
+    Both results have shape (w,). The error is infinite if rounding makes the bounds unreliable. The
+    upper bound is P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of the first two constraints. The lower bound is P₁₂ −
+    Σ_{j>2} p_j, where p_j is the smallest of P(u_j < 0), P(u_j < 0 ≤ u₁) and P(u_j < 0 ≤ u₂).
 
     Parameters
     ----------
@@ -626,8 +630,9 @@ def _loss_to_row(
     """Return the probability P(u_j < 0 ≤ u_i) of two Gaussian variables u_i and u_j.
 
     ``distance`` is the mean of u_j divided by its sd, ``tight_distance`` the mean of u_i divided by
-    its sd, and ``correlation`` the correlation of u_i and u_j; all are arrays of shape (w,). The
-    result is 1 where the correlation is too close to ±1 to compute the probability.
+    its sd, and ``correlation`` the correlation of u_i and u_j; all are arrays of shape (w,), with
+    one element for each of w pairs of variables. The result is 1 where the correlation is too close
+    to ±1 to compute the probability.
     """
     probability = _pair_probability(-distance, tight_distance, -correlation)
     return np.where(np.abs(correlation) < 1.0 - _LEAST_DIFFERENCE, probability, 1.0)

@@ -84,10 +84,11 @@ EXAMPLES = [
 # A prior mean of a parameter is refused if its absolute value is more than this number of default
 # prior sds, because its unit is then probably wrong.
 _LARGEST_MEAN_PER_SD = 1000.0
-# Pattern of the names of compliances, such as C_XXX, and of their slopes, such as C_XXX_1.
+# Regular expression for the names of compliances, such as C_XXX, and of their slopes, such as
+# C_XXX_1.
 _COMPLIANCE_NAME = re.compile(r"C_([XYZABC])([XYZABC])([XYZ])(?:_[12])?")
-# Patterns of the names of geometric errors, by kind: E_XX1, E_YX2, E_C0YX, E_Xt0, and E_Xt0_2 for
-# the offset in set-up 2.
+# Regular expressions for the names of geometric errors; the keys are the kinds of errors. The names
+# are, for example, E_XX1, E_YX2, E_C0YX, E_Xt0, and E_Xt0_2 for the offset in set-up 2.
 _GEOMETRIC_NAMES: dict[GeometricKind, re.Pattern[str]] = {
     "gain": re.compile(r"E_(?:XX|YY|ZZ)1"),
     "straightness": re.compile(r"E_([XYZ])(?!\1)[XYZ]2"),
@@ -117,8 +118,8 @@ def geometric_unit(kind: GeometricKind) -> str:
 def parameter_to_inside(parameter: str, value: float | str, words: str) -> float:
     """Return a value of a parameter in internal units (mm, N, rad).
 
-    Raise an `InputError` if ``value`` is neither a number nor a text, or if it is a text and its
-    unit does not fit the parameter or ``parameter`` is not the name of a parameter.
+    Raise an `InputError` if ``value`` is neither a number nor a text. If ``value`` is a text, also
+    raise the error if its unit does not fit, or if no parameter has the name ``parameter``.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
 """Reduction of the readings of a circular test to at most 25 numbers.
 
-The model describes readings at the angles θ by the 25 Fourier functions 1, cos θ, sin θ, …,
-cos 12θ, sin 12θ. Let B be the matrix of these functions at the n angles of a test, and B = Q R its
-QR decomposition. The at most 25 numbers Qᵀ · readings, and the sum of squares of the part of the
+The model describes readings at the angles θ by the 25 Fourier functions 1, cos θ, sin θ, …, cos
+12θ, sin 12θ. Let B be the matrix of these functions at the n angles of a test, and B = Q R its QR
+decomposition. The at most 25 numbers Qᵀ · readings, and the sum of squares of the part of the
 readings that the functions cannot describe, contain all information that the readings carry about
-the model, whatever the number of readings is.
+the model. This is true for any number of readings.
 """
 
 from __future__ import annotations

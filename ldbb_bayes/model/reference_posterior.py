@@ -39,7 +39,7 @@ __all__ = ["ReferencePosterior", "fixed_point"]
 # Number of steps in which a machine's parameters are estimated, starting from the least-squares
 # estimate. Each step linearises the model about the estimate of the step before.
 _STEPS = 3
-# A flat prior of a nuisance coefficient counts as a Gaussian prior. Its sd is this multiple of the
+# A flat prior of a nuisance coefficient counts as a Gaussian prior. Its sd is this number times the
 # uncertainty that the coefficient has from the readings alone if all other coefficients are known.
 _FLAT_SDS = 1e6
 
@@ -59,8 +59,8 @@ class _SharedCoefficients(NamedTuple):
 class _StackedReadings(NamedTuple):
     """Reduced readings of all tests, m ≤ 25 numbers for each test."""
 
-    #: Triangular factors of the Fourier functions, which turn Fourier coefficients into reduced
-    #: readings, shape (tests, m, 25).
+    #: Triangular factors of the Fourier functions, shape (tests, m, 25). They turn the 25 Fourier
+    #: coefficients of a test into its m reduced readings.
     factors: Array
     readings: Array  #: reduced readings [mm], shape (tests, m, 1)
 
@@ -69,7 +69,8 @@ class _StackedReadings(NamedTuple):
 class ReferencePosterior:
     """Posterior of a machine's parameters at fixed scales of the noise and of other effects."""
 
-    #: parameters of interest, with slopes of at most the first degree
+    #: parameters of interest; slopes of the second degree (quadratic changes of compliances with
+    #: force) are left out
     interest: ParametersOfInterest
     prior: Prior
     nuisances: Sequence[Term]  #: nuisance terms (effects modelled but not of interest)
@@ -203,9 +204,10 @@ def fixed_point(
 ) -> MachineEstimate:
     """Return the estimate of a machine that results from the model linearised about this estimate.
 
-    ``posterior`` is the posterior of the machine's parameters at fixed scales of the noise and of
-    other effects, ``setting`` are the conditions of all tests, and ``start`` is the estimate about
-    which the model is linearised in the first of three steps.
+    ``posterior`` is the posterior of the machine's parameters, at fixed scales of the noise and of
+    other effects. ``setting`` are the conditions of all tests. ``start`` is the estimate about
+    which the model is linearised in the first of three steps; in each further step, the model is
+    linearised about the result of the step before.
     """
     estimate = start
     for _ in range(_STEPS):

@@ -22,8 +22,8 @@ class Rival(NamedTuple):
     """
 
     term: type[Term]
-    #: name of the field of the term that switches the effect off when it is 0, such as
-    #: curvature_um; empty text if the effect is the whole term
+    #: name of a field of the term, such as curvature_um: the value 0 of this field switches the
+    #: effect off; empty text if the effect is the whole term
     setting: str
 
 

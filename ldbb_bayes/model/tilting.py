@@ -1,10 +1,11 @@
 """Minimax tilting: random draws of Gaussian vectors u given u ≥ 0, from a shifted density.
 
-The constraints are u = L (x − x₀) ≥ 0 with L (d, d) lower triangular and x (d,) standard normal. x₀
-is the point where all constraints hold with equality. The constraints are also written
-unit · x ≥ bound: the matrix ``unit`` is L with each row divided by its diagonal entry, and
-bound = unit · x₀. Each x_j is drawn at random above its lower limit, from a normal density shifted
-by a tilt μ_j. The log importance weight (Φ is the standard normal distribution function)
+The constraints are u = L (x − x₀) ≥ 0 with a lower triangular matrix L, shape (d, d), and a
+standard normal vector x of d elements. x₀ is the point where all constraints hold with equality.
+The constraints are also written unit · x ≥ bound: the matrix ``unit`` is L with each row divided by
+its diagonal entry, and bound = unit · x₀. Each x_j is drawn at random above its lower limit, from a
+normal density shifted by a tilt μ_j. The log importance weight (Φ is the standard normal
+distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
@@ -37,8 +38,8 @@ __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_dist
 ROUNDING = 1e-10
 # Largest number of steps of Newton's method for the saddle point of the log importance weight.
 _ITERATIONS = 60
-# Number of lengths that are tried for one step of Newton's method; each length is half of the
-# length before.
+# Largest number of lengths that are tried for one step of Newton's method; each length is half of
+# the length before.
 _HALVINGS = 20
 # Where the log probability that all constraints hold is below minus this number, an inexact saddle
 # point is accepted, because such a probability is too small to matter.
@@ -80,41 +81,47 @@ class _Interval(NamedTuple):
     negative, else right tails, so that rounding errors are small.
     """
 
-    #: Logarithm of the probability of the interval, ln (Φ(high) − Φ(low)), where Φ is the standard
-    #: normal distribution function.
+    #: Logarithm of the probability of the interval from ``low`` to ``high``, ln (Φ(high) − Φ(low)),
+    #: where Φ is the standard normal distribution function.
     log_mass: Array
-    #: Log probability of the tail that contains the interval. It is the tail to the left of
-    #: ``high`` if the centre of the interval is negative, else the tail to the right of ``low``.
+    #: Log probability of the tail that contains the interval from ``low`` to ``high``. It is the
+    #: tail to the left of ``high`` if the centre of the interval is negative, else the tail to the
+    #: right of ``low``.
     log_tail: Array
-    #: Probability of the tail beyond the interval, divided by the probability of the tail that
-    #: contains the interval. None if the interval has no upper end.
+    #: The interval from ``low`` to ``high`` is the difference of two tails of the normal
+    #: distribution: one tail contains the interval, the other begins where the interval ends. The
+    #: value is the probability of the second tail divided by the probability of the first tail.
+    #: None if the interval has no upper end.
     tail_ratio: Array | None
-    #: −1 where the centre of the interval is negative and its probability is computed from left
-    #: tails; 1 where it is computed from right tails.
+    #: −1 where the probability of the interval from ``low`` to ``high`` is computed from left
+    #: tails, because the centre of the interval is negative; 1 where it is computed from right
+    #: tails.
     direction: Array | float
 
 
 class _ConvexFunction(NamedTuple):
-    """Convex function whose minimum gives the saddle point of the tilted density, for w problems.
+    """Convex function whose minimum gives the saddle point of the log importance weight.
 
-    Each problem has d constraints U x ≥ ``bound`` on a standard normal vector x, where U is a lower
-    triangular matrix with ones on its diagonal. The function of m is ½ mᵀ C m − boundᵀ m + Σ_j (e_j
-    m_j + ln Φ(−e_j)), with the coupling C = U Uᵀ − I. Each m_j is the inverse Mills ratio φ(e_j) /
-    Φ(−e_j) of the lower limit e_j of a shifted normal variable. φ and Φ are the standard normal
-    density and distribution function.
+    The fields hold its value and derivatives for w problems. Each problem has d constraints U x ≥
+    ``bound`` on a standard normal vector x, where U is a lower triangular matrix with ones on its
+    diagonal. The function of m is ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), with the
+    coupling C = U Uᵀ − I. Each m_j is the inverse Mills ratio φ(e_j) / Φ(−e_j) of the lower limit
+    e_j of a shifted normal variable. φ and Φ are the standard normal density and distribution
+    function.
     """
 
     #: Value, for each of w problems, of the convex function whose minimum gives the saddle point of
-    #: the tilted density, shape (w,).
+    #: the log importance weight, shape (w,).
     value: Array
-    #: Derivatives of the convex function (whose minimum gives the saddle point) with respect to the
-    #: inverse Mills ratios m, shape (w, d).
+    #: Derivatives of the convex function (whose minimum gives the saddle point of the log
+    #: importance weight) with respect to the d inverse Mills ratios m of each of w problems, shape
+    #: (w, d).
     gradient: Array
     #: Derivative of each inverse Mills ratio m_j with respect to the lower limit e_j of the shifted
-    #: normal variable, between 0 and 1, shape (w, d).
+    #: normal variable, for the d ratios of each of w problems, shape (w, d). It is between 0 and 1.
     slope: Array
-    #: Largest absolute element of the convex function's gradient for each of w problems, relative
-    #: to the size of the gradient's terms, shape (w,).
+    #: For each of w problems, the largest absolute element of ``gradient``, relative to the size of
+    #: the terms of the gradient, shape (w,).
     error: Array
 
 
@@ -145,14 +152,14 @@ class Tilted(NamedTuple):
     unit: Array
     #: Lower bounds of the d independent constraints unit · x ≥ bound, shape (d, w) for w problems.
     bound: Array
-    #: Vector x at the saddle point of the log importance weight, shape (d, w) for w problems; its
-    #: last element is zero.
+    #: Vector x of d elements at the saddle point of the log importance weight, shape (d, w) for w
+    #: problems; its last element is zero.
     x: Array
     #: Shift (tilt) of the normal density from which each of the d elements x_j is drawn at random,
     #: shape (d, w) for w problems; the last shift is zero.
     tilt: Array
-    #: Coefficients of x in the k further constraints, dependent_mean + dependent · x ≥ 0, shape
-    #: (k, d, w) for w problems.
+    #: Coefficients of the d elements of x in the k further constraints, dependent_mean + dependent
+    #: · x ≥ 0, shape (k, d, w) for w problems.
     dependent: Array
     #: Constant terms of the k further constraints, dependent_mean + dependent · x ≥ 0, shape (k, w)
     #: for w problems.
@@ -177,9 +184,9 @@ class Tilted(NamedTuple):
     def log_bound(self) -> Array:
         """Upper bound of the log probability that all constraints hold, shape (w,).
 
-        The bound is the log importance weight at its saddle point. The dependent constraints
-        (linear combinations of the independent constraints) could only reduce the bound and are not
-        considered.
+        There is one bound for each of w problems. It is the log importance weight at its saddle
+        point. The dependent constraints (linear combinations of the independent constraints) could
+        only reduce the bound and are not considered.
         """
         independent = self._replace(last=np.full_like(self.last, -1))
         return independent.log_weight(self.x[:, None])[0]
@@ -233,11 +240,11 @@ class Tilted(NamedTuple):
         """Return lower and upper limits of x_j − tilt_j, given x_k for all k < j.
 
         tilt_j is the shift of the normal density from which x_j is drawn at random. The limits
-        follow from the constraints on x. ``x`` holds s points for each of w problems, shape (d, s,
-        w). Each limit has the shape (s, w), or (1, w) if it is the same for all points. Only the
-        dependent constraints, which are linear combinations of the independent constraints, can
-        bound x_j from above. The upper limit is None if there is no dependent constraint whose last
-        element is x_j.
+        follow from the constraints on x. ``x`` holds s points of d coordinates for each of w
+        problems, shape (d, s, w). Each limit has the shape (s, w), or (1, w) if it is the same for
+        all points. Only the dependent constraints, which are linear combinations of the independent
+        constraints, can bound x_j from above. The upper limit is None if there is no dependent
+        constraint whose last element is x_j.
         """
         # The first constraint depends on x_0 alone. The lower limit of x_0 is therefore the same
         # for all points.
@@ -337,7 +344,7 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
 def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
     """Return the lower limits (edges) of the shifted normal variables at w saddle points, (w, d).
 
-    The constraints of each problem are unit · x ≥ bound, with ``unit`` (w, d, d) and ``bound``
+    The d constraints of each problem are unit · x ≥ bound, with ``unit`` (w, d, d) and ``bound``
     (w, d). Newton's method starts with the bounds as edges. Where the method fails, it is started a
     second time, with the edges at the most probable x that meets the constraints. Raise an
     `InputError` where the method fails again, unless the probability of the constraints is too
@@ -409,8 +416,8 @@ def _edges_of_nearest_point(
 ) -> Array:
     """Return the approximate edges at the most probable x that meets the constraints, shape (d,).
 
-    The edges are the lower limits of the shifted normal variables. The constraints on the standard
-    normal vector x are unit · x ≥ bound, with ``unit`` (d, d), ``bound`` (d,) and
+    The edges are the lower limits of the shifted normal variables. The d constraints on the
+    standard normal vector x are unit · x ≥ bound, with ``unit`` (d, d), ``bound`` (d,) and
     ``coupling`` = unit unitᵀ − I.
     """
     binding = np.flatnonzero(least_distance_multipliers(unit, bound))
@@ -427,10 +434,11 @@ def _evaluate_convex_function(
     bound: Array,
     edge: Array,
 ) -> _ConvexFunction:
-    """Return value and derivatives of the convex function whose minimum gives the saddle point.
+    """Return value and derivatives of the convex function that `_ConvexFunction` describes.
 
-    The formula is that of `_ConvexFunction`, with C = ``coupling``, shape (w, d, d). ``edge`` holds
-    the lower limits of the shifted normal variables; ``edge`` and ``bound`` have the shape (w, d).
+    Its minimum gives the saddle point of the log importance weight. There are w problems, each with
+    d shifted normal variables. C is ``coupling``, shape (w, d, d). ``edge`` holds the lower limits
+    of the shifted normal variables; ``edge`` and ``bound`` have the shape (w, d).
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)
@@ -465,7 +473,8 @@ def least_distance_multipliers(unit: Array, bound: Array) -> Array:
     Parameters
     ----------
     unit
-        Rows of coefficients of the d constraints unit · x ≥ bound on x (q,), shape (d, q).
+        Rows of coefficients of the d constraints unit · x ≥ bound on the q elements of x, shape
+        (d, q).
     bound
         Lower bounds of the d constraints, shape (d,).
     """

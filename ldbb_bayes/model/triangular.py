@@ -59,7 +59,7 @@ def solve_lower(
     lower
         Matrices L, shape (..., q, q).
     right
-        Right-hand sides X, shape (..., q, k).
+        Right-hand sides X with q rows and k columns, shape (..., q, k).
     triangular
         Whether X is lower triangular too, which saves half of the computation.
     """
@@ -75,7 +75,7 @@ def solve_lower(
 def solve_upper(lower: Array, right: Array) -> Array:
     """Return L⁻ᵀ x, shape (..., q), for lower triangular matrices L and right-hand sides x.
 
-    L⁻ᵀ is the inverse of the transpose of L.
+    L⁻ᵀ is the inverse of the transpose of L. Each matrix L has q rows and columns.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def solve_columns(columns: Array, right: Array) -> Array:
 def log_diagonal(root: Array) -> Array:
     """Return the log determinants of triangular matrices with a positive diagonal, shape (...).
 
-    ``root`` holds the matrices, shape (..., q, q).
+    ``root`` holds the matrices of q rows and columns, shape (..., q, q).
     """
     return np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
 
@@ -124,10 +124,10 @@ def _move_stack_last(
 ) -> tuple[Array, Array]:
     """Return matrices and a copy of right-hand sides, with their matrix dimensions moved first.
 
-    ``lower`` holds the matrices, shape (..., q, q), and is returned with shape (q, q, ...).
-    ``right`` holds the right-hand sides. With ``right_axes`` = 1 they are vectors of
-    shape (..., q), returned with shape (q, ...); with ``right_axes`` = 2 they are matrices of
-    shape (..., q, k), returned with shape (q, k, ...).
+    ``lower`` holds matrices of q rows and columns, shape (..., q, q), and is returned with shape
+    (q, q, ...). ``right`` holds the right-hand sides. With ``right_axes`` = 1 they are vectors of
+    shape (..., q), returned with shape (q, ...); with ``right_axes`` = 2 they are matrices of k
+    columns and shape (..., q, k), returned with shape (q, k, ...).
     """
     stack = np.broadcast_shapes(lower.shape[:-2], right.shape[:-right_axes])
     # Make the triangular matrices contiguous in memory before they are broadcast, because copying

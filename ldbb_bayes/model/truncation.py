@@ -1,8 +1,8 @@
 """Region of parameters where no compliance is negative, and quantiles of Gaussians in this region.
 
-The region is A β ≥ 0. β (p,) are the parameters: compliances, their slopes (changes with force) and
-geometric errors. Each row of A (m, p), multiplied by β, is a compliance at one force; this
-compliance must not be negative.
+The region is A β ≥ 0. β are the p parameters: compliances, their slopes (changes with force) and
+geometric errors. A has m rows, shape (m, p). Each row, multiplied by β, is a compliance at one
+force; this compliance must not be negative.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ __all__ = ["Truncation"]
 # Number of points of the grid on which the distribution function of one coordinate of a truncated
 # Gaussian vector is computed.
 _GRID = 1025
-# To compute the distribution of one coordinate, the density is integrated over the coordinates that
-# share a constraint with it. This is the number of grid points for each coordinate over which the
-# density is integrated.
+# To compute the distribution of one coordinate of a truncated Gaussian vector, the density is
+# integrated over the coordinates that have a constraint in common with this coordinate. This is the
+# number of grid points for each coordinate over which the density is integrated.
 _COARSE_GRID = 257
 # The grid for a coordinate of a truncated Gaussian extends this many sd to both sides of the mean
 # before truncation, but not beyond the values that the truncation permits.
@@ -72,7 +72,8 @@ class Truncation:
         mean
             Means of the Gaussians, shape (w, p).
         spread
-            Square roots of the covariances of the Gaussians, shape (w, p, q).
+            Square roots of the covariances of the Gaussians, shape (w, p, q); q is the number of
+            columns of each square root.
         """
         return Orthant(mean @ self.rows.T, self.rows @ spread)
 
@@ -138,9 +139,10 @@ def _quantile_inside(
 ) -> Array:
     """Return n standard normal vectors z with rows · z ≥ edge, computed from uniform numbers.
 
-    Each element of z is a quantile of its distribution given the elements before it; ``level``
-    holds the probabilities of these quantiles. ``level`` and the result have shape (n, k). The m
-    constraints have the coefficients ``rows``, shape (m, k), and lower bounds ``edge``, shape (m,).
+    Each of the k elements of z is a quantile of its distribution given the elements before it;
+    ``level`` holds the probabilities of these quantiles. ``level`` and the result have shape
+    (n, k). The m constraints have the coefficients ``rows``, shape (m, k), and lower bounds
+    ``edge``, shape (m,).
     """
     n, k = level.shape
     z = np.empty((n, k))
@@ -187,8 +189,8 @@ def _quantile_between(
 ) -> Array:
     """Return quantiles of a standard normal variable restricted to an interval, shape (n,).
 
-    ``level`` (n,) are the probabilities of the quantiles, and ``low`` and ``high`` the ends of the
-    interval. If the interval is above zero, its mirror image below zero is used, which reduces
+    ``level`` (n,) are the probabilities of the n quantiles, and ``low`` and ``high`` the ends of
+    the interval. If the interval is above zero, its mirror image below zero is used, which reduces
     rounding errors.
     """
     flip = low > 0.0
@@ -262,11 +264,11 @@ def _eliminate_last(
 ) -> tuple[Array, Array]:
     """Return the constraints on all coordinates of z but the last that follow from rows · z ≥ edge.
 
-    The m constraints have the coefficients ``rows``, shape (m, k), and the lower bounds ``edge``,
-    shape (..., m) for many problems; the new constraints are returned in the same form. Some of
-    them are old constraints that do not contain the last coordinate. The other new constraints are
-    sums of two old constraints: one bounds the last coordinate from below, the other from above,
-    and both are scaled so that this coordinate cancels.
+    The m constraints on the k coordinates have the coefficients ``rows``, shape (m, k), and the
+    lower bounds ``edge``, shape (..., m) for many problems; the new constraints are returned in the
+    same form. Some of them are old constraints that do not contain the last coordinate. The other
+    new constraints are sums of two old constraints: one bounds the last coordinate from below, the
+    other from above, and both are scaled so that this coordinate cancels.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)

@@ -43,11 +43,12 @@ _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """Ball that contributes to a form error, and the ball's rotation in this form error [rad].
+    """Ball that contributes to a form error, and the zero of the angle on this ball [rad].
 
-    A form error is a Fourier series in the angle on one ball. For the form of a single ball,
-    ``turned_rad`` is zero. The sum of the forms of both balls is a series in the angle on the work
-    ball; ``turned_rad`` is then the angle on the work ball at which the angle on ``ball`` is zero.
+    A form error is a Fourier series in an angle. For the form error of a single ball, it is the
+    angle on this ball, and ``turned_rad`` is zero. For the sum of the form errors of both balls, it
+    is the angle on the work ball; ``turned_rad`` is then the value of this angle at which the angle
+    on ``ball`` is zero.
     """
 
     ball: Ball
@@ -57,8 +58,9 @@ class _TurnedBall(NamedTuple):
 class _CoefficientPrior(NamedTuple):
     """Prior of the coefficients of a ball's form error: cosine and sine of each order."""
 
-    #: factor of τ² (n/6)^(−2p) in the prior variance, with the hyper-parameters τ and p: 1/2 for
-    #: each ball whose form is not stated at the order n
+    #: factor f of each coefficient. The part of its prior variance that hyper-parameters scale is f
+    #: τ² (n/6)^(−2p), with the hyper-parameters τ and p and the order n. f is 1/2 times the number
+    #: of balls whose form is not stated at the order n.
     share_of_tau: Array
     sd_um: Array  #: part of each coefficient's prior sd that no hyper-parameter scales [µm]
     mean_um: Array  #: prior mean of each coefficient of form, from certificates [µm]
@@ -117,7 +119,8 @@ class BallForm(Term):
     #: grade
     sphericity_um: float = 2.5
     #: how the prior sd of a ball's form becomes smaller with the order n (number of waves around
-    #: the circle): in proportion to n^(−p) with a hyper-parameter p (``decay``), or to 1/n
+    #: the circle): in proportion to n^(−p) with a hyper-parameter p (``decay``), or in proportion
+    #: to 1/n (``1/n``)
     law: Literal["decay", "1/n"] = "decay"
     stem = ("form", "work_form", "tool_form")
     calibration = "a calibration of the balls' form"
@@ -158,7 +161,7 @@ class BallForm(Term):
     def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
         """Return the prior of the form of one ball, or of the sum of the forms of both balls.
 
-        ``balls`` are the balls that have a part in the form. The result is a dict; its keys are
+        ``balls`` are the balls that contribute to the form. The result is a dict; its keys are
         those arguments of `Columns` that describe the prior.
         """
         orders = np.repeat(_FORM_ORDERS, 2).astype(float)
@@ -181,7 +184,7 @@ class BallForm(Term):
     def _coefficient_prior(self, balls: Sequence[_TurnedBall], orders: Array) -> _CoefficientPrior:
         """Return the prior of the form coefficients of one ball, or of the sum of both balls.
 
-        ``balls`` are the balls that have a part in the form, and ``orders`` the orders of the
+        ``balls`` are the balls that contribute to the form, and ``orders`` the orders of the
         coefficients.
         """
         share_of_tau = np.zeros(len(orders))
@@ -205,10 +208,10 @@ class BallForm(Term):
     def _sphericity_sd_um(self, ball: Ball, orders: Array) -> Array:
         """Return the prior sds of form coefficients from a ball's sphericity [µm], shape (n,).
 
-        ``orders``, shape (n,), are the orders of the coefficients, at least 2. If the ball's
-        certificate or grade states its deviation from sphericity S, the sd is S/√24 ·
-        min(1, 3/order). Otherwise the sd is ``sphericity_um``/√24 at the orders 2 and 3, and zero
-        at higher orders.
+        ``orders``, shape (n,), are the orders of n coefficients, at least 2. If the ball's
+        certificate or grade states its deviation from sphericity S, the sd is S/√24 · min(1,
+        3/order). Otherwise the sd is ``sphericity_um``/√24 at the orders 2 and 3, and zero at
+        higher orders.
         """
         sphericity = ball.stated_sphericity_um
         relative = np.minimum(1.0, _LAST_SPHERICITY_ORDER / orders)

@@ -31,11 +31,11 @@ __all__ = [
 # Beginning of the names of the modules that define the package's own nuisance terms. The default
 # model has these terms, except those that are only added on request (``on_demand``).
 _PACKAGE = "ldbb_bayes.model.terms."
-# Pattern of the positions in the class name of a term where a new word begins, as in BallForm:
-# before every capital letter except the first.
+# Regular expression for the positions in the class name of a term where a new word begins: before
+# every capital letter except the first, as before Form in BallForm.
 _BETWEEN_WORDS = re.compile(r"(?<!^)(?=[A-Z])")
-# Pattern of the end of the name of a term's coefficient, which states plane and harmonic, such as
-# _XY_cos2 or _0.
+# Regular expression for the end of the name of a term's coefficient. The end, such as _XY_cos2 or
+# _0, states plane and harmonic.
 _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
 
 

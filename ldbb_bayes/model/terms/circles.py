@@ -171,7 +171,8 @@ class CircleScale(Term):
 class _HysteresisPrior(NamedTuple):
     """Prior of the coefficients of hysteresis in one plane.
 
-    The prior sds are given at the Fourier orders 0 and 1; at the order n they are divided by n.
+    The fields hold the prior sds at the Fourier orders 0 and 1. At a higher order n, the prior sds
+    are 1/n of these values.
     """
 
     #: prior sd of the part of hysteresis that does not depend on force [mm]; if ``hyper`` is given,

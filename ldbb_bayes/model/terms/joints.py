@@ -51,11 +51,12 @@ class JointLoad(Term):
     reference force and F_max the largest force of the campaign. The term has three columns
     (readings per unit coefficient) for each axis: F u_a² (F |u_a| − F0)/F_max, for preload and
     rolling contact; F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔); and
-    (F^⅔ F0^⅓ − F) u_a², for a seat that yields to the bar's whole force. All columns are zero where
-    F = F0 and the bar is along the axis. The direct compliance C_aa of the axis is therefore the
-    axis' deflection per force at this force and direction (secant compliance). The prior sd of each
-    coefficient is ``relative_sd`` times the size of C_aa. This size is the estimate of C_aa and the
-    standard uncertainty of the estimate, added in quadrature.
+    (F^⅔ F0^⅓ − F) u_a², for a seat, which is a contact that yields to the bar's whole force and not
+    only to the component of the force along the axis. All columns are zero where F = F0 and the bar
+    is along the axis. The direct compliance C_aa of the axis is therefore the axis' deflection per
+    force at this force and direction (secant compliance). The prior sd of each coefficient is
+    ``relative_sd`` times the size of C_aa. This size is the estimate of C_aa and the standard
+    uncertainty of the estimate, added in quadrature.
 
     F0 must be positive: the compliance of a contact that yields to its own load is not defined at
     zero load. With F0 = 0, two of the columns would be −F u_a², and readings could not separate
@@ -127,7 +128,7 @@ class JointLoad(Term):
             Index of the test, from 0. Only the circle of this test is used; ``force_N`` need not
             contain the force of the test.
         force_N
-            Forces of the bar, shape (n,) [N].
+            The n forces of the bar, shape (n,) [N].
 
         Returns
         -------
