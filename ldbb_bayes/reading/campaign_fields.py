@@ -11,6 +11,7 @@ import numpy as np
 from ldbb_bayes.campaign.campaign import LABELS, CircularTest, ForceLaw, MountCompensation
 from ldbb_bayes.campaign.preview import resolution_of
 from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.names import plane_in_name, plane_word_in_name
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, check_plane
@@ -242,9 +243,14 @@ def _plane_of_column(recording: Recording, plane: str) -> str:
     """Return the plane that the user or a column states for a test.
 
     If the letters of the column are swapped, as in XZ, and the user states the usual plane, the
-    user's plane is stored and returned. Raise an `InputError` for an unknown plane in the column.
+    user's plane is stored and returned. Any other plane of the column is used, and it is noted that
+    the option says another. Raise an `InputError` for an unknown plane in the column.
     """
     option = recording.campaign.get("plane")
+    column_plane = recording.fields.get("plane")
+    if option is not None and column_plane in PLANES and column_plane != option:
+        reason = f"--plane says {option}"
+        recording.note("plane", f"{column_plane}, its column", reason, "a [[test]] in --layout")
     if option is not None and PLANE_OF_SWAPPED.get(plane) == option:
         recording.note("plane", f"{option}, as given", f"its column says {plane}", "--plane")
         recording.fields["plane"] = option

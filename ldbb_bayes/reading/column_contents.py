@@ -14,14 +14,21 @@ from ldbb_bayes.reading.headers import Heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, PLANES_OF_G_CODE, plane_named
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.words import LONGEST_NAME
+from ldbb_bayes.reading.travel_direction import direction_named
+from ldbb_bayes.reading.words import LONGEST_NAME, unit_named
 
 __all__ = ["check_angle_columns", "check_directions", "name_plane_column"]
 
 # All words for a plane, in capitals. The two letters of a plane may be in either order.
 _PLANE_CELLS = {*PLANES, *PLANES_OF_G_CODE, *PLANE_OF_SWAPPED}
-# Short words and words of G-code for a direction of travel, in capitals.
-_DIRECTION_CELLS = {"CW", "CCW", "G2", "G02", "G3", "G03"}
+# A column named after the plane has at most this many different cells.
+_MOST_PLANES = 4
+# Signs that may mean a direction of travel in a column named after the travel.
+_SIGNS = {"1", "-1", "+1", "+", "-", "−1", "−"}
+# Regular expression for a word for the travel of the machine in the header of a column.
+_TRAVEL_WORD = re.compile(
+    r"(?i)travel|motion|(?<![^\W_])(?:turn|move|run_?dir)|rotat|dreh|umlauf|fahrt|bahnricht"
+)
 # Regular expression for the words of a header. A capital also begins a new word, as in PlaneName.
 _WORDS = re.compile(r"[A-Z]+(?![a-zäöüß])|[A-Z]?[a-zäöüß]+")
 # Regular expression for a word for plane.
@@ -59,8 +66,12 @@ def name_plane_column(
     """
     if "plane" in heading.headers:
         return heading
-    columns = _columns_of_words(heading, cells, _PLANE_CELLS)
-    if not columns:
+    if stated_plane is None:
+        _check_unread_planes(sheet, heading, cells)
+    columns = _columns_of_planes(heading, cells)
+    if stated_plane is not None:
+        for column in columns:
+            _note_contradiction(sheet, heading, column, cells[column], stated_plane, log)
         return heading
     named = [column for column in columns if _names_plane(heading.headers[column])]
     if len(named) == 1:
@@ -70,16 +81,58 @@ def name_plane_column(
         log.add(sheet.place, "plane", f"column {title}", "its name and its cells", "--plane")
         headers[column] = "plane"
         return replace(heading, headers=headers)
-    planes = set()
-    for column in columns:
-        planes |= {plane_named(cell) for cell in cells[column]}
-    if stated_plane is not None and planes == {stated_plane}:
-        return heading
-    titles = " and ".join(repr(_title(heading, column)) for column in columns)
-    raise InputError(
-        f"{sheet.place}: one column must state the plane, got planes in column {titles}. Rename the"
-        " header of the right one to 'plane', and remove any other."
-    )
+    if columns:
+        titles = " and ".join(repr(_title(heading, column)) for column in columns)
+        raise InputError(
+            f"{sheet.place}: one column must state the plane, got planes in column {titles}. Give"
+            " --plane if all tests have the same, or rename the header of the right column to"
+            " 'plane'."
+        )
+    return heading
+
+
+def _columns_of_planes(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
+    """Return the indices of the columns without a role in which every cell names a plane."""
+    columns = []
+    for column in _free_columns(heading, cells):
+        if {plane_named(cell) for cell in cells[column]} <= _PLANE_CELLS:
+            columns.append(column)
+    return columns
+
+
+def _note_contradiction(
+    sheet: Sheet,
+    heading: Heading,
+    column: int,
+    column_cells: Sequence[str],
+    stated_plane: str,
+    log: AssumptionLog,
+) -> None:
+    """Add a note to the log if a column of planes contradicts the plane that the user states."""
+    planes = sorted({plane_named(cell) for cell in column_cells} - {stated_plane})
+    if planes:
+        reason = f"column {_title(heading, column)!r} says {', '.join(planes)}"
+        log.add(sheet.place, "plane", f"{stated_plane}, as given", reason, "--plane")
+
+
+def _check_unread_planes(sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]]) -> None:
+    """Raise an `InputError` for a column named after the plane in which a cell is no plane.
+
+    A column with many different cells, or with a unit, is not about the plane of the circle.
+    """
+    for column in _free_columns(heading, cells):
+        header = heading.headers[column]
+        words = set(cells[column])
+        is_of_plane = _names_plane(header) and not unit_named(unit_of(header).unit)
+        if not is_of_plane or words == {""} or len(words) > _MOST_PLANES:
+            continue
+        for word in sorted(words):
+            if plane_named(word) not in _PLANE_CELLS:
+                raise InputError(
+                    f"{sheet.place}: column {_title(heading, column)!r} must name the plane (XY, YZ"
+                    f" or ZX) in all rows, got {word[:LONGEST_NAME]!r}. Correct it, or give"
+                    " --plane."
+                )
 
 
 def check_directions(
@@ -94,13 +147,26 @@ def check_directions(
         return
     if any(entry.direction is not None for entry in layout.test):
         return
-    for column in _columns_of_words(heading, cells, _DIRECTION_CELLS):
+    for column in _free_columns(heading, cells):
         title = _title(heading, column)
-        raise InputError(
-            f"{sheet.place}: a column of directions must be used, got directions in column"
-            f" {title!r}, whose name says something else. If it is the direction of travel, give"
-            f" --direction-column '{title}'; otherwise remove it, or give --direction."
-        )
+        words = {cell.strip() for cell in cells[column]}
+        if words <= _SIGNS and words != {"1"} and _TRAVEL_WORD.search(title):
+            raise InputError(
+                f"{sheet.place}: directions must be CW or CCW, got {', '.join(sorted(words))} in"
+                f" column {title!r}. Give --direction if all tests ran alike, or write CW and CCW"
+                " into the column and give --direction-column."
+            )
+        if all(_is_direction(word) for word in words):
+            raise InputError(
+                f"{sheet.place}: a column of directions must be used, got directions in column"
+                f" {title!r}, whose name says something else. If it is the direction of travel,"
+                f" give --direction-column '{title}'; otherwise remove it, or give --direction."
+            )
+
+
+def _is_direction(word: str) -> bool:
+    """Return whether a cell is a word for a direction, such as CW; a sign alone is none."""
+    return word not in _SIGNS and direction_named(word) in ("CW", "CCW")
 
 
 def check_angle_columns(sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]]) -> None:
@@ -130,18 +196,10 @@ def check_angle_columns(sheet: Sheet, heading: Heading, cells: Sequence[Sequence
     )
 
 
-def _columns_of_words(
-    heading: Heading, cells: Sequence[Sequence[str]], words: set[str]
-) -> list[int]:
-    """Return the indices of the columns without a role in which every cell is one of ``words``."""
+def _free_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
+    """Return the indices of the columns that have cells but no role, such as angle."""
     in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
-    columns = []
-    for column, column_cells in enumerate(cells):
-        if column in in_use or not column_cells:
-            continue
-        if {cell.strip().upper() for cell in column_cells} <= words:
-            columns.append(column)
-    return columns
+    return [k for k, column_cells in enumerate(cells) if column_cells and k not in in_use]
 
 
 def _names_plane(header: str) -> bool:

@@ -27,6 +27,9 @@ __all__ = [
 PLANES_OF_G_CODE = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 # Usual name of each plane whose letters are swapped.
 PLANE_OF_SWAPPED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
+# Regular expression for the two letters of a plane, with or without a mark between them and a word
+# for plane.
+_TWO_AXES = re.compile(r"(?P<first>[XYZ])[-/ ,;+_]?(?P<second>[XYZ])(?:[- ]?(?:PLANE|EBENE))?")
 # Regular expression for the label "plane" in several languages, with the text behind the label.
 _LABELLED = re.compile(WORDS["planes"]["labelled"], re.IGNORECASE)
 # A note shows at most this number of characters of a line.
@@ -34,11 +37,14 @@ _LENGTH_SHOWN = 60
 
 
 def plane_named(cell: str) -> str:
-    """Return the plane that a cell names, such as ``ZX`` for ``G18`` or ``zx``.
+    """Return the plane that a cell names, such as ``ZX`` for ``G18``, ``zx`` or ``Z-X plane``.
 
     Any other cell is returned in capitals.
     """
     word = cell.strip().upper()
+    letters = _TWO_AXES.fullmatch(word)
+    if letters is not None:
+        return letters["first"] + letters["second"]
     return PLANES_OF_G_CODE.get(word, word)
 
 

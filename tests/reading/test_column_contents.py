@@ -38,7 +38,7 @@ def test_a_column_of_planes_is_used(tmp_path: Path, header: str, cell: str, plan
 
 def test_planes_under_another_name_are_refused(tmp_path: Path) -> None:
     path = written(tmp_path, "Setting,angle_deg,reading_um", "G18,{a},{r}.25")
-    with pytest.raises(lb.InputError, match=r"'Setting'.* to 'plane'"):
+    with pytest.raises(lb.InputError, match=r"'Setting'\. Give --plane .* to 'plane'"):
         imported(path)
 
 
@@ -53,7 +53,54 @@ def test_planes_that_the_user_states_too_are_no_question(tmp_path: Path) -> None
     assert imported(path, plane="ZX").plane == "ZX"
 
 
-@pytest.mark.parametrize("cell", ["CW", "ccw", "G2", "G03"])
+@pytest.mark.parametrize("cell", ["X-Z", "Z/X plane", "ZX"])
+def test_a_plane_may_be_written_with_a_mark(tmp_path: Path, cell: str) -> None:
+    path = written(tmp_path, "PlaneName,angle_deg,reading_um", f"{cell},{{a}},{{r}}.25")
+    assert imported(path, plane="ZX").plane == "ZX"
+
+
+@pytest.mark.parametrize("cell", ["1", "front", ""])
+def test_a_column_of_planes_without_a_plane_is_refused(tmp_path: Path, cell: str) -> None:
+    path = written(tmp_path, "Plane_ID,angle_deg,reading_um", f"{cell},{{a}},{{r}}.25")
+    text = path.read_text(encoding="utf-8").replace(f"{cell},5,", "YZ,5,")
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(lb.InputError, match=r"'Plane_ID' must name the plane.*--plane"):
+        imported(path)
+
+
+def test_a_column_of_planes_without_a_plane_gives_way_to_the_user(tmp_path: Path) -> None:
+    path = written(tmp_path, "Plane_ID,angle_deg,reading_um", "1,{a},{r}.25")
+    assert imported(path, plane="ZX").plane == "ZX"
+
+
+def test_a_plane_of_the_user_that_a_column_contradicts_is_told(tmp_path: Path) -> None:
+    path = written(tmp_path, "PlaneName,angle_deg,reading_um", "YZ,{a},{r}.25")
+    assumptions = lb.import_campaign(path, plane="XY").assumptions
+    notes = [(note.value, note.because) for note in assumptions if note.what == "plane"]
+    assert notes == [("XY, as given", "column 'PlaneName' says YZ")]
+
+
+def test_the_column_plane_is_used_and_told_against_the_plane_of_the_user(tmp_path: Path) -> None:
+    path = written(tmp_path, "plane,angle_deg,reading_um", "YZ,{a},{r}.25")
+    result = lb.import_campaign(path, plane="XY")
+    notes = [(note.value, note.because) for note in result.assumptions if note.what == "plane"]
+    assert notes == [("YZ, its column", "--plane says XY")]
+    assert result.campaign.tests[0].plane == "YZ"
+
+
+def test_signs_in_a_column_of_the_travel_are_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, "travel,angle_deg,reading_um", "-1,{a},{r}.25")
+    with pytest.raises(lb.InputError, match=r"got -1 in column 'travel'\. Give --direction"):
+        imported(path)
+
+
+def test_signs_in_a_column_of_the_travel_give_way_to_the_user(tmp_path: Path) -> None:
+    path = written(tmp_path, "travel,angle_deg,reading_um", "-1,{a},{r}.25")
+    (test,) = imported(path, {"direction": "CCW"}).tests
+    assert test.direction == "CCW"
+
+
+@pytest.mark.parametrize("cell", ["CW", "ccw", "G2", "G03", "clockwise", "UZS", "links"])
 def test_directions_under_another_name_are_refused(tmp_path: Path, cell: str) -> None:
     path = written(tmp_path, "Mode,angle_deg,reading_um", f"{cell},{{a}},{{r}}.25")
     with pytest.raises(lb.InputError, match="--direction-column 'Mode'"):
