@@ -32,14 +32,14 @@ _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
 # Angles at which the parameters' effects on the readings are sampled [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
 # The formula for a compliance's effect on the reading is a sum of products of cos θ, sin θ and the
-# radius, for the angle θ of the circle. This is the number of factors cos θ and sin θ in a product
-# without the radius. There are two factors: one from the force, which acts along the bar, and one
-# from the deflection, which is measured along the bar.
+# radius, for the angle θ of the circle. The constant is the number of factors cos θ and sin θ in a
+# product without the radius. There are two factors: one from the force, which acts along the bar,
+# and one from the deflection, which is measured along the bar.
 _COMPLIANCE_DEGREE = 2
 # The formula for a geometric error's effect on the reading is a sum of products of cos θ, sin θ and
-# the radius, for the angle θ of the circle. This is the number of factors cos θ and sin θ in a
-# product without the radius. There is one factor, because the readings show only the component of
-# the error along the bar.
+# the radius, for the angle θ of the circle. The constant is the number of factors cos θ and sin θ
+# in a product without the radius. There is one factor, because the readings show only the component
+# of the error along the bar.
 _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
 # are empty.

@@ -154,7 +154,7 @@ class _EnlargedCampaigns(NamedTuple):
 
 
 def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> Ranks | str:
-    """Return the ranks of the true values in one replicate.
+    """Return the ranks of the true values in one replicate (simulated campaign).
 
     The true values are one posterior draw of the measured campaign. Readings are simulated from
     them, the campaign is enlarged by these readings, and the true values are ranked among posterior

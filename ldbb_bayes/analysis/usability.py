@@ -100,7 +100,8 @@ def _limit_in_widest_gap(ratios: Sequence[float]) -> float:
 
     A ratio is the posterior divided by the prior standard deviation of a parameter.
 
-    Only gaps between 0.25 and 0.4 are considered; the two numbers themselves are treated as ratios.
+    Only the part from 0.25 to 0.4 is searched for gaps; these two numbers are treated as ratios,
+    too.
     """
     inside = sorted(ratio for ratio in ratios if _LEAST_RATIO < ratio < _LARGEST_RATIO)
     logarithms = np.log([_LEAST_RATIO, *inside, _LARGEST_RATIO])

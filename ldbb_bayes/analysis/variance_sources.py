@@ -185,14 +185,19 @@ class AveragedVariance:
 
     @cached_property
     def mean(self) -> Array:
-        """Means of the quantities, averaged over the models: Σ p_m mean_m, shape (q,)."""
+        """Means of the quantities, averaged over the models, shape (q,).
+
+        They are Σ p_m mean_m, with the probability p_m of model m and the means mean_m under model
+        m.
+        """
         return np.sum([model.probability * model.mean for model in self.models], axis=0)
 
     @cached_property
     def spread(self) -> Array:
         """Covariance of the quantities' means over the models, shape (q, q).
 
-        It is Σ p_m d_m d_mᵀ, where d_m are the means under model m minus the averaged means.
+        It is Σ p_m d_m d_mᵀ, where p_m is the probability of model m, and d_m are the means under
+        model m minus the averaged means.
         """
         covariance = np.zeros((len(self.mean), len(self.mean)))
         for model in self.models:
@@ -216,7 +221,11 @@ class AveragedVariance:
 
     @cached_property
     def variance(self) -> Array:
-        """Variances of the quantities, Σ p_m (var_m + (mean_m − mean)²), shape (q,)."""
+        """Variances of the quantities in the average over the models, shape (q,).
+
+        They are Σ p_m (var_m + (mean_m − mean)²). Here p_m is the probability of model m, var_m and
+        mean_m are the variances and means under model m, and mean are the averaged means.
+        """
         return np.diag(sum(self.errors.values(), np.zeros(self.spread.shape)))
 
     @cached_property
@@ -242,9 +251,11 @@ class AveragedVariance:
 
     @cached_property
     def shares_removed(self) -> dict[str, Array]:
-        """Shares of the q quantities' variances that would vanish if a model term were known.
+        """For each model term, the shares of variances that would vanish if the term were known.
 
-        The keys are the class names of the terms. The shares for each term have the shape (q,).
+        The keys are the class names of the terms. There is one share for each of the q quantities,
+        shape (q,): the share of the quantity's variance that would vanish if the effect of the term
+        were known exactly.
         """
         removed: dict[str, Array] = {}
         for model in self.models:

@@ -570,7 +570,8 @@ def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange])
     """Return the variances of all parameters, then of changes with force, under one model.
 
     ``changes`` holds every change of a compliance with force that any of the averaged models has;
-    the keys are names of compliances. The weights of a change that this model lacks are zero.
+    the keys are names of compliances. For a change that this model lacks, the weights in the field
+    ``ModelVariance.weights`` are zero.
     """
     bound = model.bound
     information = information_of(bound, model.phi.mean(axis=0))

@@ -45,8 +45,9 @@ _PRIOR_CIRCLES = 2000
 _PRIOR_PROB = 0.95
 # Error allowed in every log evidence [nat].
 _TOLERANCE = 1e-2
-# Each circle left out has a p-value. If the p-value of the hypothesis that these p-values are
-# uniform is below this number, the circles do not scatter as predicted.
+# The circles do not scatter as predicted if `Workflow.uniformity_p_value` is below this number. It
+# is the p-value of the hypothesis that the p-values of all circles left out are uniformly
+# distributed.
 _UNIFORM = 0.05
 # Number of steps of the EM algorithm that finds the weights of stacking (the mixture of models that
 # predicts circles left out best).

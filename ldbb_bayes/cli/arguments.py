@@ -46,8 +46,8 @@ __all__ = [
     "model_from",
 ]
 
-# Default deflection of the work ball's mount per pressure [µm/bar], which is the deflection in the
-# published experiment.
+# Default deflection of the work ball's mount per pressure of the regulator that produces the force
+# [µm/bar]. It is the deflection in the published experiment.
 _MOUNT_UM_PER_BAR = 2.33
 # Quantities that the columns of a table of readings can hold.
 _COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
@@ -220,9 +220,10 @@ def campaign_fields(
     raw
         Whether the readings are not compensated for the deflection of the work ball's mount.
     mount_um_per_bar
-        Deflection of the work ball's mount per pressure [µm/bar].
+        Deflection of the work ball's mount per pressure of the regulator that produces the force
+        [µm/bar].
     force_slope, force_offset
-        Force per pressure [N/bar] and force at zero pressure [N].
+        Force per pressure of the regulator [N/bar], and force at zero pressure [N].
     no_drift
         Whether the length of the bar and the centre of the circle did not drift from test to test.
     **options

@@ -40,11 +40,12 @@ __all__ = [
     "options_of",
 ]
 
-# exit code if a target was not reached: number of draws, accuracy, or proven best design
+# exit code if a target was not reached, such as the number of draws, the accuracy of an evidence,
+# or the proof that a design is the best
 EXIT_MISSED = 1
 EXIT_BAD_INPUT = 2  # exit code if options or files cannot be used
 EXIT_INTERRUPTED = 130  # exit code of shells for Ctrl-C: 128 + SIGINT
-# Value for the default of an option; it states that the user must type the option.
+# If this value is the default of an option, the user must type the option.
 REQUIRED = inspect.Parameter.empty
 # Placeholder of an option's value in the help, for each type of value. The placeholders are short,
 # so that the names of options fit on narrow terminals.

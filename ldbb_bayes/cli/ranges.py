@@ -13,8 +13,9 @@ __all__ = ["read_clockings", "read_range"]
 # Largest number of values in a range LO:HI:STEP. A larger number is probably due to a mistyped
 # step.
 _MOST_VALUES = 5000
-# Largest rounding error of the number of steps in a range LO:HI:STEP. The error is allowed because
-# the range 0:0.3:0.1 must have three steps and end at 0.3.
+# Largest rounding error that is allowed in the number of steps of a range LO:HI:STEP. The range
+# 0:0.3:0.1, for example, must have three steps and end at 0.3, although the computer does not store
+# 0.1 exactly.
 _ROUNDING = 1e-8
 
 

@@ -125,8 +125,9 @@ def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
     """Return the coefficients whose moments are needed: parameters, then instrument errors.
 
     Instrument errors are nuisance coefficients, that is, effects that are modelled but not of
-    interest. In the vector of all coefficients of the bound model (a model applied to one
-    campaign), the nuisance coefficients come before the parameters.
+    interest. In the result, the parameters come first. In the vector of all coefficients of the
+    bound model (a model applied to one campaign), in contrast, the nuisance coefficients come
+    first.
     """
     nuisance_sds: list[tuple[str, float]] = []
     for term in bound.nuisance_columns:

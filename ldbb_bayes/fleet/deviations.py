@@ -96,12 +96,12 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 class Estimates(NamedTuple):
     """Estimates t of the parameters c from each of n campaigns or machines alone.
 
-    t = S η_c, where S = (I + Λ_cc)⁻¹ is the posterior covariance for the prior c ~ N(0, I). Given c
-    and the errors b of the instrument, t ~ N(H (c, b), S Λ_cc S) with the sensitivity H = S Λ_c. Λ
-    is the precision matrix (inverse covariance) of the likelihood, and η is the shift of the
-    likelihood, Λ times the estimate of (c, b). Λ_c are the rows of Λ that belong to the parameters,
-    Λ_cc is the block of Λ whose rows and columns belong to the parameters, and η_c are the elements
-    of η that belong to the parameters.
+    b are the errors of the instrument. Λ is the precision matrix (inverse covariance) of the
+    likelihood, and η is the shift of the likelihood, Λ times the estimate of (c, b). Λ_c are the
+    rows of Λ that belong to the parameters, Λ_cc is the block of Λ whose rows and columns belong to
+    the parameters, and η_c are the elements of η that belong to the parameters. The estimates t are
+    S η_c, where S = (I + Λ_cc)⁻¹ is the posterior covariance for the prior c ~ N(0, I). Given c and
+    b, t ~ N(H (c, b), S Λ_cc S) with the sensitivity H = S Λ_c.
     """
 
     #: posterior covariance of the c parameters, given the errors of the instrument, from each of n

@@ -169,7 +169,7 @@ def _leave_out(
 
 
 def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = "") -> None:
-    """Add a caveat that names the campaigns in the given rows to the list ``caveats``.
+    """Add to the list ``caveats`` a caveat that names the campaigns in the given rows.
 
     The caveat has the given kind and text. If there are no rows, no caveat is added.
     """

@@ -67,9 +67,10 @@ _RANGE_ABOVE = 25.0
 # trusted, and if its effective number of draws, divided by its actual number of draws, is above
 # this number.
 _EFFECTIVE_SHARE = 0.2
-# Two covariances are added to make a second set of random draws of the machines' spreads (standard
-# deviations about their mean). One is the covariance of the first set. The other is this share of
-# the covariance that follows from the curvature of the density at its mode.
+# The machines' spreads (standard deviations about their mean) are drawn a second time if the first
+# set of draws is not good enough. The covariance of the second set is the sum of two parts: the
+# covariance of the first set, and this share of the covariance that follows from the curvature of
+# the density at its mode.
 _ADDED_VARIANCE = 0.05
 # The spreads s are the standard deviations of machines about the mean of their population. In the
 # curvature matrix at the mode of the density of ln s, eigenvalues below this number are replaced by

@@ -55,7 +55,10 @@ class StiffnessOfVisit(Result):
 def stiffness_series(
     rows: pd.DataFrame, campaigns: Sequence[str]
 ) -> dict[str, tuple[StiffnessOfVisit, ...]]:
-    """Return the stiffness by direction of every campaign; the keys are names such as ``k_min``.
+    """Return the stiffness by direction of every campaign.
+
+    The keys are names of quantities, such as ``k_min``. Each value holds the quantity from every
+    campaign, in the order of the rows.
 
     Parameters
     ----------
