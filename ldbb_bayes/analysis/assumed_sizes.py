@@ -1,4 +1,4 @@
-"""Effects whose sizes are assumed, which means that the sizes are neither measured nor stated."""
+"""Effects whose sizes are assumed: neither measured, nor stated by a certificate or the user."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["AssumedSize", "DecidingAssumption", "deciding_assumptions"]
 
-# A parameter counts as dependent on an assumed effect if the effect causes at least this share of
-# the parameter's variance.
+# A parameter is said to depend on an assumed effect if the effect causes at least this share of the
+# parameter's variance.
 _DECIDING_SHARE = 0.05
-# Two sizes count as equal if the larger divided by the smaller is below this number.
+# Two sizes are treated as equal if the larger divided by the smaller is below this number.
 _SAME_SIZE = 1.0 + 1e-9
 
 

@@ -107,7 +107,10 @@ class Budget(Result):
         return sum(line.share for line in self.contributions if line.term == term)
 
     def origin_of(self, term: str) -> Origin:
-        """Return the origin of most of a model term's share: measured here, stated or assumed."""
+        """Return the origin (measured here, stated or assumed) with most of the share of a term.
+
+        ``term`` is the name of a model term. Its share is its part of the parameter's variance.
+        """
         shares = dict.fromkeys(Origin, 0.0)
         for line in self.contributions:
             if line.term == term:

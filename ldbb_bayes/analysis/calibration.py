@@ -179,7 +179,7 @@ class Validation(Result):
 
     @model_serializer
     def _record_without_ranks(self) -> dict[str, Any]:
-        """Return a record for JSON: all fields but the ranks, and the coverage of each quantity.
+        """Return a record for JSON, without the ranks but with the coverage of each quantity.
 
         The coverage is the share of true values that lie inside their credible intervals. The
         record also states for each quantity whether its ranks stay between the limits ``band``.

@@ -142,8 +142,10 @@ def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
 def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
     """Return the hyper-parameters of both campaigns, with common values for the instrument.
 
-    The hyper-parameters of the instrument are the scale of the balls' form errors and the decay.
-    Each of them is replaced by its mean over both campaigns, if both campaigns have it.
+    ``phi`` holds the hyper-parameters of each campaign. The hyper-parameters of the instrument are
+    the scale of the balls' form errors and the decay, the power by which these errors fall with the
+    number of waves per turn. Each of these two is replaced by its mean over both campaigns, if both
+    campaigns have it.
     """
     shared = [values.copy() for values in phi]
     for name in _INSTRUMENT_HYPERS:

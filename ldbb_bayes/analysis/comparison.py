@@ -276,10 +276,10 @@ class Comparison(Result):
     #: trusted. The field keeps the name of an older version, because programs read it from the JSON
     #: file.
     by_emcee: int = 0
-    #: probabilities of slopes (changes of compliance with force) and of rival explanations of the
-    #: same change of the readings, such as a nonlinear mount. The field is None unless two
-    #: conditions hold: the second model is the first model with slopes added, and the second model
-    #: has rival explanations.
+    #: probabilities of slopes (changes of compliance with force) and of rival explanations: other
+    #: effects, such as a nonlinear mount, that change the readings as slopes do. The field is None
+    #: unless two conditions hold: the second model is the first model with slopes added, and the
+    #: second model has rival explanations.
     explanations: Explanations | None = None
 
     @property
@@ -295,8 +295,9 @@ class Comparison(Result):
     def headline(self) -> tuple[float, float]:
         """Return the log Bayes factor of the second model over the first, and its error [nat].
 
-        Where the models were also compared with rival explanations of a change of the readings with
-        force, such as a nonlinear mount, the log Bayes factor is averaged over these explanations.
+        Rival explanations are effects, such as a nonlinear mount, that change the readings as
+        slopes (changes of compliance with force) do. If the comparison includes rival explanations,
+        the log Bayes factor is averaged over them.
         """
         if self.explanations is None:
             return (
@@ -416,9 +417,11 @@ class _ComparisonPlan:
     #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
     #: models differ only in this prior
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
-    #: the first two models under the assumption about how circles differ that they make themselves
+    #: the first two models without a change: with the assumption about how circles differ that they
+    #: make themselves
     unchanged: dict[str, tuple[HybridModel, ...]]
-    #: the first two models under each of the other assumptions about how circles differ
+    #: the first two models, changed to make another assumption about how circles differ; there is
+    #: one entry for each such assumption
     by_assumption: dict[str, tuple[HybridModel, ...]]
     #: whether every test is predicted from the other tests
     leaves_tests_out: bool
@@ -426,8 +429,8 @@ class _ComparisonPlan:
     has_slope_subsets: bool
     #: whether models are fitted to the tests at neighbouring forces
     has_local_fits: bool
-    #: whether slopes are compared with rival explanations of a change of the readings with force,
-    #: such as a nonlinear mount
+    #: whether slopes are compared with rival explanations: other effects, such as a nonlinear
+    #: mount, that change the readings as slopes do
     has_rival_explanations: bool
 
     @property
@@ -628,9 +631,9 @@ def _plan_comparison(
 
     With ``evidence_only``, no test is left out, models with only some of the slopes (changes of
     compliance with force) are not compared, and nothing is fitted to the tests at neighbouring
-    forces. Rival explanations of a change of the readings with force are compared if two conditions
-    hold: the second model is the first model with slopes added, and the second model has rival
-    explanations.
+    forces. Rival explanations (other effects that change the readings as slopes do) are compared if
+    two conditions hold: the second model is the first model with slopes added, and the second model
+    has rival explanations.
     """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}
@@ -897,11 +900,11 @@ def _compare_models(
 
 
 def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
-    """Return the root-mean-square residual of the least-squares fit of the paper, Eq. 31 [µm].
+    """Return the root-mean-square residual of the published least-squares fit [µm].
 
-    The paper is the article on which the model is based. The compliances are polynomials in force
-    of the same degree as in the model. Return NaN if the campaign has too few different forces for
-    a fit of this degree.
+    The fit is Eq. 31 of the article on which the model is based. The compliances are polynomials in
+    force of the same degree as in the model. Return NaN if the campaign has too few different
+    forces for a fit of this degree.
     """
     if campaign.force_levels < model.degree + 2:
         return np.nan

@@ -327,8 +327,9 @@ def _tail_probability(outside: Array, score: float) -> float:
 def _probability_of_few_draws(count: int, n: int, normal_tail: float) -> float:
     """Return the probability that a quantity lies on the side of a limit with few draws.
 
-    The probability is ``normal_tail``, the tail of a normal distribution. However, it is at least
-    the share ``count`` / n of the n draws on this side, and at most ``_FEWEST_DRAWS`` / n.
+    On this side, there are ``count`` of the ``n`` draws, too few for an exact probability. The
+    result is therefore ``normal_tail``, the tail of a normal distribution. However, the result is
+    at least ``count`` / ``n`` and at most ``_FEWEST_DRAWS`` / ``n``.
     """
     largest_share = _FEWEST_DRAWS / n
     return max(count / n, min(normal_tail, largest_share))

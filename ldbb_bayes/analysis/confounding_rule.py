@@ -12,7 +12,8 @@ __all__ = ["NEAR_TIE", "SAME_COMBINATION", "confounding_sources"]
 
 # Two effects are said to act on the same combination of parameters if the errors that they cause
 # are in nearly the same proportions. The errors of all parameters that one effect causes form a
-# vector. This is the least squared cosine of the angle between the vectors of the two effects.
+# vector. The squared cosine of the angle between the vectors of the two effects must be at least
+# this number.
 SAME_COMBINATION = 0.95
 # A parameter is never said to be confounded with an effect that causes less than this share of the
 # parameter's variance.

@@ -27,7 +27,7 @@ _FULL_CIRCLE_DEG = 355.0
 _FEWEST_ANGLES = 36
 # Angles of the readings in full circles that are tried as further tests [°].
 _FULL_CIRCLE_ANGLES_DEG = np.arange(120) * 3.0
-# Angles of readings [°] that agree to this number of decimals count as one angle.
+# Angles of readings [°] that agree to this number of decimals are treated as equal.
 _ANGLE_DECIMALS = 6
 # Angles by which a ball is turned in its socket in further tests [°], to separate the form error of
 # the ball from the machine's errors.
@@ -38,7 +38,7 @@ _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
 # Radius of further tests, divided by a radius of the plan.
 _OTHER_RADIUS_SHARE = 2.0 / 3.0
-# Radii that differ by no more than this share of the larger count as the same.
+# Radii that differ by no more than this share of the larger radius are treated as equal.
 _SAME_RADIUS_SHARE = 0.01
 # Opposite of each direction of travel, which is clockwise (CW) or counterclockwise (CCW).
 _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
@@ -115,7 +115,7 @@ def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
 
 
 def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
-    """Return whether two degeneracies count as the same.
+    """Return whether two degeneracies are treated as the same degeneracy.
 
     The pivot of a degeneracy is the coefficient whose effect on the readings the other coefficients
     cancel. If both pivots are nuisance coefficients, the degeneracies are the same if the pivots
@@ -142,8 +142,8 @@ def _pattern(nuisance: str) -> str:
 def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
     """Return the tests that each remedy for a degeneracy would add to a plan.
 
-    ``directed`` holds the circles of the plan, and copies of circles in the opposite direction of
-    travel.
+    The keys of the result are the remedies. ``directed`` holds the circles of the plan, and copies
+    of circles in the opposite direction of travel.
     """
     further = {
         Cure.FORCES: _at_other_forces(plan),
@@ -186,7 +186,7 @@ class Directed(NamedTuple):
 
 
 def in_other_direction(plan: Campaign) -> Directed:
-    """Return the circles of a plan, and copies of circles in the opposite direction of travel."""
+    """Return the circles of a plan, and copies in the direction of travel that is not run yet."""
     directions_of: dict[str, set[str | None]] = {}
     for test in plan.tests:
         directions_of.setdefault(str(test.plane), set()).add(test.direction)

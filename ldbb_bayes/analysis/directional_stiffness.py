@@ -416,7 +416,7 @@ def _forces(bound: BoundModel, forces_N: Sequence[float]) -> Array:
 def _plane_stiffness(
     bound: BoundModel, r: int, force_N: float, curve: Array, compliances: Array, prob: float
 ) -> PlaneStiffness:
-    """Return the stiffness in the plane of the test with index ``r``, at one force.
+    """Return the stiffness in the plane of the test with index ``r``, at the force ``force_N`` [N].
 
     ``curve``, shape (draws, 25), holds posterior draws of the Fourier coefficients of the
     compliance along the bar. ``compliances``, shape (draws, n), holds draws of the model's n

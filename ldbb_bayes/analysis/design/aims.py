@@ -54,7 +54,7 @@ class Aim(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class UncertaintyAim:
-    """Aim that the standard uncertainty of a combination w·β of the parameters becomes small.
+    """Aim to reach a small standard uncertainty of a combination w·β of the parameters.
 
     β are the p parameters and w their weights. The uncertainty is first computed for known
     hyper-parameters (scales of the noise and of other effects). It is then multiplied by
@@ -96,7 +96,7 @@ class UncertaintyAim:
 
 @dataclass(frozen=True, eq=False)
 class SlopesAim:
-    """Aim that the log Bayes factor decides whether the compliances change with force."""
+    """Aim to decide by the log Bayes factor whether the compliances change with force."""
 
     #: indices of the slopes (changes of compliance with force) in the list of parameters
     columns: Sequence[int]
@@ -123,9 +123,10 @@ def total_distance(aims: Sequence[Aim], covariance: Array) -> Array:
 
     The distance from each of ``aims`` is averaged over the hyper-parameters. A distance below zero
     is multiplied by 0.001. The distance from an aim that is reached already is also multiplied by
-    0.001. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of
-    their prior standard deviations, at K values of the hyper-parameters. The dimensions (...), if
-    there are any, run over possible circles.
+    0.001. The sum therefore depends mainly on the aims that are expected to be missed.
+    ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of their
+    prior standard deviations, at K values of the hyper-parameters. The dimensions (...), if there
+    are any, run over possible circles.
     """
     total = np.zeros(covariance.shape[1:-2])
     for aim in aims:

@@ -53,7 +53,7 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     phi
         True hyper-parameters of K possible machines, shape (K, h), lengths in mm.
     draws
-        Number of likely sets of hyper-parameters that are drawn for each machine.
+        Number of likely sets of hyper-parameters to draw for each machine.
     seed
         Seed of the random numbers.
 
@@ -84,7 +84,7 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
 
 
 class _Belief(NamedTuple):
-    """Gaussian approximations of the posteriors of h normal scores in K analyses.
+    """Gaussian approximations of the posteriors of h normal scores, for K possible machines.
 
     The normal score of a scale (hyper-parameter) is the standard normal quantile of the scale's
     cumulative prior probability.
@@ -95,7 +95,7 @@ class _Belief(NamedTuple):
 
 
 def _belief(truth: Array, information: Array, error: Array) -> _Belief:
-    """Return Gaussian approximations of the posteriors of h normal scores in K analyses.
+    """Return Gaussian approximations of the posteriors of h normal scores, for K machines.
 
     The K analyses are those of K possible machines. ``truth``, shape (K, h), are the true scores of
     the machines. ``information``, shape (K, h, h), is the Fisher information of the readings about
@@ -160,8 +160,9 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
         information[k] = _information_at(
             effects.columns, variances[k, 0], noise[k, 0], slopes, noise_slope
         )
-        # The readings of a test are reduced to a few values that contain all effects. The other
-        # ``spare`` degrees of freedom of the readings contain white noise alone.
+        # The readings of a test were reduced to a few values that contain all effects. The other
+        # ``spare`` degrees of freedom of the readings contain white noise alone; add the
+        # information about the noise that they carry.
         information[k] += 0.5 * spare * np.outer(noise_slope, noise_slope) / noise[k, 0] ** 2
     return information
 

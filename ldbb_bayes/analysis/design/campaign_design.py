@@ -587,11 +587,11 @@ def _levels_in_range(pilot: Campaign) -> list[float]:
 
 
 def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    """Raise an `InputError` if a design for comparison has a reserved name or another machine.
+    """Raise an `InputError` if a design for comparison has a reserved name or a wrong machine.
 
-    ``campaign`` holds the tests of the design for comparison, and ``name`` is its name. ``pilot``
-    is the campaign or plan that the best design starts from; both designs must be of the pilot's
-    machine.
+    ``campaign`` holds the tests of the design for comparison, and ``name`` is the name that the
+    caller gave it. Reserved are the names that the result itself uses. ``pilot`` is the campaign or
+    plan that the best design starts from; the design for comparison must be of the same machine.
     """
     require(
         name not in _RESERVED_NAMES,
@@ -654,9 +654,10 @@ def _describe_design(
 def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Judged:
     """Return the forecast and the efficiency of a design that is compared with the best design.
 
-    ``name`` is the name of the design in the comparison. The efficiency is relative to the best
-    division of the same number of tests among the candidates (tests that could be run). The
-    efficiency is zero for tests that leave a parameter undetermined.
+    ``tests`` are the tests of this design, and ``name`` is its name in the comparison. The
+    efficiency, by the criterion of ``space``, is relative to the best division of the same number
+    of tests among the candidates (tests that could be run). The efficiency is zero for tests that
+    leave a parameter undetermined.
     """
     forecast = space.forecast(space.plan_of(tests, seed=space.seed))
     efficiency = space.efficiency(tests) if forecast.determined else 0.0

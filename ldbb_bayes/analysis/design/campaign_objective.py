@@ -1,7 +1,8 @@
 """Objective of the search for a design, computed from the model bound to the candidate tests.
 
-The pilot is the campaign or plan that a design starts from. φ are the hyper-parameters (the scales
-of the noise and of other effects).
+The objective states how good a design is, as a function of its number of runs of each candidate
+test (test that could be run). It is an average over values of the hyper-parameters φ (the scales of
+the noise and of other effects).
 """
 
 from __future__ import annotations

@@ -130,7 +130,7 @@ def sets_of_offers(
 
 
 def certified_with(instrument: Instrument, offers: Sequence[CertificateOffer]) -> Instrument:
-    """Return the instrument with the values that ``offers``, further certificates, state for it."""
+    """Return the instrument, completed with the values that the certificates ``offers`` state."""
     statements: dict[str, Any] = {}
     for offer in offers:
         statements.update(offer.statements)

@@ -114,8 +114,9 @@ def _excess(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
 def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> dict[str, float]:
     """Return the share of the possible machines on which each goal is met.
 
-    The keys are the names of the goals' parameters. An empty string is the key of the share of the
-    machines on which all goals are met together.
+    ``stated`` holds the uncertainties to expect on every possible machine. The keys of the result
+    are the names of the goals' parameters. There is one more key, an empty string: its value is the
+    share of the machines on which all goals are met together.
     """
     is_met = _excess(stated, goals) <= 0.0
     shares = {name: float(is_met[:, k].mean()) for k, name in enumerate(goals)}
@@ -132,12 +133,12 @@ class _Progress:
     #: number of circles of every candidate test in the campaign that was tried last, shape
     #: (candidates,)
     counts: Array
-    #: natural logarithm of the ratio of two uncertainties of the campaign with the largest number
-    #: of circles: the uncertainty in the full forecast to that in the quick forecast
+    #: ln(u/v) for the campaign with the largest number of circles, where u is the uncertainty in
+    #: the full forecast, and v the uncertainty in the quick forecast
     lasting_inflation: float = 0.0
-    #: coefficient a: for n circles, the natural logarithm of the ratio of the uncertainty in the
-    #: full forecast to that in the quick forecast is ``lasting_inflation`` + a/n; None before the
-    #: first full forecast
+    #: coefficient a of the formula ln(u/v) = ``lasting_inflation`` + a/n for a campaign of n
+    #: circles, where u is the uncertainty in the full forecast, and v the uncertainty in the quick
+    #: forecast; None before the first full forecast
     inflation: float | None = None
     forecasts: int = 0  #: number of full forecasts made
     last_failed: int = 0  #: largest number of circles with which a full forecast missed the goals

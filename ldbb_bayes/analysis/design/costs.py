@@ -77,7 +77,10 @@ class Costs(Result):
 
 
 def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
-    """Return the machine time of tests [min], which does not depend on their order."""
+    """Return the machine time of ``tests`` [min] for the times that ``costs`` states.
+
+    The machine time does not depend on the order of the tests.
+    """
     clockings_by_setup: dict[tuple[str, float, int], set[tuple[float, float]]] = {}
     circles = 0
     for test in tests:
@@ -98,5 +101,9 @@ def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
 
 
 def price_of(costs: Costs, minutes: float, certificates: float = 0.0) -> float:
-    """Return the price of a machine time [min] plus the price ``certificates`` of certificates."""
+    """Return the price of a machine time, ``minutes`` [min], plus the price of certificates.
+
+    ``costs`` states the price of machine time, and ``certificates`` is the price of the
+    certificates.
+    """
     return costs.price_per_hour * minutes / _MINUTES_PER_HOUR + certificates

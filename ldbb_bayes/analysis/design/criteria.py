@@ -70,9 +70,9 @@ class Variance:
     """Criteria A, c and I: Φ = −tr(W S⁻¹), the negative of a weighted sum of variances.
 
     S is the precision of the s parameters of interest and W, shape (s, s), their weights. For
-    criterion A, W is a multiple of the identity. For criterion c it is c cᵀ, where cᵀ β is the
-    combination of the parameters β that is of interest. For criterion I it is the mean of x xᵀ over
-    the predictions xᵀ β of interest.
+    criterion A, W is a multiple of the identity. For criterion c, W is c cᵀ, where cᵀ β is the
+    combination of the parameters β that is of interest. For criterion I, several predictions xᵀ β
+    are of interest, and W is the mean of x xᵀ over these predictions.
     """
 
     concave: ClassVar[bool] = True

@@ -160,7 +160,7 @@ class _LogBayesFactorDistribution:
     points: Array  # standard normal numbers for s − 1 components of z, shape (K, samples, s − 1)
 
     def expected(self, mean: Array, variance: Array) -> float:
-        """Return the mean of the log Bayes factor [nat].
+        """Return the mean of the log Bayes factor [nat], averaged over the hyper-parameters.
 
         The posterior mean of the slopes has s independent normal components. ``mean``, shape (K, 1,
         s), and ``variance``, shape (K, s), are the means and variances of these components, for K
@@ -170,12 +170,13 @@ class _LogBayesFactorDistribution:
         return float(0.5 * (self.log_volume + squares).mean())
 
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
-        """Return the probability that the log Bayes factor exceeds a level [nat].
+        """Return the probability that the log Bayes factor exceeds ``level`` [nat].
 
         The posterior mean of the slopes has s independent normal components. ``mean``, shape (K, 1
         or 2, s), and ``variance``, shape (K, s), are the means and variances of these components,
-        for K values of the hyper-parameters. If there are two means of a component, the first is
-        used for half of the quasi-random samples, and the second for the other half.
+        for K values of the hyper-parameters, over which the probability is averaged. If there are
+        two means of a component, the first is used for half of the quasi-random samples, and the
+        second for the other half.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)
@@ -183,9 +184,10 @@ class _LogBayesFactorDistribution:
         mean_of_point = np.arange(self.points.shape[1]) % mean.shape[1]
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
-        # The posterior mean of the slopes has several components. The component with the largest
-        # variance (the first after sorting) is integrated analytically. The probability is averaged
-        # over quasi-random samples of all other components.
+        # The log Bayes factor depends on several independent components of the slopes' posterior
+        # mean. The first after sorting has the largest variance. If the other components are given,
+        # the probability follows from the normal distribution of this first component. It is then
+        # averaged over quasi-random samples of the other components.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]

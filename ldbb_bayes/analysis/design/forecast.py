@@ -56,8 +56,8 @@ _BELIEFS = 4
 # analysis knows the scales of noise and effects. Several means are drawn because an analysis finds
 # different means for different readings.
 _MEANS_PER_STATE = 4
-# On this share of the possible machines, the analysis states at most the likely standard
-# uncertainty of a parameter (`Expected.likely_sd`).
+# Share of the possible machines on which the standard uncertainty of a parameter is at most the
+# likely standard uncertainty (`Expected.likely_sd`).
 _LIKELY = 0.9
 # Standard error of the median of normally distributed values, divided by the standard error of
 # their mean.

@@ -104,8 +104,8 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
     Parameters
     ----------
     bound
-        Model bound to a campaign or a plan. The goals may be for parameters of this model, and have
-        the units of these parameters.
+        Model bound to a campaign or a plan. Goals may be stated for the parameters of this model,
+        in units that suit these parameters.
     stated
         Goals; the keys are the names of the parameters. A goal is a text with a unit, such as "10
         µrad" or "5 %", a number in internal units (mm, N, rad), or a `Goal`.

@@ -1,12 +1,13 @@
 """Quick forecast of how far campaigns are from their goals.
 
 β are the parameters and φ the hyper-parameters (the scales of the noise and of other effects). A
-candidate is a test that could be run. It adds its information GᵀG to the precision matrix of all
-coefficients. G is computed once for every candidate, at K values of φ that are likely before the
-campaign. A search can therefore compare thousands of campaigns, each within milliseconds. The
-forecast assumes that φ is known and that all circles have the same scatter; compliances may be
-negative. `forecast_plan`, which does not make these simplifications, is used for the best
-campaigns.
+candidate is a test that could be run. Let G be the derivatives of its readings with respect to all
+coefficients, in standard deviations of the noise. The test adds the information GᵀG to the
+precision matrix of the coefficients. G is computed once for every candidate, at K values of φ that
+are likely before the campaign. A search can therefore compare thousands of campaigns, each within
+milliseconds. The forecast assumes that φ is known and that all circles have the same scatter;
+compliances may be negative. `forecast_plan`, which does not make these simplifications, is used for
+the best campaigns.
 
 Let r_g = u_g/u*_g be the expected standard uncertainty of the parameter of goal g, divided by the
 largest standard uncertainty that the goal permits. The distance of a campaign from its goals is the
@@ -175,9 +176,10 @@ class QuickForecast:
         """Return the distances from the goals after each possible circle, shape (candidates,).
 
         Let Σ be the covariance of all p coefficients before the circle: ``covariance``, shape (K,
-        p, p), at K values of the hyper-parameters. A circle adds GᵀG to the precision matrix, so
-        that the covariance after the circle is Σ − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ. Only the variances of the
-        goals' parameters are computed.
+        p, p), at K values of the hyper-parameters. Let G be the derivatives of a circle's readings
+        with respect to the coefficients, in standard deviations of the noise. The circle adds GᵀG
+        to the precision matrix, so that the covariance after the circle is Σ − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ.
+        Only the variances of the goals' parameters are computed.
         """
         number = self._limits.shape[1]
         variances = []

@@ -49,9 +49,9 @@ _TRIED_AT_THE_END = 128
 # of the hyper-parameters is used for the average sensitivities.
 _HYPER_STEP = 4
 # Number of designs that the search starts from. The first has the best fractions of tests, rounded
-# to whole numbers; the others are random. In two of every three random designs, the best fractions
-# of tests are the probabilities with which candidates are drawn. In the third, all candidates have
-# equal probability.
+# to whole numbers; the others are random. Tests of random designs are drawn from the candidates. In
+# every third random design, all candidates have equal probability. In the others, the probabilities
+# of the candidates are the best fractions of tests.
 _STARTS = 6
 # The shares of candidate tests (their numbers of runs divided by the number of all runs) are
 # treated as the best if the largest sensitivity exceeds the bound by at most this share of the
@@ -212,7 +212,7 @@ def _likely_candidates(
 
 @dataclass(frozen=True, eq=False)
 class ExactDesign:
-    """A design in whole numbers of tests, and the best fractions of the same number of tests."""
+    """A design in whole numbers of tests, and the best design with fractions of tests."""
 
     #: whole number of tests of each candidate, shape (candidates,)
     counts: Array
@@ -240,10 +240,10 @@ class Search:
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
-        """Return the best shares for ``tests`` tests; they are computed only once for each number.
+        """Return the best shares of ``tests`` tests among the candidates, and their sensitivities.
 
         The share of a candidate (test that could be run) is its number of runs divided by the
-        number of all runs.
+        number of all runs. The result is computed only once for each number of tests.
         """
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)

@@ -22,9 +22,9 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
 
-# Two values of the design criterion are treated as equal if their difference is below this share of
-# the largest value. The same holds for the derivatives of the criterion with respect to two
-# candidates. Of candidates with equal values, the first is taken.
+# Rounding errors must not decide which of two candidates is better. Two values of the criterion, or
+# two sensitivities, are therefore treated as equal if their difference is below this share of the
+# largest value. Of candidates with equal values, the first is taken.
 _EQUALITY_TOLERANCE = 1e-9
 # Largest number of rounds in which shares are optimized. In each round, a few candidates are added
 # to those with a share above zero, and the shares of all these candidates are optimized.
@@ -44,16 +44,16 @@ _ZERO_SHARE = 1e-10
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
-# Tolerances of the solver SLSQP for the best shares of tests. The tolerance is ``_LOOSE_TOLERANCE``
-# in the first round, and is never less than ``_TIGHT_TOLERANCE``. In later rounds, the tolerance is
-# at most ``_TOLERANCE_PER_EXCESS`` times `Optimum.excess`, which measures how far the shares are
-# from the best.
+# Tolerances of the solver SLSQP for the best shares of tests. In the first round, the tolerance is
+# ``_LOOSE_TOLERANCE``. In later rounds, it is at most ``_TOLERANCE_PER_EXCESS`` times
+# `Optimum.excess`, which measures how far the shares are from the best. It is never less than
+# ``_TIGHT_TOLERANCE``.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
-# The optimization of shares ends without reaching its tolerance if no candidates are left to add,
-# and a round with the smallest solver tolerance raises the criterion by at most this share of
-# `Optimum.bound`.
+# The optimization of shares ends, even if its tolerance is not reached, when it makes no progress.
+# This is so if no candidates are left to add, and if a round with the smallest solver tolerance
+# raises the criterion by at most this share of `Optimum.bound`.
 _NO_GAIN = 1e-13
 
 

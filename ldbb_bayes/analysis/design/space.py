@@ -211,10 +211,11 @@ class Space:
         return tuple(self.tests[i] for i in positions)
 
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
-        """Return ``number`` tests in equal steps of force, each moved to the nearest force level.
+        """Return ``number`` tests in equal steps of force, rounded to the force levels.
 
-        All tests have the first clocking (pair of angles of the balls) and the first radius to
-        choose from. Planes and directions of travel alternate from one force step to the next.
+        The force of each test is the force level nearest to the equal step. All tests have the
+        first clocking (pair of angles of the balls) and the first radius to choose from. Planes and
+        directions of travel alternate from one force step to the next.
         """
         levels = np.array(sorted(self.forces_N))
         nearest_levels = []
