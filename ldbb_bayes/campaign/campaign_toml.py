@@ -203,8 +203,9 @@ def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> Mo
     The deflection is in µm per bar of air pressure. If campaign.toml states a stiffness [N/µm]
     instead of a deflection, the deflection is the slope of the force law [N/bar] divided by the
     stiffness. The force law is the force of the ball bar as a linear function of the pressure.
-    ``content`` is the content of campaign.toml before defaults were filled in. Raise an
-    `InputError` if campaign.toml states both stiffness and deflection.
+    ``path`` is the path of campaign.toml. ``file`` is its validated content, with defaults filled
+    in; ``content`` is its content without defaults. Raise an `InputError` if campaign.toml states
+    both stiffness and deflection.
     """
     stated = content.get("mount", {}).keys()
     require(

@@ -257,7 +257,7 @@ def _entry(entries: Sequence[_T], k: int) -> _T | None:
 
 
 def _words(element: ElementTree.Element, tag: str) -> list[str]:
-    """Return the words in that inner element of an XML element whose name is ``tag``.
+    """Return the words in the inner element named ``tag`` of an XML element.
 
     If there is no such element, return the words of the element ``tag`` + "XMLList", which holds a
     list. Return an empty list if there is neither of these elements.

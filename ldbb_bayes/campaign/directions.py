@@ -26,11 +26,11 @@ def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
 
 
 def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
-    """Raise an `InputError` if a test in the plane ``plane`` states no direction of travel.
+    """Raise an `InputError` if a test of ``campaign`` in a plane states no direction of travel.
 
-    ``reason`` is the end of the clause in the message that says why a direction is needed, such as
-    "run, or are to run, both ways". The clause begins with "as circles of plane" and the name of
-    the plane.
+    ``plane`` is the name of the plane. ``reason`` is the end of the clause in the message that says
+    why a direction is needed, such as "run, or are to run, both ways". The clause begins with "as
+    circles of plane" and the name of the plane.
     """
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None

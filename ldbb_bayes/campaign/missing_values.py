@@ -39,7 +39,7 @@ def _is_missing(entry: Any) -> bool:
 def without_entries(column: Any, missing: NDArray[np.bool_]) -> list[Any]:
     """Return the entries of a column that are not missing.
 
-    ``missing`` is a mask, shape (n,), that is true for the entries to leave out.
+    ``missing`` is a mask of the n entries, shape (n,), that is true for the entries to leave out.
     """
     if isinstance(column, np.ma.MaskedArray):
         column = column.data

@@ -524,7 +524,7 @@ def resolution_of(reading_um: Array) -> float | None:
     Parameters
     ----------
     reading_um
-        Readings, shape (n,) [µm].
+        The n readings of a test, shape (n,) [µm].
 
     Returns
     -------

@@ -73,11 +73,11 @@ _LONGEST_STRETCH = 100_000
 # The residuals of a fit of the Fourier orders 0 to 12 to a test's readings count as rounding errors
 # if the sum of squares of the residuals is below this share of the readings' sum of squares.
 _ROUNDING = 1e-24
-# The check whether the circles' centre shifts with force is made only in planes with at least this
-# many tests.
+# Smallest number of tests in a plane with which it is checked whether the circles' centre in this
+# plane shifts with force.
 _FEWEST_TESTS = 4
-# The check whether the circles' centre shifts with force is made only in planes whose tests have at
-# least this many different forces.
+# Smallest number of different forces of the tests in a plane with which it is checked whether the
+# circles' centre in this plane shifts with force.
 _FEWEST_FORCES = 3
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.
@@ -167,7 +167,7 @@ def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
 def effects_of_failures(
     bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
 ) -> tuple[dict[str, float], float]:
-    """Return how much the faults that failing checks show could change parameters and intervals.
+    """Return the effects of failing checks on parameters and on their credible intervals.
 
     The first result is a dict, whose keys are the names of the tests that fail the check of a
     Fourier order. The value of a test is the largest change of any parameter when the test is left
@@ -321,9 +321,9 @@ def check_predictions(
     Each p-value compares the readings of a test with the readings of a new circle that are
     predicted from the posterior. ``phi``, shape (draws, h), holds posterior draws of the h
     hyper-parameters (scales of the noise and of other effects). ``beta``, shape (draws, p), holds
-    posterior draws of the parameters (compliances, their changes with force, geometric errors). At
-    most 500 of the draws are used. ``rng`` generates the random readings. ``bound`` is the model,
-    applied to its campaign.
+    posterior draws of the p parameters (compliances, their changes with force, geometric errors).
+    At most 500 of the draws are used. ``rng`` generates the random readings. ``bound`` is the
+    model, applied to its campaign.
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)

@@ -54,10 +54,10 @@ def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Ar
 def shape_probabilities(noise_factors: Array) -> Array:
     """Return the probabilities of the shapes a in ``_SHAPES`` for each of n posterior draws.
 
-    A shape a belongs to the density InvGamma(a, a) of λ², where λ is the noise factor of a circle:
-    the factor of its random effects. ``noise_factors``, shape (n, R), holds the noise factors of
-    the R measured circles in each posterior draw. The result has one row for each draw and one
-    column for each value in ``_SHAPES``.
+    The noise factor λ of a circle multiplies random effects on the circle; λ² has the density
+    InvGamma(a, a). ``noise_factors``, shape (n, R), holds the noise factors of the R measured
+    circles in each posterior draw. The result has one row for each draw and one column for each
+    value in ``_SHAPES``.
     """
     prior = np.full(len(_SHAPES), (1.0 - _FIRST_PROBABILITY) / (len(_SHAPES) - 1))
     prior[0] = _FIRST_PROBABILITY

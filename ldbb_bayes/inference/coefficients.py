@@ -7,8 +7,8 @@ effects that are modelled but not of interest: shared nuisances are common to se
 nuisances belong to a single circle. There are three kinds of prediction:
 
 - machine: H β plus the nominal deflection of the work ball's mount; the deflection is left out if
-  the readings are already compensated for it. The matrix H hold the change of the circles per unit
-  of each parameter;
+  the readings are already compensated for it. The matrix H holds the change of every circle per
+  unit of each parameter;
 - shared: the machine plus the effects of ball form, bar length, deflection of the mount, and force
   error. The quality of a fit (root-mean-square residual and fitness, Eq. 34-35 of the paper) is
   computed from this prediction;
@@ -103,7 +103,7 @@ def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array,
     """Return draws of the parameters and of the hyper-parameters, with all chains joined.
 
     ``beta``, shape (chains, draws, p), are draws of the p parameters; ``phi``, shape (chains,
-    draws, h), are draws of the hyper-parameters. The results have the shapes (chains × draws, p)
+    draws, h), are draws of the h hyper-parameters. The results have the shapes (chains × draws, p)
     and (chains × draws, h), with all draws of the first chain first. If ``size`` is not None, at
     most that many draws are returned, evenly spaced.
     """
@@ -175,11 +175,11 @@ def compliance_curves(
     """Return the compliances C(F) at n bar forces F, shape (draws, n, compliances).
 
     ``force_N``, shape (n,), holds the forces [N]. C(F) is computed from the compliance at the
-    reference force and from its change with force, for each draw of the parameters ``beta``, shape
-    (draws, p), and h hyper-parameters ``phi``, shape (draws, h). The direct compliance of a machine
-    axis is the deflection of the axis divided by the bar force along the axis. If the model has the
-    term `JointLoad` (joints that yield to their own load), direct compliances include what this
-    term adds. The coefficients of the term are drawn at random given the parameters, the
+    reference force and from its change with force, for each draw of the p parameters ``beta``,
+    shape (draws, p), and h hyper-parameters ``phi``, shape (draws, h). The direct compliance of a
+    machine axis is the deflection of the axis divided by the bar force along the axis. If the model
+    has the term `JointLoad` (joints that yield to their own load), direct compliances include what
+    this term adds. The coefficients of the term are drawn at random given the parameters, the
     hyper-parameters and the readings. ``bound`` is the model, applied to its campaign.
     """
     return elastic_draws(ModelDraws(bound, phi, beta), (), force_N, rng).compliances
@@ -220,7 +220,7 @@ def elastic_draws(
 def elastic_draws_with(
     shared: Array, draws: ModelDraws, circles: Sequence[int], force_N: Array
 ) -> ElasticDraws:
-    """Return what `elastic_draws` returns, from coefficients of shared nuisances that are given.
+    """Return the same as `elastic_draws`, but from given coefficients of shared nuisances.
 
     Shared nuisances are effects that are modelled but not of interest and that several tests have
     in common. ``shared``, shape (draws, q), holds q coefficients of these nuisances for each draw.
@@ -271,7 +271,7 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
 
     The prediction has no random scatter. It includes the effects of the machine, of ball form, of
     bar length, of the deflection of the mount, and of force error. Nuisances, that is, effects that
-    are modelled but not of interest, are set to their means given the readings, the parameters
+    are modelled but not of interest, are set to their means given the readings, the p parameters
     ``beta``, shape (draws, p), and the h hyper-parameters ``phi``, shape (draws, h). The result
     holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25). ``bound`` is the
     model, applied to its campaign.

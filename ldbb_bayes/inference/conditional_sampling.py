@@ -92,7 +92,8 @@ def draw_parameters_given(
 
     The parameters are compliances, their changes with force, and geometric errors. They are drawn
     given the readings and each of w values of the hyper-parameters (scales of the noise and of
-    other effects). The arguments are the same as in `conditional_draws`.
+    other effects), which ``free`` holds. The arguments are the same as in `conditional_draws`.
+    Draws that are not exact are repeated.
 
     Raises
     ------

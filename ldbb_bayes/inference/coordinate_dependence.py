@@ -64,7 +64,7 @@ class Dependence:
     mean: Array  #: coefficients of the means of h coordinates, shape (1 + 2 k, h)
     #: coefficients of the logarithms of the widths of h coordinates, shape (1 + 2 k, h)
     log_width: Array
-    #: numbers subtracted at last, in z = (u − mean) / width − offset, shape (h,)
+    #: constants that are subtracted last, in z = (u − mean) / width − offset, shape (h,)
     offset: Array
 
     @property
@@ -75,8 +75,9 @@ class Dependence:
     def remove(self, u: Array) -> IndependentPoints:
         """Return the nearly independent coordinates z that belong to the coordinates u of n points.
 
-        z and ``u`` have the shape (n, h). A coordinate z is (u − mean) / width − offset; the
-        dependence of mean and width on the first k coordinates is thus removed.
+        z and ``u`` have the shape (n, h), with h coordinates of each point. A coordinate z is (u −
+        mean) / width − offset; the dependence of mean and width on the first k coordinates is thus
+        removed. The result also holds the sum of the logarithms of all widths at each point.
         """
         terms = _terms(u[:, : self.leading])
         log_width = _limited(terms @ self.log_width)
@@ -86,7 +87,7 @@ class Dependence:
     def restore(self, z: Array) -> Array:
         """Return the coordinates u of n points from their coordinates z: the inverse of `remove`.
 
-        u and ``z`` have the shape (n, h).
+        u and ``z`` have the shape (n, h), with h coordinates of each point.
         """
         standard = z + self.offset
         u = standard.copy()

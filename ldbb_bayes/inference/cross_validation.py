@@ -165,7 +165,7 @@ def _draw_readings(
 
     A test has n readings; each posterior draw gives one circle. ``rng`` generates the random
     numbers. ``phi``, shape (draws, h), holds draws of the h hyper-parameters (scales of the noise
-    and of other effects); ``beta``, shape (draws, p), holds draws of the parameters (compliances,
+    and of other effects); ``beta``, shape (draws, p), holds draws of the p parameters (compliances,
     their changes with force, geometric errors). ``bound`` is the model, applied to its campaign.
     """
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
@@ -232,7 +232,7 @@ def _without_test(bound: BoundModel, name: str) -> BoundModel:
 
 
 def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> Array:
-    """Return the log density of the readings, one hyper-parameter being integrated out, shape (w,).
+    """Return the log density of readings with one hyper-parameter integrated out, shape (w,).
 
     The hyper-parameter with the name ``circle_scale`` is the factor of two random effects on one
     circle: its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). The

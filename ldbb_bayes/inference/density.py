@@ -287,8 +287,8 @@ class LogDensity(Shown):
 def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Array) -> Array:
     """Return ln p(y | β, φ) + ln p(β) + ``log_hyper_prior`` at n points, shape (n,).
 
-    y are the readings. ``beta``, shape (n, p), holds the parameters β; ``phi``, shape (n, h), holds
-    the h hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ.
+    y are the readings. ``beta``, shape (n, p), holds the p parameters β; ``phi``, shape (n, h),
+    holds the h hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ.
     ``bound`` is the model, applied to its campaign.
     """
     total = bound.log_prior(beta) + log_hyper_prior

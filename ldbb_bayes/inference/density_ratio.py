@@ -58,8 +58,8 @@ _DEPENDENT = 1e-10
 # where f is a similar density. This mean is not trusted if the standard deviation of the ratios
 # exceeds this share of the mean. A sample of a few hundred nodes may then miss the largest ratios.
 _LARGEST_SCATTER = 0.4
-# Largest logarithm of a ratio of two densities, divided by the mean of all the ratios, with which
-# this mean is trusted. The square of a larger ratio might overflow.
+# Largest value of ln(ratio / mean of the ratios) with which the mean of the ratios of two densities
+# is trusted. The square of a larger ratio might overflow.
 _LARGEST_LOG_RATIO = 50.0
 # Ratios of two densities are assumed to have no heavy tail if none of them exceeds their mean by
 # more than this multiple of the mean. Otherwise the tail is examined.
@@ -299,10 +299,10 @@ def _probabilities(weight: Array) -> Array:
 def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
     """Return the indices of the nodes picked for the largest sample; an index may occur repeatedly.
 
-    ``probability``, which sums to one, is the probability of each node to be picked. The nodes are
-    put in random order (``rng``) and picked at equally spaced values of the cumulative probability.
-    There are two smaller samples: every 8th of the picked nodes, and every 24th of the picked
-    nodes.
+    ``probability`` holds the probabilities with which the nodes are picked; they sum to one. The
+    nodes are put in random order (``rng``) and picked at equally spaced values of the cumulative
+    probability. There are two smaller samples: every 8th of the picked nodes, and every 24th of the
+    picked nodes.
     """
     order = rng.permutation(len(probability))
     levels = (rng.random() + np.arange(_LARGEST_SAMPLE)) / _LARGEST_SAMPLE

@@ -134,7 +134,8 @@ class SmoothedWeights(NamedTuple):
     weights: Array  #: smoothed importance weights of n draws, which sum to one, shape (n,)
     #: shape k̂ of the Pareto distribution fitted to the largest importance weights
     pareto_k: float
-    #: largest Pareto shape k̂ with which importance weights of so many draws can be trusted
+    #: largest Pareto shape k̂ with which the importance weights can be trusted; it depends on the
+    #: number n of draws
     largest_pareto_k: float
 
 

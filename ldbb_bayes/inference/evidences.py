@@ -40,7 +40,7 @@ _FEWEST_TESTS = 16
 
 
 def _silent() -> None:
-    """Do nothing; unlike a lambda, this default can be sent to other processes."""
+    """Do nothing. Unlike a lambda, this function can be sent to other processes."""
 
 
 class Evidences(Shown):

@@ -19,7 +19,7 @@ from ldbb_bayes.results import Array
 __all__ = ["CurveDraws", "ForceCurves", "force_curves", "prior_changes"]
 
 # Smallest force at which a compliance C(F) is computed [N]; it replaces a reference force of zero.
-# C(F) is a deflection divided by the force F, so that a force of zero would be divided by.
+# C(F) is a deflection divided by the force F, which therefore must not be zero.
 _SMALLEST_FORCE_N = 1e-9
 # Name of the term `JointLoad` (joints that yield to their own load) among the rival explanations of
 # a model, which are effects that look like a change of compliance with force.
@@ -85,9 +85,9 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
     The change is C(F_max) − C(F_min), from the smallest force tested to the largest. The keys are
     the names of the compliances, as in `force_curves`. For an average over models, the prior draws
     come from all models, including the models with constant compliances. The effect of the term
-    `JointLoad` (joints that yield to their own load) is included at random, in the same share of
-    the draws as the share of the averaged models that have this term. The result is empty if the
-    prior is flat or if all tests have the same force.
+    `JointLoad` (joints that yield to their own load) is included only in some draws, picked at
+    random. Their share is the share of the averaged models that have this term. The result is empty
+    if the prior is flat or if all tests have the same force.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N

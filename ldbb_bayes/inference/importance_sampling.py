@@ -39,9 +39,10 @@ _POINTS_PER_DIMENSION = 1.5
 # The number of points with which a round of importance sampling starts is this multiple of the
 # number with which the previous round started, unless this would be more points than allowed.
 _GROWTH = 4
-# Components that are added to a proposal (the mixture from which points are drawn), so that it has
-# no gaps in the tails. Beside every component, a further component is added that is wider by the
-# factor ``_WIDE``. All wider components together receive the share ``_WIDE_SHARE`` of the points.
+# Width and share of components that are added to a proposal (the mixture from which points are
+# drawn), so that points in the tails do not get very large weights. Beside every component, a
+# further component is added that is wider by the factor ``_WIDE``. All wider components together
+# receive the share ``_WIDE_SHARE`` of the points.
 _WIDE = 1.5
 _WIDE_SHARE = 0.1
 # Largest number of rounds of importance sampling, each of which draws new points.
@@ -132,9 +133,9 @@ def _best_of_rounds(
 ) -> Integral:
     """Return the earliest round that reaches the tolerance, or the best round if none does.
 
-    The best round is the round with the smallest error. Rounds with weights that cannot be trusted
-    are considered only if there are no other rounds. The first round only serves to fit the
-    proposal (the density drawn from) and is never returned. The arguments are the same as in
+    The best round is the round with the smallest error. A round with weights that cannot be trusted
+    is returned only if no round has weights that can be trusted. The first round only serves to fit
+    the proposal (the density drawn from) and is never returned. The arguments are the same as in
     `importance_sample`.
     """
     rng = np.random.default_rng(seed)

@@ -107,7 +107,7 @@ class Integral:
     left_out: float = 0.0
     #: difference between the values of ln ∫ f from the two grids of a coarser lattice [nat]: the
     #: lattice before the distance between its nodes was last shortened. Zero for a sample, and for
-    #: a lattice whose distance was not shortened
+    #: a lattice in which this distance was not shortened
     coarser_difference: float = 0.0
     #: error of ln ∫ f [nat] that arises because the density was evaluated at some nodes (points)
     #: only, and its values at the other nodes were inferred (`density_ratio`); zero if it was

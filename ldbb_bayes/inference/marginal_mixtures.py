@@ -89,7 +89,7 @@ class MarginalMixtures(NamedTuple):
     def quantile_errors(self, levels: Array) -> Array:
         """Return the standard errors of the quantiles of p parameters, shape (n, p).
 
-        ``levels``, shape (n,), holds the probabilities of the quantiles. The standard errors are
+        ``levels``, shape (n,), holds the n probabilities of the quantiles. The standard errors are
         computed from the scatter of `quantiles` between batches of components.
         """
         count = min(_BATCHES, len(self.beta))
@@ -140,10 +140,11 @@ def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
 
 
 def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> MarginalMixtures:
-    """Return the components that w draws give, for the parameters that one model has.
+    """Return the components of the mixtures, one for each of w posterior draws of one model.
 
     ``phi``, shape (w, h), holds draws of the h hyper-parameters (scales of the noise and of other
     effects). ``beta``, shape (w, p), holds draws of all p parameters of the average over models.
+    The result has only those parameters that ``model`` has.
     """
     conditional = model.bound.given(phi)[1]
     of_model = beta[:, model.places]

@@ -174,7 +174,8 @@ class EnsembleRun:
 class WeightedPoints(NamedTuple):
     """Independent random points in d dimensions with their importance weights.
 
-    The points are drawn from a proposal: a density near the target, the density to be sampled.
+    The points are drawn from a density (the proposal) that is near the density to sample (the
+    target).
     """
 
     points: Array  #: coordinates of the random points, shape (size, d)

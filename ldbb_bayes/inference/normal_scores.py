@@ -54,7 +54,7 @@ class NormalScores:
 
     @cached_property
     def _restricted(self) -> NDArray[np.bool_]:
-        """Whether each of h hyper-parameters has a normal prior restricted to an interval, (h,)."""
+        """Whether each of h hyper-parameters has a restricted normal prior, shape (h,)."""
         return np.array([law != "circle" for law in self.prior.laws])
 
     @cached_property
@@ -142,7 +142,10 @@ class NormalScores:
         return above, np.where(np.isfinite(upper), below, 0.0)
 
     def free(self, scores: Array) -> Array:
-        """Return the unbounded coordinates of h hyper-parameters from normal scores, (..., h)."""
+        """Return the unbounded coordinates of h hyper-parameters from their normal scores.
+
+        ``scores``, shape (..., h), holds the normal scores. The coordinates have the same shape.
+        """
         free = np.array(scores, dtype=float)
         above, below = self._log_distances(scores)
         free[..., self._restricted] = above - below

@@ -344,7 +344,8 @@ def band_um(
     It lies below the lower limit with the same probability as above the upper limit. The limits are
     computed from random draws of circles: ``coefficients``, shape (draws, 25), holds the Fourier
     coefficients of the circles (orders 0 to 12) [mm]; ``sigma_mm``, shape (draws,), holds the
-    standard deviations of the white noise [mm]. ``angle_rad``, shape (angles,), holds the angles.
+    standard deviations of the white noise [mm]. ``angle_rad``, shape (angles,), holds the angles,
+    and ``rng`` generates the noise.
     """
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3

@@ -28,8 +28,8 @@ __all__ = [
     "tests_in_order",
 ]
 
-# Share of the largest singular value below which a singular value counts as zero. The matrix holds
-# the values of the Fourier functions at the angles of a test.
+# Share of the largest singular value below which a singular value counts as zero, for the matrix
+# that holds the values of the Fourier functions at the angles of a test.
 RANK_TOLERANCE = 1e-6
 
 

@@ -54,12 +54,12 @@ _SURPLUS = 1.3
 # Number of independent draws that are added to each chain, so that the computed effective sample
 # size, which scatters, reaches the required value for every parameter.
 _SURPLUS_DRAWS = 50
-# Effective sample size that a run of emcee must have if draws that are as good as independent are
-# picked from it, as a multiple of the number of draws picked.
+# Effective sample size that a run of emcee must have if nearly independent draws are picked from
+# it, as a multiple of the number of draws picked.
 _THINNING = 4.0
-# Further conditions on a run of emcee from which draws that are as good as independent are picked:
-# R-hat of the run is at most ``_RHAT_WHEN_THINNED``, and the run spans at least
-# ``_LENGTHS_WHEN_THINNED`` autocorrelation times.
+# Further conditions on a run of emcee from which nearly independent draws are picked: R-hat of the
+# run is at most ``_RHAT_WHEN_THINNED``, and the run spans at least ``_LENGTHS_WHEN_THINNED``
+# autocorrelation times.
 _RHAT_WHEN_THINNED = 1.05
 _LENGTHS_WHEN_THINNED = 2.0
 
@@ -77,7 +77,7 @@ class SampledDraws(NamedTuple):
 
 
 class IndependentDraws(NamedTuple):
-    """Posterior draws of parameters and hyper-parameters that are as good as independent."""
+    """Posterior draws of parameters and hyper-parameters that are independent, or nearly so."""
 
     #: posterior draws of the p parameters (compliances, their changes with force, geometric errors)
     #: in mm, N and rad, shape (size, p)
@@ -416,7 +416,7 @@ def _sample_jointly(
 def draw(
     sampler: str, start: HyperPosterior, size: int, *, seed: np.random.SeedSequence
 ) -> IndependentDraws:
-    """Return ``size`` posterior draws that are as good as independent.
+    """Return ``size`` posterior draws that are independent, or nearly so.
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``. If ``sampler``
     is "joint", the draws are thinned from a run of emcee with an effective sample size four times
