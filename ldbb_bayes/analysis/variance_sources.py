@@ -230,7 +230,10 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Divisors for shares: the variances of the quantities, or one where a variance is zero."""
+        """Numbers by which parts of variances are divided to give shares, shape (q,).
+
+        They are the variances of the quantities, or one where a variance is zero.
+        """
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
     @cached_property

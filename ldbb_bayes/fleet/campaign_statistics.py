@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array
 __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"]
 
 # Nodes are values of the hyper-parameters (the scales of the noise and of other effects). At each
-# node, all other unknowns have a Gaussian distribution. This is the number of nodes for which the
-# means and covariances of these distributions are computed in one block.
+# node, all other unknowns have a Gaussian distribution. The constant is the number of nodes for
+# which the means and covariances of these distributions are computed in one block.
 _NODES_AT_ONCE = 256
 # Moments of the parameters are averages over this number of nodes (values of the hyper-parameters).
 # The nodes are selected with probabilities proportional to their weights. The numerical error of a

@@ -92,11 +92,11 @@ class _DrawLimits(NamedTuple):
     #: deviations from machine to machine) and the number of machines. At least ``lowest`` draws are
     #: made, even if the product is then larger.
     pairs: int
-    #: smallest number of random draws of the spreads (standard deviations from machine to machine),
-    #: for any number of machines
+    #: smallest number of random draws of the spreads (standard deviations from machine to machine)
+    #: that are made, however many machines there are
     lowest: int
-    #: largest number of random draws of the spreads (standard deviations from machine to machine),
-    #: for any number of machines
+    #: largest number of random draws of the spreads (standard deviations from machine to machine)
+    #: that are made, however few machines there are
     highest: int
 
     def size(self, machines: int) -> int:
