@@ -211,18 +211,26 @@ def _number(field_option: Option, flag: str, text: str) -> float:
 def _argument(
     group_name: str, make: Callable[..., Any], choices: Mapping[str, str], folder: Path
 ) -> Any:
-    """Return the argument that ``ldbb-bayes report`` would make from the options of a group.
+    """Return the result of calling a function with the values of a group of options.
+
+    The command ``ldbb-bayes report`` obtains the same result from the same values of the options.
 
     Parameters
     ----------
     group_name
-        Name of the group of options, such as table.
+        Name of the group of options, such as layout.
     make
-        Function that makes the argument from the values of the options.
+        Function that is called, such as a function that returns the layout of the tables. Its
+        keyword arguments are the values of the options.
     choices
         Texts typed on the page; the keys are the names of the entry fields.
     folder
         Folder of the session (one browser tab), which contains the files that the user added.
+
+    Returns
+    -------
+    object
+        What ``make`` returns. An option whose entry field is empty has its default value.
     """
     options = _GROUPS[group_name]
     typed = {}

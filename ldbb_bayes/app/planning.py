@@ -108,9 +108,10 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
 
 
 class _Report(NamedTuple):
-    """Identity of a session's report.
+    """Folder and time that together identify one report of a session.
 
-    Results that are computed from the report are cached under this key.
+    Results that are computed from the report are cached under this key, so that they are computed
+    again after a new report was written.
     """
 
     folder: Path  #: Folder of the session (one browser tab).
@@ -311,10 +312,11 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
 def _best_counts(candidates: Space, number: int) -> tuple[Array, float]:
     """Return how often to run each candidate test, and the value of the design criterion.
 
-    The search is the same as for the command ``design``: it is started several times, each time
-    from another design. If there are more than 12 circles or more than 180 candidate tests, the
-    search is started only once. It then starts from the best shares of runs (the share of a test is
-    its number of runs divided by the number of all runs), rounded to whole numbers of runs.
+    ``number`` is the number of all runs (circles), and ``candidates`` the space of the tests that
+    may be chosen. If there are at most 12 runs and at most 180 candidate tests, the search is that
+    of the command ``design``: it is started several times, each time from another design. If there
+    are more, the search is started only once. For this start, the best fraction of the runs is
+    computed for each test, and the fractions are converted to whole numbers of runs.
     """
     search = candidates.search
     if number <= _MOST_SEARCHED_CIRCLES and len(candidates.tests) <= _MOST_CANDIDATES:

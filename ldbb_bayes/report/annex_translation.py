@@ -37,8 +37,9 @@ _NUMBER = r"[-+−±]?[\d.,eE−+<>≥≤ /\[\]…%°-]*\d[\d.,]*"
 _DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?!\d|\.\d)")
 _SENTENCE_ENDS = re.compile(r"(?<=[.?!]) (?=[A-Z('{]|u[: ]|ln |\d+ %)")
 _GLOSSARY = "glossary"  # key of the section whose table is in alphabetical order
-# Separators of the items of a list, in the order in which they are tried. The first separators
-# divide a text into the longest items.
+# A text that is not in the catalogue is split at one of these separators, and its pieces are
+# translated separately. The separators are tried in this order: those that usually leave the
+# longest pieces come first.
 _JOINTS = ("; ", ": ", ", ", " and ", " or ")
 _WORD = re.compile(r"(?<![\w./\\-])(?:[A-Za-z][a-z]{2,}|of|by|to|or|at|is|it|as)(?![\w/\\(=])")
 # Words that are the same in every language: symbols, units, names of programs and quantities.
@@ -232,8 +233,10 @@ class AnnexTranslation:
     def _of_place(self, name: str, value: str) -> str | None:
         """Return the translation of the text for which a placeholder stands.
 
-        ``name`` is the name of the placeholder, and ``value`` the text. Return None if a part of
-        the text is not in the catalogue, or if a text that is not translated has several sentences.
+        ``name`` is the name of the placeholder, and ``value`` the text. If ``name`` begins with
+        ``r``, the text is not translated but returned as it is; if it has several sentences, the
+        result is None. For all other placeholders, the result is None if the catalogue lacks a part
+        of the text.
         """
         if not name.startswith("r"):
             return self._of(value)
@@ -260,10 +263,10 @@ class AnnexTranslation:
 
 
 def _in_alphabetical_order(part: Any) -> Any:
-    """Return a table with its rows in the alphabetical order of the first column.
+    """Return a part of a section; if the part is a table, its rows are sorted by the first column.
 
-    Umlauts are sorted as the letters without dots. Parts of a section other than tables are
-    returned as they are.
+    The order is alphabetical; umlauts are sorted as the letters without dots. A ``part`` that is
+    not a table is returned unchanged.
     """
     if not isinstance(part, Table):
         return part
@@ -306,10 +309,11 @@ def _phrase(key: str, translation: str) -> _Phrase:
 
 
 def _group(match: re.Match[str]) -> str:
-    """Return a group of a regular expression, for a placeholder in a key of the catalogue.
+    """Return the part of a regular expression that replaces a placeholder in a key.
 
-    The group matches every text for which the placeholder can stand. ``match`` is the placeholder,
-    such as {a}, which stands for any text, or {n1}, which stands for numbers.
+    This part is a named group, which matches every text for which the placeholder can stand.
+    ``match`` is the match of the placeholder in the key of the catalogue: {a} stands for any text,
+    and {n1} for numbers.
     """
     inside = ".+?"
     if match[1].startswith("n"):

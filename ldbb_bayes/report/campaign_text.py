@@ -137,7 +137,7 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
     Each row of the table states a quantity, its nominal value, its standard uncertainty u, and
     whether u comes from a certificate or from the model. The last column names the place in
     campaign.toml where the user can state the quantity. If no certificate states the form of a
-    ball, a note on the lobes of balls follows.
+    ball, a note follows on the lobes (periodic form errors) of balls.
     """
     rows = []
     for assumed in result.assumed:

@@ -95,9 +95,10 @@ def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> Table:
-    """Return a table of the log Bayes factor ln B, with one row for each assumption.
+    """Return a table of the log Bayes factor ln B of two models under several assumptions.
 
-    ln B is positive if the readings favour the second model over the first. Some assumptions are
+    The table has one row for each assumption. ln B is positive if the readings favour the second
+    model of the comparison over the first. Some assumptions are
     about the prior of the slopes (changes of compliance with force), others about how circles
     differ from one another. For an assumption about circles, the last column states how much the
     readings favour this assumption over the assumption that the models make [nat].

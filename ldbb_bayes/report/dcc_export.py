@@ -84,11 +84,10 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     """Write the results of a fit to an XML file in the format of a digital calibration certificate.
 
     The file holds the mean, U (k = 2), the credible interval and the covariance of every parameter
-    of the machine, in internal units (mm, N, rad). The results also include the change of each
-    compliance over the tested forces. Slopes, which are coefficients of this change, are only in
-    the part of the file that holds the covariance. The results also include the stiffness by
-    direction at the reference force. They include a stiffness only if the readings determine it.
-    The file states that it is unsigned and is not a calibration certificate.
+    of the machine, in internal units (mm, N, rad). It also holds the change of each compliance over
+    the tested forces. Slopes, which are coefficients of this change, appear only in the covariance
+    matrix. The stiffness by direction at the reference force is included if the readings determine
+    it. The file states that it is unsigned and is not a calibration certificate.
 
     Parameters
     ----------
@@ -167,11 +166,12 @@ def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[
 
 
 def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:
-    """Return the coverage factor k of the ellipsoid that contains a share of the posterior draws.
+    """Return the coverage factor k of a coverage ellipsoid of the parameters.
 
-    ``probability`` is the share. ``draws``, shape (p, draws), are random draws of p parameters from
-    the posterior. ``covariance``, shape (p, p), is the covariance matrix of the parameters.
-    Parameters that have the same value in all draws do not contribute.
+    The ellipsoid is centred at the posterior mean, has the shape given by ``covariance``, and
+    contains the fraction ``probability`` of the posterior draws. ``draws``, shape (p, draws), are
+    random draws of p parameters from the posterior. ``covariance``, shape (p, p), is the covariance
+    matrix of the parameters. Parameters that have the same value in all draws do not contribute.
     """
     sd = np.sqrt(np.diag(covariance))
     scale = np.where(sd > 0.0, sd, 1.0)
@@ -188,8 +188,8 @@ def _parameter_entries(
 
     ``entries`` are the results of the fit; the keys are names of parameters. ``interval`` is the
     key of the credible interval in each entry, such as ``ci95``. ``draws``, shape (parameters,
-    draws), are random draws from the posterior. In each dictionary, ``within`` is the share of the
-    draws that lie within mean ± U, where U is twice the standard deviation.
+    draws), are random draws from the posterior. The entry ``within`` of each dictionary is the
+    fraction of the draws that lie within mean ± U, where U is twice the standard deviation.
     """
     verdict_by_name = judge_posterior(posterior)
     parameters = []
@@ -220,8 +220,8 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
     """Return one dictionary for the change of each compliance with force, for the certificate file.
 
     The change of a compliance C(F) is C at the largest force tested minus C at the smallest force
-    tested. The dictionaries have the same keys as the dictionaries of parameters, except the keys
-    of the credible interval.
+    tested. The dictionaries have the keys of those that `_parameter_entries` returns, without
+    ``low`` and ``high`` for the credible interval.
     """
     curves = force_curves(posterior)
     difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"
@@ -245,12 +245,14 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
 
 
 def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]:
-    """Return the dictionaries for the stiffness by direction, for the certificate file.
+    """Return what the certificate file states about the stiffness by direction.
 
-    The stiffness is computed at the model's reference force. A stiffness is left out if only a
-    lower limit of it is known, because no value ± U describes it. Directions that the readings do
-    not determine are left out for the same reason. The dictionaries have the same keys as the
-    dictionaries of parameters, except the keys of the credible interval.
+    There is one dictionary for each quantity, such as the least stiffness in a plane. The
+    quantities are computed at the model's reference force; ``prob`` is the probability of credible
+    intervals. A stiffness is left out if only a lower limit of it is known, because no value ± U
+    describes it. Directions that the readings do not determine are left out for the same reason.
+    The dictionaries have the keys of those that `_parameter_entries` returns, without ``low`` and
+    ``high`` for the credible interval.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
     if not reference_N > 0.0:
@@ -270,10 +272,11 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
 
 
 def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
-    """Return the dictionaries for the stiffness in one plane, for the certificate file.
+    """Return what the certificate file states about the stiffness in one plane.
 
-    The names in the dictionaries do not state the plane. A quantity is left out if only a lower
-    limit of it is known, or if it is a direction that the readings do not determine.
+    There is one dictionary for each quantity. The names of the quantities, such as ``k_min``, do
+    not state the plane. A quantity is left out if only a lower limit of it is known, or if it is a
+    direction that the readings do not determine.
     """
     axis = plane.plane[0]
     difference_name = plane.difference_name.replace(" ", "")
@@ -292,8 +295,9 @@ def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
 def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[str, Any]:
     """Return what the certificate file states about a stiffness, a ratio or a difference.
 
-    A ratio is one stiffness divided by another; a difference is one compliance minus another. The
-    dictionary is empty if only a lower limit of the value is known.
+    A ratio is one stiffness divided by another; a difference is one compliance minus another.
+    ``name`` is the name for programs, ``shown`` the name for readers, and ``kind`` the kind of the
+    quantity, such as "ratio". The dictionary is empty if only a lower limit of ``value`` is known.
     """
     if value.only_lower_limit:
         return {}
@@ -312,7 +316,8 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
 def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection) -> dict[str, Any]:
     """Return what the certificate file states about a direction in a plane.
 
-    The direction is stated as an angle from the axis ``axis`` [°]. The dictionary is empty if the
+    The direction is stated as an angle from the machine axis ``axis`` [°]. ``name`` is the name of
+    the angle for programs, and ``shown`` its symbol for readers. The dictionary is empty if the
     readings do not determine the direction.
     """
     if not direction.is_determined:

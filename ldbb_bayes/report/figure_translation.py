@@ -42,7 +42,9 @@ class _TranslatedFormatter(Formatter):
 
 
 def translate_ticks(figure: Figure, translate: Callable[[str], str]) -> None:
-    """Translate the labels at the ticks of all axes of a figure, in the figure itself.
+    """Replace the labels at the ticks of all axes of a figure by their translations.
+
+    The figure itself is changed; no copy is made.
 
     Parameters
     ----------
@@ -60,7 +62,10 @@ def translate_ticks(figure: Figure, translate: Callable[[str], str]) -> None:
 
 
 def translate_figure(figure: Figure, translate: Callable[[str], str]) -> None:
-    """Translate all texts of a figure, in the figure itself.
+    """Replace all texts of a figure, except the labels at its ticks, by their translations.
+
+    The figure itself is changed; no copy is made. `translate_ticks` translates the labels at the
+    ticks.
 
     Parameters
     ----------

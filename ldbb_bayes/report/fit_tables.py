@@ -54,9 +54,9 @@ __all__ = [
     "words_of_fit",
 ]
 
-# λ of a circle is the factor by which the circle's random shift and unexplained deviations are
-# larger than those of the other circles. The table of a fit's parameters shows λ of a circle only
-# if the posterior median of λ is at least this value.
+# The table of a fit's parameters shows the factor λ of a circle only if the posterior median of λ
+# is at least this value. λ states how many times larger the circle's random shift and unexplained
+# deviations are than those of the other circles.
 _ODD_CIRCLE = 2.5
 # Kinds of remarks on a campaign. A report on a fit leaves out remarks of these kinds, because its
 # sentences on the fit say the same.
@@ -444,7 +444,11 @@ def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) ->
 
 
 def _parameter_row(name: str, entry: Mapping[str, Any], has_prior_means: bool) -> tuple[str, ...]:
-    """Return the row of a parameter or hyper-parameter in the table of posteriors and priors."""
+    """Return the row of a parameter or hyper-parameter in the table of posteriors and priors.
+
+    ``entry`` is what the JSON record of the fit states about the parameter ``name``. The row has a
+    cell for the prior mean only if ``has_prior_means`` is true.
+    """
     factor, unit = display_unit(entry["unit"])
     spread, decimals = round_uncertainty(entry["sd"] * factor)
     low, high = wording.interval_of(entry)
@@ -466,7 +470,9 @@ def _parameter_row(name: str, entry: Mapping[str, Any], has_prior_means: bool) -
 def _change_row(name: str, change: Mapping[str, Any], has_prior_means: bool) -> tuple[str, ...]:
     """Return the row for the change of a compliance over the tested forces.
 
-    The cells for the prior are empty.
+    ``change`` is what the JSON record of the fit states about the change of the compliance
+    ``name``. The cells for the prior contain a dash. The row has a cell for the prior mean only if
+    ``has_prior_means`` is true.
     """
     statement = _change_statement(change)
     cells = [

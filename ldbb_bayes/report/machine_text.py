@@ -25,12 +25,12 @@ def _machine_table(
     *,
     with_sums: bool,
 ) -> Table:
-    """Return a table of parameters, one row for each parameter.
+    """Return a table of the parameters ``entries`` of a machine, one row for each parameter.
 
-    The columns are the name, the unit, the pattern and the meaning. The pattern is the parameter's
-    effect on the readings in each plane. If ``with_sums`` is true, a last column states the sum for
-    each parameter that represents a sum of several parameters. ``title`` is the heading of the
-    first column.
+    The columns are the name, the unit, the pattern in each of the machine's planes, and the
+    meaning. The pattern is the parameter's effect on the readings. Some parameters represent a sum
+    of several parameters; if ``with_sums`` is true, a last column states this sum. ``title`` is the
+    heading of the first column.
     """
     heads = [title, "unit", "pattern", "what it is"]
     if len(machine.planes) > 1:

@@ -55,7 +55,10 @@ def is_own_text(subject: str) -> bool:
 
 @dataclass
 class OwnWords:
-    """Parts of a message that are not translated, and the characters that stand for them.
+    """Parts of a message that must not be translated, each with a character that stands for it.
+
+    `hide` replaces each part by its character before the translation; `show` puts the parts back
+    after the translation.
 
     Parameters
     ----------
@@ -67,7 +70,9 @@ class OwnWords:
     _parts: list[str] = field(default_factory=list)
 
     def hide(self, message: str) -> str:
-        """Return the message after replacing each part that is not translated by a character.
+        """Return a message in which one character stands for each part that must not be translated.
+
+        `show` puts these parts back.
 
         Parameters
         ----------
@@ -83,7 +88,7 @@ class OwnWords:
         return re.sub("|".join([*names, _SAME]), self._mark, message)
 
     def show(self, message: str) -> str:
-        """Return a message after replacing the characters by the parts for which they stand.
+        """Return a message in which the parts that `hide` took out are put back.
 
         Parameters
         ----------

@@ -237,8 +237,8 @@ def _reversals(numbers: SheetNumbers) -> Iterator[Finding]:
     """Yield one finding for each plane in which circles were run in both directions.
 
     The finding states how much the readings of the two directions differ: the amplitude of sin 2θ
-    in the difference of the readings [µm]. Servo mismatch, or unequal backlash of the two axes,
-    causes this difference.
+    in the difference of the readings [µm], where θ is the angle of the bar. Servo mismatch, or
+    unequal backlash of the two axes, causes this difference.
     """
     words = numbers.words
     for plane, coefficient in numbers.reversals.items():
@@ -285,11 +285,11 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
 
 
 def best_step(numbers: SheetNumbers) -> str:
-    """Return the name of the effect that contributes most to the undetermined parameters.
+    """Return the name of the effect that makes the undetermined parameters most uncertain.
 
-    A parameter is undetermined if the readings hardly determine it. For each effect, the shares
-    that it has in the variances of the undetermined parameters are added up. The name of the effect
-    with the largest sum is returned.
+    A measure against this effect helps most. A parameter is undetermined if the readings hardly
+    determine it. An effect causes a share of the variance of each such parameter; these shares are
+    added up, and the effect with the largest sum is chosen.
 
     Parameters
     ----------

@@ -28,17 +28,18 @@ _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # Entries of the campaign that state the machine and the date. Both sheets of the certificate show
 # these entries.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# Each value is the key of a text that states how the program knows the order in which the tests
-# were run. The keys of this dictionary are the sources of the order, such as the start times of the
-# tests.
+# The sheet states from which source the program knows the order in which the tests were run. The
+# keys of this dictionary are the sources, such as the start times of the tests. Each value is the
+# name under which the catalogue of words holds the text on the source.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",
     TimeSource.RANDOM: "entries.random_order",
     TimeSource.NO_DRIFT: "entries.no_drift",
 }
-# For each part of the instrument, the model term that describes the errors of the part. The sheet
-# states each part separately, and leaves these model terms out of the other assumptions.
+# Model term that describes the errors of each part of the instrument; the keys are the parts. The
+# sheet states the uncertainty of each part in a field for this part. Its list of the other assumed
+# effects therefore leaves these model terms out.
 _TERM_OF_PIECE = {
     "bar": BarLength.__name__,
     "work": BallForm.__name__,
@@ -244,10 +245,10 @@ def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
 
 
 def _deciding_priors(numbers: SheetNumbers) -> list[str]:
-    """Return a text on the prior, such as "E_XX1 ± …", of each quantity that depends on its prior.
+    """Return one text, such as "E_XX1 ± 50 µm/m", for each quantity that depends on its prior.
 
-    A quantity depends on its prior if the prior is the largest source of its variance. The number
-    after ± is twice the prior standard deviation.
+    A quantity depends on its prior if the prior is the largest source of the quantity's posterior
+    variance. The number after ± is twice the prior standard deviation.
     """
     words = numbers.words
     priors = []

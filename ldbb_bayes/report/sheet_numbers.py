@@ -147,9 +147,9 @@ class SheetNumbers:
     def reversals(self) -> dict[str, Mapping[str, float]]:
         """Coefficients of sin 2θ in the model term `Hysteresis`; the keys are the planes.
 
-        Each coefficient is half the amplitude of sin 2θ in the difference between two circles that
-        are run in opposite directions. Planes in which all circles were run in the same direction
-        are left out.
+        θ is the angle of the bar. Each coefficient is half the amplitude of sin 2θ in the
+        difference between the readings of two circles that are run in opposite directions. Planes
+        in which all circles were run in the same direction are left out.
         """
         tests = bound_of(self.findings.posterior).campaign.tests
         coefficients = self.findings.result["nuisances"]

@@ -17,8 +17,8 @@ from ldbb_bayes.report.translation import Words
 __all__ = ["banner", "undetermined_texts"]
 
 _MOST_REASONS = 2  # largest number of reasons that the banner states
-# If a reason in the banner names at most this number of quantities, it names them in words. A
-# reason that names more quantities uses symbols.
+# A reason in the banner may name quantities. Up to this number of quantities are named in words; if
+# there are more, all are named by their symbols.
 _MOST_IN_WORDS = 2
 _MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
 
@@ -51,8 +51,8 @@ def banner(numbers: SheetNumbers) -> Banner:
     forces_N = campaign_of(findings.numbers).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
-        # If the force is outside the tested range, this is the first reason for caution. If the
-        # numbers cannot be used at all, the reason why not comes first, and the force second.
+        # A force outside the tested range is the first reason for caution. Only if the numbers
+        # cannot be used at all, another reason stands before it: the reason why they cannot.
         reasons.insert(1 if is_unusable else 0, outside)
 
     kind = "usable"

@@ -111,7 +111,12 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _picture(key: str, subject: Any, caption: str, words: Words, **options: Any) -> Picture:
-    """Return a figure in the language of the sheets, with numbers in the form of this language."""
+    """Return a figure in the language of the sheets, with the decimal mark of this language.
+
+    ``key`` is the name of the figure, ``subject`` the result that it shows, and ``caption`` its
+    caption. ``words`` holds the texts of the sheets. ``options`` are passed to the function that
+    draws the figure.
+    """
     drawn = picture(key, subject, caption, words=words.table["figures"], **options)
     translate_ticks(drawn.figure, words.number)
     return drawn

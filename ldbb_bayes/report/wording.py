@@ -156,13 +156,14 @@ NONE_ALIKE = "The readings determine every combination of what the model contain
 
 # ---- limits at which the wording of sentences changes; no result depends on them
 
-# For each parameter, a ratio is computed: the uncertainty expected after the recommended design,
-# divided by the uncertainty expected after a design in equal steps of force. The ratios of two
-# parameters count as equal if they differ by less than this value.
+# Sentences on a design compare it with a design in equal steps of force. For each parameter they
+# use a ratio: the uncertainty expected after the recommended design, divided by the uncertainty
+# expected after the design in equal steps. The ratios of two parameters count as equal if they
+# differ by less than this value.
 _EQUAL_RATIOS = 2e-3
 _MOST_CHECKS = 3  # largest number of checks or parameters that a sentence on a fit names
-# Let p be the posterior probability that no compliance is negative. Sentences say that the readings
-# contradict non-negative compliances if ln p is below this value, which is ln 1e-6.
+# Sentences say that the readings contradict non-negative compliances if ln p is below this value,
+# where p is the posterior probability that no compliance is negative. The value is ln 1e-6.
 _CONTRADICTED = -13.815510557964274
 # Sentences state that a compliance increases (or decreases) with force only if the probability of
 # the increase (or decrease) is at least this value. They say that a slope (a coefficient of this
@@ -396,9 +397,10 @@ def _amount_words(value: float, factor: float, label: str, name: str, plus: str 
 def statement(degeneracy: Degeneracy) -> str:
     """Return a sentence that describes a degeneracy.
 
-    A degeneracy is a combination of parameters and other effects that no reading can resolve. The
-    sentence states amounts of parameters that together change no reading, or amounts of an effect
-    that change the readings exactly as stated amounts of the parameters do.
+    A degeneracy is a combination of parameters and other effects that no reading can resolve. If
+    the degeneracy has no model term, the sentence states amounts of parameters that together change
+    no reading. If the degeneracy has a model term, the sentence states which amounts of the
+    parameters change the readings exactly as an amount of the term's effect does.
     """
     sign = -1.0 if degeneracy.term else 1.0
     changes = []
@@ -825,9 +827,10 @@ def cure_in_words(remedy: Remedy | None) -> str:
 def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
     """Return texts on pairs of measures, for parameters that need two measures at once.
 
-    The first measure of a pair alone would leave the parameter confounded. An example of a text is
-    "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". A parameter that both measures would
-    leave confounded is marked.
+    Each text names a pair of measures, and U (k = 2) of the parameters after both measures, such as
+    "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". The first measure of a pair alone would
+    leave these parameters confounded. A parameter that is still confounded after both measures is
+    marked.
     """
     effects_by_pair: dict[str, list[str]] = {}
     for name, entry in result.parameters.items():
@@ -1383,13 +1386,13 @@ def difference_doubts(
 ) -> tuple[str, ...]:
     """Return sentences on reasons not to use the differences between two campaigns, if any.
 
-    ``first`` and ``other`` are the names of the campaigns. ``converged`` states whether the fit of
-    the second campaign has converged. If both campaigns used the same instrument, the two estimates
-    of an error of the instrument may disagree. Each error is a coefficient of the model.
-    ``conflict`` holds the name of the coefficient with the largest disagreement, and the p-value of
-    this disagreement, multiplied by the number of compared coefficients (Bonferroni). ``conflict``
-    is None if no coefficient can be compared. A sentence names the coefficient only if this p-value
-    is below 1 %.
+    ``first`` and ``other`` are the names of the campaigns. There are two reasons. One is that the
+    fit of the second campaign has not converged; ``converged`` is then false. The other is that
+    both campaigns used the same instrument, but their fits disagree about an error of the
+    instrument, which is a coefficient of the model. ``conflict`` holds the name of the coefficient
+    with the largest disagreement, and the p-value of this disagreement, multiplied by the number of
+    compared coefficients (Bonferroni). A sentence names the coefficient only if this p-value is
+    below 1 %. ``conflict`` is None if no coefficient can be compared.
     """
     return _sentences("difference_doubts", first, other, converged, conflict)
 

@@ -107,7 +107,7 @@ class _Traces:
 
     @property
     def stride(self) -> int:
-        """Step n between the readings that are drawn: only every n-th reading of a test."""
+        """Number n that limits the dots drawn: only every n-th reading of a test is drawn."""
         return -(-sum(map(len, self.readings_um)) // _MOST_DOTS)
 
     @cached_property
@@ -121,9 +121,9 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
 
     Each panel shows the readings, the prediction of the model (effects of machine, bar and balls),
     and rings labelled in µm. If there are at most 12 tests, the panels also show the 95 % band for
-    the readings of a new circle. A colour scale at the right shows the colour of each force. If the
-    trace at the largest force lies outside the trace at the smallest force, forces increase
-    upwards, and otherwise downwards.
+    the readings of a new circle. A colour scale at the right shows the colour of each force. On
+    this scale, forces increase upwards if the trace at the largest force lies outside the trace at
+    the smallest force, and downwards if not.
 
     Parameters
     ----------
@@ -264,8 +264,8 @@ def _panel_head(shown: _Traces, plane: str) -> str:
 def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
     """Draw the colour scale of forces at the right of the figure.
 
-    Forces increase upwards if the trace at the largest force lies outside the trace at the smallest
-    force, and otherwise downwards.
+    On the scale, forces increase upwards if the trace at the largest force lies outside the trace
+    at the smallest force, and downwards if not.
     """
     forces_N = shown.bound.setting.force_N
     levels = np.unique(forces_N)
@@ -320,7 +320,8 @@ def _round_step(size: float) -> float:
 def residuals(posterior: xr.DataTree) -> Figure:
     """Draw the residuals, reading minus prediction, against angle for up to ten tests.
 
-    The prediction includes the effects of machine, bar and balls. Two effects that differ from
+    If there are more than ten tests, ten are chosen evenly, including the first and the last. The
+    prediction includes the effects of machine, bar and balls. Two effects that differ from
     circle to circle are not part of the prediction, and are therefore still in the residuals: the
     set-up shift, and the discrepancy (a deviation that no other effect explains).
 

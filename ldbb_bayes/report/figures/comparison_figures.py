@@ -22,7 +22,8 @@ from ldbb_bayes.results import Array
 __all__ = ["compliance_with_local_fits", "evidence", "geometry_with_local_fits"]
 
 _LINES = ("-", "--", ":")  # Matplotlib line styles of the models in a figure, used in turn
-# The scale of log Bayes factors is never broken between minus this value and this value [nat].
+# The axis of log Bayes factors may be broken, so that extreme values do not compress the others. It
+# is never broken between minus this value and plus this value [nat].
 _MIDDLE_NAT = 20.0
 _BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # ends (x, y) of the stroke that marks a broken scale
 
@@ -229,12 +230,13 @@ def _gain_words(gain: float | None) -> str:
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
     """Draw every compliance C against the force F, in all models and in local fits.
 
-    The figure shows the mean in every model, the average over models, and the local fits. The
-    figure corresponds to Fig. 15 of the paper. The averaged models differ in which slopes (changes
-    of compliance with force) are zero. If the comparison has no average, the first model is drawn
-    instead. A local fit uses only the tests at two neighbouring forces. Each local fit estimates
-    the geometric errors separately. A local fit therefore estimates the tangent d(F C)/dF and not
-    C. For comparison, the figure also shows the tangent of the average.
+    The figure corresponds to Fig. 15 of the paper. It shows the posterior mean in every model, and
+    a band for the average over models that differ in which slopes (changes of compliance with
+    force) are zero. If the comparison has no such average, the band is that of the first model.
+
+    The figure also shows local fits. A local fit uses only the tests at two neighbouring forces,
+    and has its own geometric errors. It therefore estimates the derivative d(F C)/dF and not C. For
+    comparison, a dotted line shows this derivative for the mean of the band's model.
 
     Parameters
     ----------
@@ -308,7 +310,10 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
 
 
 def _draw_nothing(axes: Axes, name: str, factor: float) -> None:
-    """Draw nothing. The figure of geometric errors uses this function, because it has no bands."""
+    """Draw nothing beneath the curves, because the figure of geometric errors has no bands.
+
+    The arguments are those that `_draw_against_force` passes to ``draw_beneath``.
+    """
 
 
 def _draw_against_force(

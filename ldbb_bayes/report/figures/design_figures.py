@@ -105,9 +105,9 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
 def _plans(design: Design, today: Mapping[str, float]) -> list[_PlanBars]:
     """Return the bars of every plan of tests, in the order in which they are drawn.
 
-    The first bars are the present standard deviations ``today``, unless ``today`` is empty. The
-    last bars are the standard deviations after very many repetitions of the recommended tests. The
-    keys of ``today`` are the names of the parameters.
+    ``today`` holds the present standard deviations of the parameters; its keys are their names. The
+    present standard deviations come first, unless ``today`` is empty. The standard deviations after
+    very many repetitions of the recommended tests come last.
     """
     plans = []
     if today:
@@ -144,8 +144,9 @@ def _drawn(design: Design) -> dict[str, Any]:
 def _sizes(expected_by_name: Mapping[str, Any], plans: list[_PlanBars]) -> Array:
     """Return the expected standard uncertainties of all plans, shape (plans, parameters).
 
-    The uncertainties are in the units that the figure shows, such as nm/N. The keys of
-    ``expected_by_name`` are the names of the parameters.
+    The uncertainties are in the units that the figure shows, such as nm/N. ``expected_by_name``
+    holds what is expected for each parameter that is drawn; its keys are the names of the
+    parameters, and its values state their internal units.
     """
     factors = [display_unit(expected.unit)[0] for expected in expected_by_name.values()]
     rows = []

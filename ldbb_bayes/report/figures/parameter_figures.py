@@ -51,9 +51,10 @@ _ROOM_ABOVE = 0.1
 
 
 class _FigureRow(NamedTuple):
-    """One row of the figure of credible intervals.
+    """One row of the figure of credible intervals, which shows one quantity.
 
-    The random draws are in internal units (mm, N, rad).
+    The quantity's random draws from the posterior and from the prior are in internal units (mm, N,
+    rad).
     """
 
     label: str

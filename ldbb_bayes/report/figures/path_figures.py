@@ -220,11 +220,13 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
 def _paths(
     posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, sources: Sequence[str]
 ) -> Mapping[str, Array]:
-    """Return the contributions of several sources to the tool path on a plane's first circle [µm].
+    """Return the contributions of several sources to the tool path on a circle [µm].
 
+    The circle is the first circle in the plane ``plane``, run with the force ``force_N`` [N].
     ``sources`` are names of parameters, or of groups of parameters; they are the keys of the
-    result. Each array has the shape (draws, 360), for random draws from the posterior and the
-    angles 0° … 359°. The random draws are those that `decompose_deviation` uses.
+    result. Each array has the shape (draws, 360): one row for each random draw from the posterior,
+    and one column for each of the angles 0° … 359°. The random draws are those that
+    `decompose_deviation` uses. ``bound`` is the model bound to the campaign.
     """
     circle = first_circle(bound, plane)
     beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)

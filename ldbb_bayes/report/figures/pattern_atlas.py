@@ -119,9 +119,10 @@ def _atlas(
 ) -> Figure:
     """Draw the pattern of every parameter around a circle, with a polar panel for each parameter.
 
-    All patterns are scaled to the same height. Parameters in ``bold`` are drawn with thicker lines.
-    Parameters in ``without_effect`` have no effect on the readings; their pattern is drawn as a
-    circle.
+    ``patterns`` holds the pattern of each parameter, and ``colours`` the colour of its line; the
+    keys are the names of the parameters. All patterns are scaled to the same height. Parameters in
+    ``bold`` are drawn with thicker lines. Parameters in ``without_effect`` have no effect on the
+    readings; their pattern is drawn as a circle. ``title`` is the title of the figure.
     """
     figure, all_axes = panels(len(patterns), 4, 1.7, 0.7, subplot_kw={"projection": "polar"})
     axes: Any

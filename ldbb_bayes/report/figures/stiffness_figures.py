@@ -31,16 +31,16 @@ from ldbb_bayes.units import display_unit
 
 __all__ = ["stiffness_rose"]
 
-# Largest ratio of the radius of a polar panel to the largest compliance on a curve. A band that
-# reaches farther is cut off, so that the wide band of a hardly determined compliance does not make
-# the curves too small.
+# The rim of a polar panel represents at most this value times the largest compliance on a curve. A
+# band that extends beyond the rim is cut off. The wide band of a hardly determined compliance
+# therefore cannot make the curves too small.
 _FARTHEST = 1.6
 # Angle at which the labels of the rings are written [°]. Few lines cross at this angle.
 _LABEL_ANGLE_DEG = 67.5
 # Background of a ring's label. It hides curves that would make the label hard to read.
 _LABEL_GROUND = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 0.6}
-# First the height of a figure with one polar panel [inch]; then the height of each row of a figure
-# with two or three polar panels [inch].
+# ``_HEIGHT`` is the height of a figure with one polar panel [inch]. ``_ROW_HEIGHTS`` has the height
+# of a row of two or three polar panels [inch]; the keys are the numbers of panels.
 _HEIGHT = 3.0
 _ROW_HEIGHTS = {2: 3.2, 3: 2.5}
 # Width and height of a compact figure of one plane [inch]. A sheet of the certificate shows this
@@ -113,7 +113,8 @@ def stiffness_rose(
 def _rose_alone(roses: Sequence[PlaneStiffness], words: Mapping[str, str], title: str) -> Figure:
     """Return a narrow figure of one plane that has only the polar panel.
 
-    The title is broken into several lines.
+    ``roses`` holds the stiffness by direction in the plane at each force; the largest force is
+    last. ``words`` holds the texts of the figure. ``title`` is broken into several lines.
     """
     figure = new_figure(*_COMPACT_SIZE)
     axes = figure.add_subplot(projection="polar")
@@ -127,7 +128,8 @@ def _rose_with_curves(roses: Sequence[PlaneStiffness], words: Mapping[str, str])
     """Return a figure of one plane with two panels.
 
     The left panel shows the compliance along the bar as polar curves; the right panel shows the
-    same curves against the angle.
+    same curves against the angle. ``roses`` holds the stiffness by direction in the plane at each
+    force; the largest force is last. ``words`` holds the texts of the figure.
     """
     figure = new_figure(WIDTH, _HEIGHT)
     grid = figure.add_gridspec(1, 2, width_ratios=_WIDTHS)
@@ -227,7 +229,12 @@ def _draw_curves(
 
 
 def _farthest_ring(roses: Sequence[PlaneStiffness]) -> float:
-    """Return the compliance that the rim of the polar panel represents [mm/N]."""
+    """Return the compliance that the rim of the polar panel represents [mm/N].
+
+    ``roses`` holds the stiffness by direction in a plane at each force; the largest force is last.
+    The rim lies beyond all curves. It also lies beyond the 95 % band at the largest force, unless
+    the band extends to more than 1.6 times the largest compliance on a curve.
+    """
     largest = max(rose.compliance.max() for rose in roses)
     reach = max(largest, roses[-1].compliance_high.max())
     limit = min(_FARTHEST * largest, 1.05 * reach)

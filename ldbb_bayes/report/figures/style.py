@@ -27,7 +27,7 @@ __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 
 P = ParamSpec("P")
 
-# Width of a figure [inch]. At this width, its letters can be read on a screen of 390 pixels width.
+# Width of a figure [inch]. At this width, its letters are legible on a screen 390 pixels wide.
 WIDTH = 6.3
 #: Colours for lines and points. Colour-blind readers can distinguish them.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
