@@ -52,8 +52,8 @@ class Degeneracy:
     """
 
     #: The pivot of the degeneracy is the coefficient whose effect on the readings the other
-    #: coefficients cancel. This is the class name of the model term that the pivot belongs to, or
-    #: an empty string if the pivot is a parameter.
+    #: coefficients cancel. This field is the class name of the model term that the pivot belongs
+    #: to, or an empty string if the pivot is a parameter.
     term: str
     #: change of each coefficient, by its name, in internal units (mm, N, rad). Together, these
     #: changes cancel in every reading. Nuisance coefficients come before parameters.

@@ -270,9 +270,9 @@ def _draw_posteriors(
     """Return ``size`` draws from the averaged posterior.
 
     Each draw comes from one model of the average, ``weighted``. The first result, shape (size,), is
-    the index of this model for each draw. The second result holds the draws of each model, in the
-    same order; models without draws are left out. The number of draws of a model is ``size`` times
-    the probability of the model, rounded up or down.
+    the index of this model for each draw. The second result has one entry for each model, in the
+    order of the models: the draws of the model. Models without draws are left out. The number of
+    draws of a model is ``size`` times the probability of the model, rounded up or down.
     """
     cumulative = np.append(0.0, np.cumsum(weighted.probability) / weighted.probability.sum())
     ends = np.floor(cumulative * size + rng.random()).astype(int)

@@ -97,10 +97,12 @@ class _Belief(NamedTuple):
 def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """Return Gaussian approximations of the posteriors of h normal scores, for K machines.
 
-    The K analyses are those of K possible machines. ``truth``, shape (K, h), are the true scores of
-    the machines. ``information``, shape (K, h, h), is the Fisher information of the readings about
-    the scores. ``error``, shape (K, h), are standard normal random numbers, from which the errors
-    of the estimated scores are computed.
+    The normal score of a scale (hyper-parameter) is the standard normal quantile of the scale's
+    cumulative prior probability.
+
+    ``truth``, shape (K, h), are the true scores of K possible machines. ``information``, shape (K,
+    h, h), is the Fisher information of the readings about the scores. ``error``, shape (K, h), are
+    standard normal random numbers, from which the errors of the estimated scores are computed.
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)

@@ -251,10 +251,9 @@ class _Search:
         self._inflation = np.inf
         #: whether the largest campaign of at least one family reaches all goals
         self.is_reachable = False
-        #: campaign that comes nearest to the goals without reaching them. It is chosen among the
-        #: largest campaigns of the families in which even the largest campaign meets the goals on
-        #: too few of the possible machines. Of these campaigns, it meets all goals on the largest
-        #: share of the machines.
+        #: campaign that comes nearest to the goals without reaching them. Only the largest campaign
+        #: of each family is considered. The campaign stored is the one that meets all goals on the
+        #: largest share of the possible machines.
         self.nearest: FoundCampaign | None = None
         self.effort = 0  #: sum of the squared numbers of circles of all full forecasts
 
@@ -404,7 +403,7 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return the factor by which the circles of a campaign are multiplied to reach a distance.
+    """Return the factor by which a campaign's circles are multiplied to reach a given distance.
 
     ``distance`` is the distance from the goals of ``family`` that the quick forecast is to give; at
     a distance of zero, the goals are just met. ``counts`` are the campaign's numbers of circles of

@@ -447,11 +447,9 @@ def _customary_plans(
 ) -> tuple[CustomaryPlan, ...]:
     """Return customary campaigns, each compared with the best campaign of as many circles.
 
-    Customary campaigns are of the kinds that people run today.
-
-    They have only the certificates that the instrument has already. All their circles have the
-    first radius of the family of ``best``, the cheapest campaign. The best campaigns belong to this
-    family too.
+    Customary campaigns are of the kinds that people run today. Here they have only the certificates
+    that the instrument has already, and all their circles have the first radius of the family of
+    ``best``, the cheapest campaign. The best campaigns belong to this family too.
     """
     family = best.family
     uncertified = CampaignFamily(family.space, (), goals, family.states)
