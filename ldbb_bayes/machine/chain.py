@@ -196,7 +196,11 @@ class Machine(Shown):
         )
 
     def _check_topology(self) -> None:
-        """Refuse a topology with unknown or repeated axes, or without an axis of a tested plane."""
+        """Raise an `InputError` if the topology is not written as w…F…t or has a faulty axis.
+
+        An axis is faulty if its letter is unknown or occurs twice. The error is also raised if the
+        topology lacks an axis of a tested plane.
+        """
         topology = self.topology
         inner = topology[1:-1]
         require(

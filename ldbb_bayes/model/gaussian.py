@@ -409,10 +409,10 @@ class Gaussian(Shown):
 
 
 def _lower_with_positive_diagonal(upper: Array) -> Array:
-    """Return the transpose of upper triangular matrices (..., q, q), with a positive diagonal.
+    """Return the transpose of upper triangular matrices, with a positive diagonal.
 
-    There are many matrices of q rows and columns. Rows of the upper triangular matrices are first
-    multiplied by −1 where their diagonal entry is negative.
+    ``upper``, shape (..., q, q), holds the matrices of q rows and columns. A row of a matrix is
+    first multiplied by −1 if its diagonal entry is negative.
     """
     sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
     return np.swapaxes(upper * sign[..., :, None], -1, -2)

@@ -667,9 +667,9 @@ class BoundModel(Shown):
     model : model for any campaign.
     campaign : campaign or plan.
     keep_tests : names of the tests to use; by default all. The reference force F0, the force range,
-        the region of physical compliances and the estimate Ĉ of the compliances are always computed
-        from the whole campaign. Whether the model has one form error for both balls or one for each
-        ball also depends on the whole campaign.
+        the region in which compliances are not negative, and the estimate Ĉ of the compliances are
+        always computed from the whole campaign. Whether the model has one form error for both balls
+        or one for each ball also depends on the whole campaign.
     pilot : for a plan, a campaign from which F0, the force range and Ĉ are taken.
 
     Attributes
@@ -830,10 +830,10 @@ class BoundModel(Shown):
         """Return the matrix A of the region A β ≥ 0 of physical parameters, shape (rows, p).
 
         β are the p parameters of interest; A β holds the compliances C(F) that must not be
-        negative, at tested forces F. The reference force ``reference_force_N`` is subtracted from
-        each F. For compliances constant in force, one force suffices; for compliances linear in
-        force, the smallest and the largest force suffice. For quadratic compliances, all tested
-        forces are used.
+        negative, at tested forces F. The elements of A for slopes are powers of F − F0, where F0 is
+        the reference force ``reference_force_N``. For compliances constant in force, one force
+        suffices; for compliances linear in force, the smallest and the largest force suffice. For
+        quadratic compliances, all tested forces are used.
         """
         forces = distinct_forces(self.campaign.forces_N)
         if self.model.degree == 0:

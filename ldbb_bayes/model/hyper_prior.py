@@ -177,10 +177,10 @@ class HyperPrior:
         return total
 
     def _log_density_of_noise_factors(self, noise_factor: Array) -> Array:
-        """Return the log prior density of the noise factors λ of all circles.
+        """Return the log of the joint prior density of the noise factors λ of all circles.
 
-        Each λ² has an inverse gamma distribution. The last dimension of ``noise_factor`` runs over
-        the circles.
+        Each λ² has an inverse gamma distribution. ``noise_factor``, shape (..., circles), holds the
+        factors; the result has the shape (...).
         """
         constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):

@@ -210,8 +210,9 @@ def _merge(single: list[_Node]) -> list[_Node]:
     ``single`` holds one node for each column. A node is a set of columns that are eliminated
     together. The border of a node is the set of later columns that change when the node is
     eliminated. The parent of a node is the node that contains the first column of its border. Nodes
-    with equal numbers of columns, and with borders of equal size, are eliminated by the same calls
-    and share the time of function calls. Merging is repeated until no node is merged any more.
+    with equal numbers of columns, and with borders of equal size, are eliminated by the same
+    function calls, whose time is spent only once for all these nodes. Merging is repeated until no
+    node is merged any more.
     """
     nodes = dict(enumerate(single))
     node_of = list(range(len(single)))

@@ -681,10 +681,11 @@ def _shift_of_problem(tilted: Tilted) -> Array:
 
 
 def _fold(points: Array) -> Array:
-    """Return numbers x between 0 and 1 after the baker's transformation 1 − |2x − 1|.
+    """Return the baker's transformation 1 − |2x − 1| of numbers x between 0 and 1.
 
-    The transformation makes the function to integrate periodic in x, so that its mean over a
-    lattice of points is more exact.
+    ``points`` holds the numbers x, which are the coordinates of points of a lattice. The
+    transformation makes the function to integrate periodic in x, so that the mean of the function
+    over the lattice is more exact.
     """
     return 1.0 - np.abs(2.0 * points - 1.0)
 

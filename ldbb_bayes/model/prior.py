@@ -442,8 +442,8 @@ class Prior(Shown):
         Parameters
         ----------
         scales
-            Hyper-parameters of the model. Each states the scale of its prior [µm], or the name of
-            the field of this object that holds the scale.
+            Hyper-parameters of the model. Each hyper-parameter states the scale of its prior [µm],
+            or the name of the field of this object that holds the scale.
         resolution_um
             Resolution of the readout [µm]. The sd σ of white noise is at least resolution/√12; the
             other hyper-parameters are at least zero.

@@ -166,8 +166,8 @@ class ReferencePosterior:
     def _stacked(self) -> _StackedReadings:
         """Reduced readings of all tests (at most 25 numbers a test), in arrays of one shape.
 
-        If a test has fewer reduced readings than another test, zeros that no coefficient changes
-        are added as further reduced readings.
+        If a test has fewer reduced readings than another test, further reduced readings are added
+        to the test; they are zero and do not depend on any coefficient.
         """
         most = max(len(test.factor) for test in self.reduced)
         factors = np.zeros((len(self.reduced), most, SIZE))

@@ -102,9 +102,10 @@ class BallForm(Term):
     first edition (preset ``first``), the prior sd is τ/n instead.
 
     If both balls keep their clocking in all tests, the forms of the two balls are modelled as one
-    sum. If the clocking of a ball changes between tests, each ball has its own form: the work ball
-    at θ − ψ_work, and the tool ball, which is touched on its far side, at θ + 180° − ψ_tool. Every
-    plane has separate forms, because its circles run over another great circle of the balls.
+    sum. If the clocking of a ball changes between tests, each ball has its own form. The form of
+    the work ball is then a function of θ − ψ_work. The form of the tool ball is a function of θ +
+    180° − ψ_tool, because the tool ball is touched on its far side. Every plane has separate forms,
+    because its circles run over another great circle of the balls.
 
     Examples
     --------
@@ -254,8 +255,8 @@ class BallForm(Term):
         """Return whether certificates state the size of a coefficient of the balls' form.
 
         For a coefficient of the sum of both balls' forms, certificates or grades of both balls must
-        state the form. ``campaign`` holds the certificates, and the coefficient is given by its
-        name.
+        state the form. ``campaign`` holds the certificates, and ``coefficient`` is the name of the
+        coefficient.
         """
         instrument = campaign.instrument
         balls = [instrument.work, instrument.tool]

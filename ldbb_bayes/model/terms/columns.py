@@ -112,10 +112,12 @@ class Columns(Shown):
     """Columns of one term's p coefficients, with the Gaussian prior of the coefficients.
 
     A column is the reading per unit of a coefficient, as a function of the angle θ on the circle.
-    The function is stored as its Fourier coefficients, which multiply 1, cos θ, sin θ, cos 2θ,
-    sin 2θ, … to the order 12. The prior sd of coefficient j is sd_j · hyper · λ ·
-    (order_j/6)^(−decay), with the hyper-parameters hyper, λ (noise factor of the test's circle) and
-    decay. If the field ``stated`` is given, its value for coefficient j is added in quadrature.
+    The function is stored as its Fourier coefficients, which multiply 1, cos θ, sin θ, cos 2θ, sin
+    2θ, … to the order 12. The prior sd of coefficient j is ``sd``_j · s · λ ·
+    (``orders``_j/6)^(−d). s, λ and d are the values of the hyper-parameters that the fields
+    ``hyper`` (scale of the effect), ``circle`` (noise factor of each test's circle) and ``decay``
+    name; a factor is left out if its field names no hyper-parameter. If the field ``stated`` is
+    given, its value for coefficient j is added in quadrature.
 
     Raises
     ------
@@ -251,8 +253,9 @@ class BasisNoise(Shown):
 
     The noise is a function of the angle θ on the circle, with the Fourier coefficients of 1, cos θ,
     sin θ, cos 2θ, sin 2θ, … to the order 12. These coefficients are independent of each other and
-    between tests. The sd of a coefficient is hyper · λ · ``sd``, where hyper (scale of the effect)
-    and λ (noise factor of the test's circle) are hyper-parameters.
+    between tests. The sd of a coefficient is s · λ · ``sd``. s and λ are the values of the
+    hyper-parameters that the fields ``hyper`` (scale of the effect) and ``circle`` (noise factor of
+    each test's circle) name; λ is left out if ``circle`` is empty.
 
     Examples
     --------
