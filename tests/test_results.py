@@ -220,6 +220,7 @@ def check_page(text: str) -> None:
         assert element.tag != "th" or element.get("scope") in ("col", "row")
 
 
+@pytest.mark.slow
 def test_the_objects_are_of_every_public_class(objects: list[Any]) -> None:
     kinds = {lb.InputError, lb.terms.Scale, lb.terms.Unit}
     for example in objects:
@@ -229,6 +230,7 @@ def test_the_objects_are_of_every_public_class(objects: list[Any]) -> None:
         assert not isclass(kind) or kind in kinds, name
 
 
+@pytest.mark.slow
 def test_every_public_class_shows_itself(
     objects: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -243,6 +245,7 @@ def test_every_public_class_shows_itself(
                 assert name in text.replace("C(0Y)X", "C0YX")
 
 
+@pytest.mark.slow
 def test_the_name_of_a_campaign_is_escaped(objects: list[Any]) -> None:
     assert "&lt;b&gt;" in objects[0]._repr_html_()
 
@@ -258,6 +261,7 @@ def test_short_reprs() -> None:
     )
 
 
+@pytest.mark.slow
 def test_tables_show_every_column(
     tables: list[pd.DataFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -273,6 +277,7 @@ def test_tables_show_every_column(
         check_page(table._repr_html_())
 
 
+@pytest.mark.slow
 def test_a_printed_number_is_in_the_unit_beside_it(
     tables: list[pd.DataFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:

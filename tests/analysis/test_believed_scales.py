@@ -19,6 +19,7 @@ def test_levels_are_the_inverse_of_quantiles(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(prior.level(prior.quantile(levels)), levels, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_information_against_the_scatter_of_the_score(rng: np.random.Generator) -> None:
     """The Fisher information is the covariance of the gradient of the log density, here found by
     differences in 400 simulated campaigns."""
@@ -56,6 +57,7 @@ def test_beliefs_are_the_prior_where_readings_say_nothing() -> None:
     assert believed[..., 2].std() == pytest.approx(np.sqrt(1.0 / 12.0), abs=0.08)
 
 
+@pytest.mark.slow
 def test_beliefs_are_true_after_many_circles() -> None:
     bound = FIRST.bind(plan((360,) * 20, forces_N=np.linspace(36.0, 742.0, 20).tolist()))
     scores = np.array([-0.5, -0.3, 0.2, 0.4])

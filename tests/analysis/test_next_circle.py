@@ -145,6 +145,7 @@ def test_the_log_bayes_factor_is_that_of_compare(recovered: Campaign, step: Next
     assert step.model.log_bayes_factor == pytest.approx(averaged, abs=0.25)
 
 
+@pytest.mark.slow
 def test_a_decision_on_a_tolerance_is_that_of_a_fit(recovered: Campaign) -> None:
     tolerances = {"stiffness_X": "17 N/µm"}
     state = next_circle(MODEL, recovered, tolerances=tolerances).tolerances["stiffness_X"]
@@ -163,6 +164,7 @@ def test_U_after_the_next_circle_is_about_that_of_the_forecast(name: str, step: 
     assert step.goals[name].U_next == pytest.approx(expected, rel=0.25)
 
 
+@pytest.mark.slow
 def test_the_best_circle_is_the_best_by_the_forecast_too(recovered: Campaign) -> None:
     goals = {"E_C0YX": "1 µrad"}
     forces = (36.0, 389.0, 742.0)

@@ -44,6 +44,7 @@ def test_one_model_has_all_the_weight() -> None:
     assert stacking_weights({"constant": np.zeros(3)}) == {"constant": 1.0}
 
 
+@pytest.mark.slow
 def test_prior_circles_scatter_as_simulated_ones() -> None:
     """The sd of the first reading, against the package's simulation of single campaigns."""
     campaign = simulated(plan())

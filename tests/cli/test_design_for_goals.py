@@ -13,6 +13,7 @@ import ldbb_bayes as lb
 GOAL = ("--goal", "E_C0YX=25urad", "--forces", "36,742")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_states")
 def test_a_goal_gives_a_plan_with_its_numbers_and_costs(tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "cheapest"

@@ -76,6 +76,7 @@ def test_a_wrong_answer_is_asked_again(tmp_path: Path) -> None:
     assert (code, "it should be one of um, mm" in shown) == (0, True), shown
 
 
+@pytest.mark.slow
 def test_the_answer_is_kept_in_import_toml(tmp_path: Path) -> None:
     files = written(tmp_path, "guess_open")
     out = tmp_path / "campaign"

@@ -63,6 +63,7 @@ def test_design_reads_tables(tables: list[Path], imported: Path, invoke: Invoke)
     assert from_tables["tests"] == from_campaign["tests"]
 
 
+@pytest.mark.slow
 def test_identify_reads_the_campaign_of_a_fit(
     imported: Path, tmp_path: Path, invoke: Invoke
 ) -> None:

@@ -358,14 +358,10 @@ def test_a_lattice_that_ran_out_of_nodes_has_a_larger_error() -> None:
     assert grow_lattice(*case(half_normals, 3, 0), tolerance=1e-6, max_nodes=2000).error > 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("problem", "h", "seed"),
-    [
-        (funnel, 10, 0),
-        pytest.param(funnel, 10, 1, marks=pytest.mark.slow),
-        pytest.param(funnel, 10, 2, marks=pytest.mark.slow),
-        pytest.param(funnel, 20, 0, marks=pytest.mark.slow),
-    ],
+    [(funnel, 10, 0), (funnel, 10, 1), (funnel, 10, 2), (funnel, 20, 0)],
 )
 def test_an_integral_whose_weights_cannot_be_trusted_has_no_error(
     problem: Problem, h: int, seed: int

@@ -196,6 +196,7 @@ def similar_problems(count: int) -> Orthant:
     return Orthant(mean, spread)
 
 
+@pytest.mark.slow
 def test_the_noise_of_similar_problems_cancels_in_their_mean() -> None:
     """It is as large as stated, and so is its mean: 400 problems have a twentieth of it."""
     orthant = similar_problems(400)

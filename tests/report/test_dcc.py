@@ -94,6 +94,7 @@ def test_what_is_not_determined_is_left_out(posterior: xr.DataTree) -> None:
     assert names == ["k_min", "k_ratio", "stiffest_direction", "principal_axis", "difference"]
 
 
+@pytest.mark.slow
 def test_principal_stiffnesses_state_their_axes(tmp_path: Path) -> None:
     planes = tuple(
         replace(test, plane=plane, name=f"{plane}{test.force_N:g}")

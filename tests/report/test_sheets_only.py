@@ -156,6 +156,7 @@ def test_a_page_without_annex_is_well_formed(alone: tuple[ReportSheet, ...]) -> 
     assert html_page(document).rstrip().endswith("</main>\n</body>\n</html>")
 
 
+@pytest.mark.slow
 def test_command_from_files(
     tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
