@@ -60,8 +60,8 @@ _LONGEST_REPR = 80
 # Largest length of the text for the value of one field, within the one-line text of an object
 # [characters].
 _LONGEST_VALUE = 56
-# If a list, tuple, set or dictionary has more entries than this number, one-line texts state only
-# the number of its entries.
+# Largest number of entries of a list, tuple, set or dictionary that one-line texts show. If there
+# are more entries, the text states only their number.
 _MOST_ENTRIES = 12
 
 

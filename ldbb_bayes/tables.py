@@ -96,7 +96,7 @@ _UNBREAKABLE = "|".join(
 )
 # Regular expression for short texts in brackets, within which a line of text must not be broken.
 _SHORT_BRACKETS = r"[(\[][^()\[\]]{1,16}[)\]]"
-# Space at which a line of text is not broken.
+# No-break space: a line of text is not broken at this character.
 _NO_BREAK = "\xa0"
 
 
@@ -299,7 +299,8 @@ class _TextLayout:
     def _lines_of_heads(self) -> list[str]:
         """Return the lines of the table's head.
 
-        Above a column's head with fewer lines than the highest head, there are empty lines.
+        The table's head has as many lines as the column's head with the most lines. Above the heads
+        of columns with fewer lines, there are empty lines.
         """
         height = max(len(self._head_lines[column]) for column in self._columns)
         lines = []

@@ -124,8 +124,8 @@ def _units_to_write() -> dict[str, _Size]:
 UNITS_TO_WRITE = _units_to_write()
 # Superscripts of the minus sign and the digits, for powers of ten.
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# The name of a setting (such as the standard deviation of a prior) ends with its unit: sd_um is in
-# µm. The keys are these endings, and the values are the units.
+# Units of settings, such as the standard deviation of a prior. The name of a setting ends with its
+# unit: sd_um is in µm. The keys are the endings, and the values are the units.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
 # Share of a compliance's median below which the lower limit of its credible interval counts as near
 # zero. The stiffness, which is the reciprocal, then has a lower limit, but no upper limit is

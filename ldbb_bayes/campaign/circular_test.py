@@ -43,14 +43,14 @@ Direction = Literal["CW", "CCW"]
 _MINIMUM_READINGS = 9
 # Smallest arc [deg] that the angles of a circular test must cover.
 _MINIMUM_ARC_DEG = 180.0
-# A circular test with a reading larger than this [mm] is refused, because its readings are probably
-# in another unit.
+# Largest reading that a circular test may have [mm]. A test with a larger reading is refused,
+# because its readings are probably in another unit.
 _LARGEST_READING_MM = 100.0
-# A circle counts as full if the largest gap between neighbouring angles of its readings is at most
-# this many times as wide as a usual gap (see `usual_gap`).
+# Largest gap between neighbouring angles of its readings with which a circle counts as full, as a
+# multiple of a usual gap (see `usual_gap`).
 _ORDINARY_GAP = 3.0
-# Forces of several tests count as equal if they differ by at most this fraction of the largest
-# force, because a pressure regulator does not repeat a force more closely.
+# Largest difference between forces of several tests that count as equal, as a fraction of the
+# largest force. A pressure regulator does not repeat a force more closely.
 _SAME_FORCE_SHARE = 1e-3
 # Relative tolerance with which two things are decided: whether the steps from one angle of a test
 # to the next are equal, and whether its angles extend over at most one turn.

@@ -35,11 +35,11 @@ _FULL_DEG = 359.0
 # arc that is not a full circle, the remark states the largest gap between angles. The limit is a
 # full circle minus one period of the highest order of the fitted Fourier series.
 _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
-# A gap between neighbouring angles of a test is reported if it is wider than this many times the
+# Width above which a gap between neighbouring angles of a test is reported, as a multiple of the
 # usual step from one angle to the next.
 _GAP_STEPS = 10.0
-# A test is reported if its stated force differs from the force that follows from its pressure and
-# the campaign's force law. The difference must exceed this share of the force that follows from the
+# Difference above which the stated force of a test and the force that follows from its pressure and
+# the campaign's force law are reported as different. The unit is the force that follows from the
 # campaign's largest pressure.
 _FORCE_LAW_SHARE = 0.02
 # Usual range of a campaign's largest force [N]. If the force is outside this range, the unit of the
@@ -48,17 +48,17 @@ _FORCES_N = (5.0, 10_000.0)
 # Usual range of a circle's radius [mm]. If the radius is outside this range, its unit is probably
 # wrong.
 _RADII_MM = (10.0, 2000.0)
-# If the peak-to-peak value of a test's readings is smaller than this number times the resolution of
-# the readout, the unit of the readings is probably wrong.
+# Smallest usual peak-to-peak value of a test's readings, as a multiple of the resolution of the
+# readout. If the value is smaller, the unit of the readings is probably wrong.
 _SMALLEST_SPAN_RESOLUTIONS = 3.0
-# If the peak-to-peak value of a test's readings is above this [µm], the unit of the readings is
-# probably wrong.
+# Largest usual peak-to-peak value of a test's readings [µm]. If the value is larger, the unit of
+# the readings is probably wrong.
 _LARGEST_SPAN_UM = 1000.0
 # Range of the number of readings of a test within which a preview fits a Fourier series to the
 # readings.
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
-# A reading is a spike if it deviates from the Fourier series fitted to its test by more than this
-# number of standard deviations of the readings about the series.
+# Deviation of a reading from the Fourier series fitted to its test above which the reading is a
+# spike. The unit is the standard deviation of the readings about the series.
 _SPIKE_SCATTERS = 8.0
 # Limit of the jump between the last and the first reading of a test that goes once round the
 # circle, in units of the noise level. If the jump is larger, the preview reports that the trace of

@@ -29,11 +29,11 @@ _TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
 # Names that the columns of a tidy table may have.
 _TIDY_COLUMNS = ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS)
 _TEXT_COLUMNS = ("test", "direction", "plane")
-# If the angles in a column named as degrees cover less than this [deg], they are probably in
-# radians and the table is refused.
+# Smallest range that the angles in a column named as degrees may cover [deg]. Angles that cover
+# less are probably in radians, and the table is refused.
 _SMALLEST_SPAN_DEG = 7.0
-# If the angles in a column named as radians cover more than this [rad], they are probably in
-# degrees and the table is refused.
+# Largest range that the angles in a column named as radians may cover [rad]. Angles that cover more
+# are probably in degrees, and the table is refused.
 _LARGEST_SPAN_RAD = 8.0 * np.pi
 
 

@@ -53,25 +53,26 @@ __all__ = [
     "failing_checks",
 ]
 
-# A shift of the circles' centre in proportion to force is reported if its p-value, times the number
-# of p-values, is below this value (Bonferroni). There is one p-value for each of the two axes of
-# every plane.
+# Value below which a p-value, times the number of p-values (Bonferroni), shows that the circles'
+# centre shifts in proportion to force. There is one p-value for each of the two axes of every
+# plane.
 SHIFTED = 0.01
 # Largest number of random draws from the posterior from which posterior predictive checks are
 # computed.
 _DRAWS = 500
-# A posterior predictive check fails if its p-value times the number of all checks (Bonferroni) is
-# below this value.
+# Value below which the p-value of a posterior predictive check, times the number of all checks
+# (Bonferroni), means that the check fails.
 _FAILS = 0.01
 # Smallest p-value of a posterior predictive check. Checks are ranked by the logarithms of their
 # p-values; a smaller p-value is replaced by this number, so that its logarithm is finite. This
 # number is also the smallest standard error by which a slope over force is divided, to avoid a
 # division by zero.
 _SMALLEST_P = 1e-300
-# The autocorrelation of a test's noise is computed from at most this many readings of the test.
+# Largest number of readings of a test from which the autocorrelation of its noise is computed.
 _LONGEST_STRETCH = 100_000
-# The residuals of a fit of the Fourier orders 0 to 12 to a test's readings count as rounding errors
-# if the sum of squares of the residuals is below this share of the readings' sum of squares.
+# Share of the readings' sum of squares up to which the sum of squares of residuals counts as
+# rounding errors. The residuals remain after a fit of the Fourier orders 0 to 12 to a test's
+# readings.
 _ROUNDING = 1e-24
 # Smallest number of tests in a plane with which it is checked whether the circles' centre in this
 # plane shifts with force.
@@ -89,7 +90,8 @@ class CheckKind(StrEnum):
 
     ORDER = "order"  #: residual of the readings at one Fourier order, 0 to 12
     NOISE = "noise"  #: scatter of the readings that Fourier orders 0 to 12 do not explain
-    #: correlation of successive residuals of the readings after a fit of the Fourier orders 0 to 12
+    #: correlation of successive residuals, which remain of the readings after a fit of the Fourier
+    #: orders 0 to 12
     AUTOCORRELATION = "autocorrelation"
 
 
@@ -124,10 +126,11 @@ class TestChecks(Result):
 
     #: p-value of the residual at each Fourier order; the keys are the orders from 0 to 12
     orders_p: dict[int, float]
-    #: p-value of the sum of squares of the residuals after a fit of the Fourier orders 0 to 12,
-    #: under the white noise of the model
+    #: p-value of the sum of squares of the residuals that remain after a fit of the Fourier orders
+    #: 0 to 12, if the noise is the white noise of the model
     noise_p: float | None
-    #: correlation of successive residuals of the readings after a fit of the Fourier orders 0 to 12
+    #: correlation of successive residuals, which remain of the readings after a fit of the Fourier
+    #: orders 0 to 12
     autocorrelation: float | None
     autocorrelation_p: float | None  #: p-value of ``autocorrelation`` under white noise
 
@@ -394,7 +397,7 @@ class _Scatter(NamedTuple):
 
 
 def _mean_tail_probability(residual: Array, scatter: _Scatter) -> float:
-    """Return the mean over posterior draws of P(χ² ≥ rᵀ V⁻¹ r), a p-value of k residuals.
+    """Return a p-value of k residuals: the mean over posterior draws of P(χ² ≥ rᵀ V⁻¹ r).
 
     r holds the residuals of a draw, a row of ``residual`` of shape (draws, k). V is the covariance
     that ``scatter`` gives for this draw, and χ² has k degrees of freedom.

@@ -37,8 +37,9 @@ _FARTHEST = 5.0
 # Largest absolute value of the logarithm of a fitted width. A logarithm beyond this limit is
 # replaced by the limit, so that the fit is not extrapolated.
 _LARGEST_LOG_WIDTH = 1.0
-# Means and logarithms of widths of coordinates are polynomials in other coordinates. A coefficient
-# is set to zero unless it exceeds this number of standard errors.
+# Number of standard errors that a coefficient of a polynomial must exceed; a smaller coefficient is
+# set to zero. The polynomials state how the mean and the logarithm of the width of a coordinate
+# depend on other coordinates.
 _SIGNIFICANT = 3.0
 # Number of steps of Fisher's method of scoring by which the widths of the coordinates are fitted.
 _STEPS = 4

@@ -36,8 +36,8 @@ _START_TEMPERATURE = 1.5
 # Number of random points that are drawn for each starting point of a sampler. More than one point
 # is drawn, because points with a negative compliance are dropped.
 _DRAWS_PER_START = 2
-# Cumulative prior probabilities are kept at least this far from 0 and from 1, so that quantiles of
-# the prior are finite.
+# Smallest distance of a cumulative prior probability from 0 and from 1. Probabilities nearer to 0
+# or 1 are moved to this distance, so that quantiles of the prior are finite.
 _SMALLEST_PROBABILITY = 1e-15
 
 

@@ -38,25 +38,27 @@ __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 # Number of nodes in the largest sample of the nodes of an integral. Nodes are the points at which
 # the integrated density is evaluated.
 _LARGEST_SAMPLE = 4608
-# The density is first evaluated at every 24th node (point) of the largest sample, then at every 8th
-# node, and at last at all its nodes. Evaluation stops as soon as the error is small enough.
+# Steps by which three samples are taken from the nodes (points) of the largest sample: every 24th
+# node, every 8th node, and all its nodes. The density is evaluated at the nodes of one sample after
+# the other, until the error is small enough.
 _STEPS = (24, 8, 1)
-# A sample of an integral's nodes (points) is used only if the number of all nodes is at least this
+# Smallest number of all nodes (points) of an integral for which a sample of them is used, as a
 # multiple of the number of nodes in the sample.
 _NODES_PER_SAMPLE = 2
 # Largest number of coefficients of a polynomial that is fitted, as a share of the number of nodes
 # (points) in the sample.
 _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
-# Half of the nodes (weighted points) in a sample are drawn with probabilities in proportion to
-# their weights, the other half with probabilities in proportion to this power of the weights, so
-# that nodes in the tails, where the ratio of the densities is largest, are drawn too.
+# Power of the weights to which the probability of drawing a node (weighted point) is proportional,
+# for half of the nodes in a sample. Nodes in the tails, where the ratio of the densities is
+# largest, are thus drawn too. For the other half, the probability is proportional to the weights
+# themselves.
 _TAIL_POWER = 0.5
 # Singular values of the matrix of polynomials at the sampled points count as zero if they are below
 # this share of the largest singular value; the polynomials are then linearly dependent.
 _DEPENDENT = 1e-10
-# The integral of a density g is computed from the mean of the ratios g / f at some nodes (points),
-# where f is a similar density. This mean is not trusted if the standard deviation of the ratios
-# exceeds this share of the mean. A sample of a few hundred nodes may then miss the largest ratios.
+# Largest standard deviation of the ratios g / f of two densities, as a share of their mean, with
+# which the mean is trusted. If the ratios at the nodes (points) scatter more, a sample of a few
+# hundred nodes may miss the largest ratios.
 _LARGEST_SCATTER = 0.4
 # Largest value of ln(ratio / mean of the ratios) with which the mean of the ratios of two densities
 # is trusted. The square of a larger ratio might overflow.
@@ -64,7 +66,8 @@ _LARGEST_LOG_RATIO = 50.0
 # Ratios of two densities are assumed to have no heavy tail if none of them exceeds their mean by
 # more than this multiple of the mean. Otherwise the tail is examined.
 _LARGEST_PLAIN_RESIDUAL = 1.0
-# The error of the mean of the ratios of two densities is this multiple of the standard error.
+# Error that is stated for the mean of the ratios of two densities, as a multiple of its standard
+# error.
 _STANDARD_ERRORS = 3.5
 
 

@@ -30,16 +30,16 @@ __all__ = [
 # (Kallioinen et al. 2023). The powers are ArviZ's defaults.
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
-# The effective sample size for the tails of a parameter is the smaller of the effective sample
-# sizes for the two quantiles at these probabilities (Vehtari et al. 2021).
+# Probabilities of the two quantiles that represent the tails of a parameter's posterior. The
+# effective sample size for the tails is the smaller of those for the two quantiles (Vehtari et al.
+# 2021).
 _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
 # to the largest fifth of the weights, and this fifth must consist of at least five weights.
 _FEWEST_WEIGHTS = 25
 # Range of the logarithms of importance weights below which the weights count as equal.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
-# The tail of importance weights can be judged only if their effective sample size is above this
-# number.
+# Effective sample size of importance weights above which their tail can be judged.
 _FEWEST_EFFECTIVE = 10.0
 # Largest Pareto shape k̂ of reliable importance weights, however many draws there are (Vehtari et
 # al. 2024).

@@ -30,9 +30,9 @@ __all__ = [
     "warn_of_untrusted_weights",
 ]
 
-# The log probability that no compliance is negative cannot exceed zero. A computed value that
-# exceeds this number plus the error of the value [nat] is refused, because it must be due to
-# rounding errors.
+# Largest computed log probability [nat] that is accepted for the condition that no compliance is
+# negative; its error is added to this limit. A log probability cannot exceed zero, so that a larger
+# value must be due to rounding errors and is refused.
 _LARGEST_LOG_PROBABILITY = 0.1
 
 # Limit of the log probability that no compliance is negative. A mean over a few values of the
@@ -117,7 +117,7 @@ def warn_of_untrusted_weights(nodes: Nodes) -> None:
 
 
 def require_models(models: Mapping[str, HybridModel]) -> None:
-    """Raise an `InputError` unless ``models`` is a mapping from names to at least one model."""
+    """Raise an `InputError` unless ``models`` is a mapping that names at least one model."""
     are_models = isinstance(models, Mapping) and all(
         isinstance(model, HybridModel) for model in models.values()
     )

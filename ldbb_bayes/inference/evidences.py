@@ -31,11 +31,11 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["Evidences", "leave_one_out", "left_out_log_densities"]
 
 # Error allowed in a log evidence [nat] that only serves to decide whether a model is rejected. If
-# the tolerance of the other evidences is larger, that tolerance is used instead.
+# the tolerance of the `Evidences` object is larger, it is used instead.
 _ROUGH_TOLERANCE = 0.1
-# If a campaign has at least this many tests, nodes (weighted values of the hyper-parameters) for
-# the readings without one test are computed from the nodes for the readings of all tests. With
-# fewer tests, this would not be faster than computing the nodes anew.
+# Smallest number of tests of a campaign for which the nodes (weighted values of the
+# hyper-parameters) without one test are computed from the nodes for all tests. With fewer tests,
+# this would not be faster than computing the nodes anew.
 _FEWEST_TESTS = 16
 
 

@@ -35,30 +35,32 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 
-# The posterior of a parameter counts as sensitive to the prior if its power-scaling sensitivity is
-# above this value. The sensitivity states how much the posterior moves if the prior density is
-# raised to a power near one (Kallioinen et al. 2023).
+# Power-scaling sensitivity above which the posterior of a parameter counts as sensitive to the
+# prior. The sensitivity states how much the posterior moves if the prior density is raised to a
+# power near one (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
-# A failing posterior predictive check of a Fourier order matters if leaving out its test changes
-# some parameter by more than this multiple of the parameter's standard uncertainty.
+# Largest change of a parameter, in units of its standard uncertainty, that does not matter. A
+# failing posterior predictive check of a Fourier order matters if some parameter changes more when
+# the test is left out.
 _LARGEST_SHIFT = 0.5
-# A failing posterior predictive check of noise matters if the noise found in the readings widens
-# the interval of some parameter by more than this share of the interval's width.
+# Largest widening of a parameter's interval, as a share of its width, that does not matter. A
+# failing posterior predictive check of noise matters if the noise found in the readings widens some
+# interval more.
 _LARGEST_WIDENING = 0.1
 # Number of posterior draws from which the root-mean-square residual and the fitness of each test
 # (see `FitQuality`) are computed.
 _QUALITY_DRAWS = 1000
 # Number of posterior draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500
-# The readings contradict the condition that no compliance is negative if the logarithm of the
-# posterior probability of this condition is below this value.
+# Logarithm of the posterior probability that no compliance is negative below which the readings
+# contradict this condition.
 _IMPROBABLE = float(np.log(1e-3))
-# The posterior median of a hyper-parameter (scale of the noise or of another effect) is expected to
-# lie below the quantile of its prior at this probability.
+# Probability of the prior quantile below which the posterior median of a hyper-parameter (scale of
+# the noise or of another effect) is expected to lie. A fit warns of a larger median.
 _EXPECTED_HYPER = 0.999
-# A fit warns of a parameter if the distance of its posterior mean from the prior mean that the user
-# stated is larger than this number. The unit is the standard deviation that this distance has if
-# the prior is right.
+# Largest distance of a parameter's posterior mean from the prior mean that the user stated; a fit
+# warns of a larger distance. The unit is the standard deviation that this distance has if the prior
+# is right.
 _LARGEST_PRIOR_DISTANCE = 3.0
 # Smallest variance assumed for the distance between prior mean and posterior mean of a parameter,
 # as a share of the prior variance. The distance is divided by the root of its variance; this limit
@@ -101,8 +103,8 @@ class Concern(Result):
       compliances as polynomials in the force.
     - HYPER: posterior median of the hyper-parameter ``name`` [mm]; quantile of its prior at 99.9 %.
     - CENTRE: p-value of the hypothesis that the circles' centre does not shift along the machine
-      axis ``name`` in proportion to force; upper limit, for a warning, of this p-value times the
-      number of all such p-values (one for each axis of each plane).
+      axis ``name`` in proportion to force; limit below which this p-value, times the number of
+      all such p-values (one for each axis of each plane), causes the warning.
     - PRIOR: distance of the posterior mean of the parameter ``name`` from the prior mean that the
       user stated; the largest distance expected. Both are in units of the standard deviation that
       this distance has if the prior is right.
@@ -184,7 +186,7 @@ class Fit(Result):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of all warnings (concerns) and checks in `misfits`, each kind once.
+        """Return the kinds of all warnings (concerns) and of the checks in `misfits`, each once.
 
         A kind is the text of a ``ConcernKind`` or ``CheckKind``, such as "truncation" or "noise".
         """

@@ -25,19 +25,19 @@ from ldbb_bayes.results import Array
 
 __all__ = ["importance_sample"]
 
-# The density to integrate is evaluated at these distances from a mode, on both sides along every
-# direction. The distances are in standard deviations of the Gaussian fitted at the mode.
+# Distances from a mode at which the density to integrate is evaluated, on both sides along every
+# direction. The unit is a standard deviation of the Gaussian fitted at the mode.
 _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
 # Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between the
 # randomised sequences gives the error of an integral.
 _SCRAMBLES = 8
-# In the first round of sampling, each randomised Sobol sequence (of quasi-random points) gives at
-# least ``_FEWEST_POINTS`` points, and at least ``_POINTS_PER_DIMENSION`` times as many points as
-# there are dimensions. The number of points is rounded up to a power of two.
+# Two lower limits of the number of points that each randomised Sobol sequence (of quasi-random
+# points) gives in the first round of sampling: ``_FEWEST_POINTS``, and ``_POINTS_PER_DIMENSION``
+# times the number of dimensions. The larger limit, rounded up to a power of two, is used.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# The number of points with which a round of importance sampling starts is this multiple of the
-# number with which the previous round started, unless this would be more points than allowed.
+# Factor by which the number of points with which a round of importance sampling starts grows from
+# round to round, as long as the number of points that is allowed is not exceeded.
 _GROWTH = 4
 # Width and share of components that are added to a proposal (the mixture from which points are
 # drawn), so that points in the tails do not get very large weights. Beside every component, a
@@ -47,9 +47,9 @@ _WIDE = 1.5
 _WIDE_SHARE = 0.1
 # Largest number of rounds of importance sampling, each of which draws new points.
 _ROUNDS = 5
-# A round of sampling is extended by more points if the effective sample size of its weights exceeds
-# this share of its number of points. Otherwise the proposal (the density drawn from) is fitted
-# anew.
+# Share of its number of points that the effective sample size of a round's weights must exceed if
+# the round of sampling is to be extended by more points. Otherwise the proposal (the density drawn
+# from) is fitted anew.
 _EFFICIENT = 0.4
 # A round of sampling is extended further, instead of fitting its proposal (the density drawn from)
 # anew, if the effective sample size of its weights exceeds this share of its number of points. The
@@ -59,13 +59,13 @@ _VERY_EFFICIENT = 0.7
 # tolerance. It is then cheaper to fit the proposal (the density drawn from) anew to all points so
 # far, and to begin another round.
 _REACHABLE = 2.0
-# Before a proposal (the density drawn from) is fitted to weighted points, weights are evened out by
-# raising them to a power below one. In h dimensions, the effective sample size of the weights must
-# then reach this number times h + 1, or a third of the number of points, whichever is smaller.
+# Effective sample size that weights must reach before a proposal (the density drawn from) is fitted
+# to weighted points: in h dimensions, this number times h + 1, or a third of the number of points
+# if this is smaller. To reach it, weights are evened out by raising them to a power below one.
 _FITTED_PER_DIMENSION = 40.0
-# Weights are evened out by raising them to a power. The power starts at one, and is multiplied by
-# ``_EVENING`` until the effective sample size of the weights suffices or the power is no longer
-# above ``_LEAST_POWER``.
+# Factor and limit of the power to which weights are raised in order to even them out. The power
+# starts at one, and is multiplied by ``_EVENING`` until the effective sample size of the weights
+# suffices or the power is no longer above ``_LEAST_POWER``.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
 

@@ -21,12 +21,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# The rejection sampler proposes draws in blocks. It gives up after this number of blocks for every
-# 256 draws that are asked for (rounded up).
+# Number of blocks of proposed draws, for every 256 draws that are asked for (rounded up), after
+# which the rejection sampler gives up.
 _MOST_ROUNDS = 50
-# If the posterior probability that no compliance is negative is below this value, rejection of
-# draws with negative compliances would lose too many draws. The parameters are then drawn from a
-# density that is shifted towards compliances that are not negative.
+# Posterior probability that no compliance is negative below which draws with negative compliances
+# are not simply rejected, because too many draws would be lost. The parameters are then drawn from
+# a density that is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
 # Number of draws of the parameters without negative compliances that is expected for each value of
 # the hyper-parameters. The number of draws made for each value is chosen so that, on average, so
@@ -36,8 +36,8 @@ _EXPECTED_INSIDE = 4.0
 # probability posterior density / envelope. The envelope is this number times the proposal, after
 # the proposal is scaled to have the same integral as the posterior density.
 _ENVELOPE = 2.0
-# The rejection sampler divides by an estimate of the probability that no compliance is negative. An
-# estimate below this number is replaced by this number, to avoid a division by nearly zero.
+# Smallest estimate of the probability that no compliance is negative by which the rejection sampler
+# divides. A smaller estimate is replaced by this number, to avoid a division by nearly zero.
 _LEAST_SHARE = 1e-9
 
 

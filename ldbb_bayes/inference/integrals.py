@@ -34,20 +34,22 @@ LogDensity = Callable[[Array], Array]
 # Number of points at which a density is evaluated in one call. It is small, so that the arrays fit
 # into the processor's cache.
 CHUNK = 256
-# Importance weights can be trusted if the shape k̂ of the Pareto distribution fitted to the largest
-# weights is at most this value. Vehtari et al. (2024) allow 0.7.
+# Largest shape k̂ of the Pareto distribution fitted to the largest importance weights with which
+# the weights can be trusted. Vehtari et al. (2024) allow 0.7.
 LARGEST_PARETO_K = 0.6
-# The error of an integral from a random sample is this multiple of the standard error, which is
-# computed from the scatter between independently randomised quasi-random sequences.
+# Error that is stated for an integral from a random sample, as a multiple of its standard error.
+# The standard error is computed from the scatter between independently randomised quasi-random
+# sequences.
 _STANDARD_ERRORS = 2.0
-# The error of an integral from a sample of quasi-random points is at least this share of the
-# standard error that plain random points would give.
+# Smallest error of an integral from a sample of quasi-random points, as a share of the standard
+# error that plain random points would give.
 _OF_PLAIN_ERROR = 0.5
-# The error of an integral from a random sample is enlarged if the Pareto shape k̂ of the sample's
-# weights exceeds this value.
+# Pareto shape k̂ of the weights of a random sample above which the error of an integral from the
+# sample is enlarged.
 _HEAVY_TAIL_K = 0.4
-# If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
-# the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
+# Increase of the Pareto shape k̂ of a random sample's weights with which the factor of the error
+# grows by one. If k̂ exceeds ``_HEAVY_TAIL_K``, the error of the integral is multiplied by 1 + (k̂
+# − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
 # Upper limit that is assumed for the part of an integral beyond the outermost nodes of a lattice,
 # as a multiple of the part that these nodes contribute.

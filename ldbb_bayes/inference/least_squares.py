@@ -23,8 +23,8 @@ from ldbb_bayes.results import Array, ByRow, Numbers, Result, readable
 
 __all__ = ["LeastSquares", "fit_least_squares"]
 
-# The matrix of derivatives of the readings with respect to the parameters counts as singular if its
-# smallest singular value is below this share of the largest singular value.
+# Share of the largest singular value below which the smallest singular value means that a matrix is
+# singular. The matrix holds the derivatives of the readings with respect to the parameters.
 _SINGULAR = 1e-10
 
 

@@ -38,8 +38,8 @@ _FIRST_FREEDOM = 9.0
 # Values of the coordinate z (see `SplitT`) that are tried as the point at which the two sides of a
 # split Student-t distribution meet.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
-# A split Student-t distribution is fitted by alternately fitting its scales and its degrees of
-# freedom. ``_ALTERNATIONS`` is the number of alternations; in each, the scales are fitted by
+# Numbers of steps in the fit of a split Student-t distribution. Its scales and its degrees of
+# freedom are fitted in turn, ``_ALTERNATIONS`` times; each time, the scales are fitted by
 # ``_EM_STEPS`` expectation-maximisation steps.
 _ALTERNATIONS = 2
 _EM_STEPS = 3

@@ -43,8 +43,8 @@ _DIFFERENCE_STEP = 0.05
 # direction; a smaller curvature is replaced by this value. The coordinates are normal scores of the
 # hyper-parameters, in which most of the priors are standard normal.
 _LEAST_CURVATURE = 0.3
-# The search for a mode (maximum) ends when a step raises the log density by at most this value
-# [nat].
+# Gain of log density [nat] in one step of the search for a mode (maximum); the search ends when a
+# step gains this value or less.
 _MODE_GAIN = 1e-5
 # Numbers of points from which the starting points of the search for modes (maxima) of the posterior
 # are chosen. The density is computed at ``_STARTS`` points; only the ``_BEST_STARTS`` points of
@@ -57,8 +57,8 @@ _BASINS = 3
 # points of the search for modes. The distance is in normal scores of the hyper-parameters,
 # coordinates in which most of the priors are standard normal.
 _SEPARATION = 1.5
-# A maximum of the log posterior density of the hyper-parameters is negligible if it is lower than
-# the highest maximum by at least this value [nat].
+# Depth below the highest maximum of the log posterior density of the hyper-parameters [nat] from
+# which another maximum is negligible.
 _NEGLIGIBLE_DEPTH = 12.0
 # Distance below the mode at which a scale is held near zero, in posterior standard deviations of
 # the scale's coordinate. Maxima of the posterior density are sought with one scale at a time held
@@ -70,8 +70,8 @@ _BELOW_MODE = 4.0
 # than the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
-# The search for a maximum with one scale near zero ends when a step raises the log density by no
-# more than this value [nat].
+# Gain of log density [nat] in one step of the search for a maximum with one scale near zero; the
+# search ends when a step gains this value or less.
 _CORNER_GAIN = 1e-2
 # Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
 # suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from coarse nodes [nat].
@@ -346,8 +346,8 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # Errors of analytical bounds do not necessarily cancel between nodes and are added. Random
-        # errors are independent between nodes, so that their squares are added.
+        # Errors of the probability that may be common to all nodes do not cancel in the sum and are
+        # added. Random errors are independent between nodes, so that their squares are added.
         counts = truncated.weight > 0.0
         weight = truncated.weight[counts]
         error = float(weight @ errors[counts] + np.linalg.norm(weight * noise[counts]))

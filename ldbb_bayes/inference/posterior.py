@@ -203,7 +203,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     ------
     InputError
         For a file that is missing, damaged (its digest then differs), not written by this package,
-        or written by another version of this package. For a file with a fit of an earlier edition
+        or written by another version of this package. Also for a file with a fit of another edition
         of the default model.
 
     Examples

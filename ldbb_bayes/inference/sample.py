@@ -41,8 +41,8 @@ __all__ = [
     "sampler_named",
 ]
 
-# Independent draws are divided into this number of chains, and emcee runs at least this number of
-# ensembles of walkers. R-hat compares the chains, or the ensembles, with each other.
+# Number of chains into which independent draws are divided, and smallest number of ensembles of
+# walkers that emcee runs. R-hat compares the chains, or the ensembles, with each other.
 _CHAINS = 4
 # Number of walkers of an ensemble of emcee, unless four times the number of parameters and
 # hyper-parameters is larger.
