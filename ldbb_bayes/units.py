@@ -127,14 +127,15 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Units of settings, such as the standard deviation of a prior. The name of a setting ends with its
 # unit: sd_um is in µm. The keys are the endings, and the values are the units.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
-# Share of a compliance's median below which the lower limit of its credible interval counts as near
-# zero. The stiffness, which is the reciprocal, then has a lower limit, but no upper limit is
-# stated.
+# Share of a compliance's median. If the lower limit of the compliance's credible interval is below
+# this share, the compliance may be near zero. Its stiffness then has a lower limit, but no upper
+# limit.
 _NEAR_ZERO_SHARE = 0.2
-# Share of the largest sort key below which a key is treated as zero when items are ranked.
+# Smallest sort key that counts when items are ranked, as a share of the largest key; smaller keys
+# are treated as zero.
 _ZERO_SHARE = 1e-12
-# Distance between the mean and the middle of a credible interval above which the interval is
-# treated as skewed, as a share of half the interval's width.
+# Limit of the distance between the mean and the middle of a credible interval, as a share of half
+# the interval's width. With a larger distance, the interval is treated as skewed.
 _SKEWED_SHARE = 0.2
 
 

@@ -38,9 +38,9 @@ _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # Width above which a gap between neighbouring angles of a test is reported, as a multiple of the
 # usual step from one angle to the next.
 _GAP_STEPS = 10.0
-# Difference above which the stated force of a test and the force that follows from its pressure and
-# the campaign's force law are reported as different. The unit is the force that follows from the
-# campaign's largest pressure.
+# Limit of the difference between two forces of a test: the stated force, and the force that follows
+# from the pressure and the campaign's force law. A larger difference is reported. The unit is the
+# force that follows from the campaign's largest pressure.
 _FORCE_LAW_SHARE = 0.02
 # Usual range of a campaign's largest force [N]. If the force is outside this range, the unit of the
 # forces is probably wrong.
@@ -57,8 +57,8 @@ _LARGEST_SPAN_UM = 1000.0
 # Range of the number of readings of a test within which a preview fits a Fourier series to the
 # readings.
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
-# Deviation of a reading from the Fourier series fitted to its test above which the reading is a
-# spike. The unit is the standard deviation of the readings about the series.
+# Limit of the deviation of a reading from the Fourier series fitted to its test, in standard
+# deviations of the readings about the series. A reading that deviates more is a spike.
 _SPIKE_SCATTERS = 8.0
 # Limit of the jump between the last and the first reading of a test that goes once round the
 # circle, in units of the noise level. If the jump is larger, the preview reports that the trace of

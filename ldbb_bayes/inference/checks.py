@@ -53,15 +53,15 @@ __all__ = [
     "failing_checks",
 ]
 
-# Value below which a p-value, times the number of p-values (Bonferroni), shows that the circles'
-# centre shifts in proportion to force. There is one p-value for each of the two axes of every
-# plane.
+# Limit of p-values for a shift of the circles' centre in proportion to force. A shift is reported
+# if its p-value, times the number of p-values (Bonferroni), is below this limit. There is one
+# p-value for each of the two axes of every plane.
 SHIFTED = 0.01
 # Largest number of random draws from the posterior from which posterior predictive checks are
 # computed.
 _DRAWS = 500
-# Value below which the p-value of a posterior predictive check, times the number of all checks
-# (Bonferroni), means that the check fails.
+# Limit of the p-values of posterior predictive checks. A check fails if its p-value, times the
+# number of all checks (Bonferroni), is below this limit.
 _FAILS = 0.01
 # Smallest p-value of a posterior predictive check. Checks are ranked by the logarithms of their
 # p-values; a smaller p-value is replaced by this number, so that its logarithm is finite. This
@@ -74,11 +74,10 @@ _LONGEST_STRETCH = 100_000
 # rounding errors. The residuals remain after a fit of the Fourier orders 0 to 12 to a test's
 # readings.
 _ROUNDING = 1e-24
-# Smallest number of tests in a plane with which it is checked whether the circles' centre in this
-# plane shifts with force.
+# Smallest number of tests in a plane for a check whether the circles' centre shifts with force.
 _FEWEST_TESTS = 4
-# Smallest number of different forces of the tests in a plane with which it is checked whether the
-# circles' centre in this plane shifts with force.
+# Smallest number of different forces in a plane for a check whether the circles' centre shifts with
+# force.
 _FEWEST_FORCES = 3
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.

@@ -37,7 +37,8 @@ _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
 # to the largest fifth of the weights, and this fifth must consist of at least five weights.
 _FEWEST_WEIGHTS = 25
-# Range of the logarithms of importance weights below which the weights count as equal.
+# Limit of the range of the logarithms of importance weights. With a smaller range, the weights
+# count as equal.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
 # Effective sample size of importance weights above which their tail can be judged.
 _FEWEST_EFFECTIVE = 10.0

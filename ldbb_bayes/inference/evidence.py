@@ -30,9 +30,9 @@ __all__ = [
     "warn_of_untrusted_weights",
 ]
 
-# Largest computed log probability [nat] that is accepted for the condition that no compliance is
-# negative; its error is added to this limit. A log probability cannot exceed zero, so that a larger
-# value must be due to rounding errors and is refused.
+# Limit of the computed log probability that no compliance is negative [nat]; the error of the log
+# probability is added to this limit. A log probability cannot exceed zero. A value above the limit
+# must therefore be due to rounding errors and is refused.
 _LARGEST_LOG_PROBABILITY = 0.1
 
 # Limit of the log probability that no compliance is negative. A mean over a few values of the

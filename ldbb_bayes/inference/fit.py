@@ -52,11 +52,12 @@ _LARGEST_WIDENING = 0.1
 _QUALITY_DRAWS = 1000
 # Number of posterior draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500
-# Logarithm of the posterior probability that no compliance is negative below which the readings
-# contradict this condition.
+# Limit of the logarithm of the posterior probability that no compliance is negative. Below this
+# limit, the readings contradict this condition.
 _IMPROBABLE = float(np.log(1e-3))
-# Probability of the prior quantile below which the posterior median of a hyper-parameter (scale of
-# the noise or of another effect) is expected to lie. A fit warns of a larger median.
+# Probability of a prior quantile. The posterior median of a hyper-parameter (scale of the noise or
+# of another effect) is expected to lie below this quantile of its prior; a fit warns of a larger
+# median.
 _EXPECTED_HYPER = 0.999
 # Largest distance of a parameter's posterior mean from the prior mean that the user stated; a fit
 # warns of a larger distance. The unit is the standard deviation that this distance has if the prior

@@ -24,9 +24,9 @@ __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 # Number of blocks of proposed draws, for every 256 draws that are asked for (rounded up), after
 # which the rejection sampler gives up.
 _MOST_ROUNDS = 50
-# Posterior probability that no compliance is negative below which draws with negative compliances
-# are not simply rejected, because too many draws would be lost. The parameters are then drawn from
-# a density that is shifted towards compliances that are not negative.
+# Limit of the posterior probability that no compliance is negative. Below this limit, too many
+# draws would be lost if draws with negative compliances were rejected. The parameters are then
+# drawn from a density that is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
 # Number of draws of the parameters without negative compliances that is expected for each value of
 # the hyper-parameters. The number of draws made for each value is chosen so that, on average, so
@@ -36,8 +36,8 @@ _EXPECTED_INSIDE = 4.0
 # probability posterior density / envelope. The envelope is this number times the proposal, after
 # the proposal is scaled to have the same integral as the posterior density.
 _ENVELOPE = 2.0
-# Smallest estimate of the probability that no compliance is negative by which the rejection sampler
-# divides. A smaller estimate is replaced by this number, to avoid a division by nearly zero.
+# Smallest number by which the rejection sampler divides. It divides by an estimate of the
+# probability that no compliance is negative; a smaller estimate is replaced by this number.
 _LEAST_SHARE = 1e-9
 
 

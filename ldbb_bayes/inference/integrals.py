@@ -34,8 +34,8 @@ LogDensity = Callable[[Array], Array]
 # Number of points at which a density is evaluated in one call. It is small, so that the arrays fit
 # into the processor's cache.
 CHUNK = 256
-# Largest shape k̂ of the Pareto distribution fitted to the largest importance weights with which
-# the weights can be trusted. Vehtari et al. (2024) allow 0.7.
+# Largest Pareto shape k̂ with which importance weights can be trusted. k̂ is the shape of the
+# Pareto distribution fitted to the largest weights. Vehtari et al. (2024) allow 0.7.
 LARGEST_PARETO_K = 0.6
 # Error that is stated for an integral from a random sample, as a multiple of its standard error.
 # The standard error is computed from the scatter between independently randomised quasi-random
@@ -47,9 +47,8 @@ _OF_PLAIN_ERROR = 0.5
 # Pareto shape k̂ of the weights of a random sample above which the error of an integral from the
 # sample is enlarged.
 _HEAVY_TAIL_K = 0.4
-# Increase of the Pareto shape k̂ of a random sample's weights with which the factor of the error
-# grows by one. If k̂ exceeds ``_HEAVY_TAIL_K``, the error of the integral is multiplied by 1 + (k̂
-# − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
+# If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
+# the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
 # Upper limit that is assumed for the part of an integral beyond the outermost nodes of a lattice,
 # as a multiple of the part that these nodes contribute.

@@ -37,9 +37,10 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# Number of doublings of the length of the sampler's blocks of steps at which the number of draws
-# that a block stores doubles too. At every later doubling, the number of stored draws stays the
-# same, and the number of steps from one stored draw to the next doubles instead.
+# Number of doublings after which the sampler's blocks of steps store no more draws than before. The
+# length of the blocks doubles several times. At the first doublings, as many as this number, a
+# block also stores twice as many draws. At every later doubling, the number of steps from one
+# stored draw to the next doubles instead.
 _DOUBLINGS_STORED = 2
 # Share of the moves by differential evolution in which walkers can jump between modes. In such a
 # move, the step of a walker is a factor times the difference between the points of two other
