@@ -180,11 +180,12 @@ class _MeanRatio(NamedTuple):
 def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
     """Return the mean of the ratio ρ = g / (f e^q) of densities, and its error.
 
-    ``log_ratio`` and ``fitted``, shape (m,), are ln(g / f) and the polynomial q that is fitted to
-    ln(g / f), at the m nodes of ``sample``. The mean is taken under the density f e^q. Residuals at
-    the nodes to which q is fitted are smaller than residuals at other nodes. Each residual is
-    therefore divided by one minus the leverage of its node. This makes the error too large rather
-    than too small (MacKinnon and White, Journal of Econometrics 29 (1985) 305).
+    f and g are similar densities. ``log_ratio`` and ``fitted``, shape (m,), are ln(g / f) and the
+    polynomial q that is fitted to ln(g / f), at the m nodes of ``sample``. The mean is taken under
+    the density f e^q. Its error is computed from the residuals, the deviations of ρ from the mean.
+    Residuals at the nodes to which q is fitted are smaller than residuals at other nodes. Each
+    residual is therefore divided by one minus the leverage of its node, which makes the error too
+    large rather than too small (MacKinnon and White, Journal of Econometrics 29 (1985) 305).
     """
     share = sample.weight * np.exp(fitted - fitted.max())
     share = share / share.sum()

@@ -263,11 +263,12 @@ def assess_fit(
     rng : Generator
         Generator of the random draws of new circles.
     prior_level : float or array
-        Expected value, under the prior, of the log prior density of the parameters. The argument is
-        one number for all draws, or an array, shape (chains, draws), which holds for each draw the
-        value of the model from which the draw comes. The expected value is subtracted from the log
-        prior density, so that a difference of the expected value between models is not mistaken for
-        sensitivity to the prior.
+        Expected value, under the prior, of the log prior density of the parameters. For a single
+        model, any number may be given, because a constant does not change the sensitivity. For an
+        average over models, it is an array, shape (chains, draws), which holds for each draw the
+        value for the model of this draw. The expected value is subtracted from the log prior
+        density. A difference of this value between models is thus not mistaken for sensitivity to
+        the prior.
 
     Returns
     -------

@@ -69,16 +69,18 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     The draws are made by rejection sampling. φ are the scales of the noise and of other effects; β
     are compliances, their changes with force, and geometric errors. φ is drawn from a proposal,
     which is a density fitted to the posterior of φ. β is drawn from its Gaussian density given φ
-    and the readings. φ is then accepted in proportion to its weight, the posterior density divided
-    by the proposal. If compliances must not be negative, several β are drawn for each φ, and the
-    weight is multiplied by the share of these β without negative compliances. On average the share
-    is the probability, given φ and the readings, that no compliance is negative, so that the
-    accepted draws follow the posterior. If the share is too small, the weight is multiplied by this
+    and the readings. φ has a weight, the posterior density divided by the proposal. φ is accepted
+    with a probability that is the weight divided by twice an estimate of the mean weight. If this
+    ratio exceeds one, φ may be used several times, with different β if enough β were drawn.
+
+    If compliances must not be negative, several β are drawn for each φ, and the weight is
+    multiplied by the share of these β without negative compliances. On average, the share is the
+    probability, given φ and the readings, that no compliance is negative. The accepted draws
+    therefore follow the posterior. If the share is too small, the weight is multiplied by this
     probability itself, and β is drawn from a density shifted towards compliances that are not
-    negative. The probability of acceptance is the weight divided by twice an estimate of the mean
-    weight. If this ratio exceeds one, φ may be used several times, with different β if enough β
-    were drawn. ``posterior`` is the posterior density of φ, and ``rng`` generates the random
-    numbers.
+    negative.
+
+    ``posterior`` is the posterior density of φ, and ``rng`` generates the random numbers.
 
     Raises
     ------

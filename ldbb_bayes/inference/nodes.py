@@ -256,8 +256,8 @@ class HyperPosterior:
         If the posterior density contains the probability that no compliance is negative
         (``truncated``), the first nodes come from the density that allows negative compliances;
         their weights are multiplied by the probability, given φ, that no compliance is negative. If
-        these nodes miss the tolerance, other nodes are computed where the truncated density is
-        large, and the nodes with the smaller error are returned.
+        these nodes miss the tolerance, other nodes are computed where the product is large, and the
+        nodes with the smaller error are returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))

@@ -192,10 +192,11 @@ class NormalScores:
     def log_jacobian(self, scores: Array) -> Array:
         """Return the log Jacobian of the unbounded coordinates with respect to scores, shape (...).
 
-        The Jacobian is the volume in unbounded coordinates per unit of volume in normal scores. The
-        Jacobian follows from the prior density p of each hyper-parameter φ: the standard normal
-        density of the score z times dz is p(φ) dφ. If u is the unbounded coordinate, and a and b
-        are the bounds of φ, then dφ is (φ − a) du, or (φ − a) (b − φ) / (b − a) du if b is finite.
+        The Jacobian is the volume in unbounded coordinates per unit of volume in normal scores. It
+        follows from the prior density p of each hyper-parameter φ and the standard normal density n
+        of its score z, because n(z) dz = p(φ) dφ. If u is the unbounded coordinate, and a and b are
+        the bounds of φ, then dφ = (φ − a) du, or dφ = (φ − a) (b − φ) / (b − a) du if b is finite.
+        ``scores`` holds the scores in its last dimension.
         """
         values = self._values(scores)
         above, below = self._log_distances(scores)
