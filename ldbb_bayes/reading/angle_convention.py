@@ -102,10 +102,11 @@ class _Words(NamedTuple):
 
 
 def angle_convention(recording: Recording, plane: str) -> AngleConvention:
-    """Return the conversion of the angles of a test that the user or the file states.
+    """Return how the angles of a test in its file are converted to the angles of this package.
 
-    If the user states the sign or the offset of angles, nothing else is used. If not, the axis and
-    the sense that the user states are used. An axis or a sense that the user does not state is
+    The user or the file may state this convention. If the user states the sign or the offset of
+    angles, nothing else is used. If not, the axis at which angles begin, and the sense in which
+    they run, are those that the user states. An axis or a sense that the user does not state is
     taken from the words of the file. If nothing is stated, angles are counted counter-clockwise
     from the plane's first axis.
 
@@ -234,9 +235,10 @@ def angle_of_axis(recording: Recording, axis: str, plane: str) -> float:
 
 
 def _words_of(recording: Recording) -> list[_Words]:
-    """Return what the header of angles, lines and names state on axis and sense of angles.
+    """Return all statements in a file on where angles begin and in which sense they run.
 
-    The lines are the lines above the table and the lines that concern all tests. The names are the
+    There is one entry for each source that states the axis or the sense. The sources are the header
+    of the column of angles, the lines above the table, the lines that concern all tests, and the
     names of the test, its sheet and its file.
     """
     header = recording.heading.headers[recording.heading.roles["angle"]]
@@ -258,7 +260,12 @@ def _is_mixed(text: str) -> bool:
 
 
 def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> _Words:
-    """Return the axis and the sense of angles that the header of angles, or a line, states."""
+    """Return the axis and the sense of angles that a text states.
+
+    ``text`` is a header, a line or a name, and ``source`` its place in words, such as "line 3".
+    ``is_header`` states whether it is the header of the column of angles: a minus sign in this
+    header means clockwise. Raise an error if the text is about angles, but not clear.
+    """
     zero = _zero_in(text)
     layout = recording.layout
     if not zero and layout.angle_zero is None and layout.angle_offset_deg is None:
@@ -309,7 +316,12 @@ def _zero_in(text: str) -> str:
 
 
 def _check_reversed(recording: Recording, source: str, text: str, is_header: bool) -> None:
-    """Raise an error if a text says that angles are reversed, but not in which sense they run."""
+    """Raise an error if a text says that angles are reversed, but not in which sense they run.
+
+    ``source`` is the place of the text in words, such as "line 3". ``is_header`` states whether the
+    text is the header of the column of angles; a header need not name angles to be about them. No
+    error is raised if the user states the sense or the sign of angles.
+    """
     layout = recording.layout
     if layout.angle_sense is not None or layout.angle_sign is not None:
         return
@@ -337,10 +349,12 @@ def _check_announced(recording: Recording, source: str, text: str) -> None:
 
 
 def _check_no_axis(recording: Recording, source: str, text: str) -> None:
-    """Raise an error if a text about angles names a direction such as north instead of an axis.
+    """Raise an error if a text about angles may say where angles begin, but is not clear.
 
-    An error is also raised if the text names exactly one axis. The function is called only for a
-    text without a word such as "from", which would show that angles begin at this axis.
+    The text is not clear if it names a direction such as north instead of an axis. It is not clear
+    either if it names exactly one axis, because this function is called only for texts without a
+    word such as "from", which would show that angles begin at the axis. ``source`` is the place of
+    the text in words, such as "line 3".
     """
     if not any(words.search(text) for words in (_ANGLE, _ZERO_DEGREES, _COMPASS)):
         return

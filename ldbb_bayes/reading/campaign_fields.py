@@ -175,10 +175,10 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 
 
 def _source_of_named_plane(recording: Recording) -> str:
-    """Return the source, in words, of a plane that is stated by a name of the test.
+    """Return a text that names the source of a plane, if the name of the test states the plane.
 
-    The source is "its name". If the letters of the plane are swapped, as in XZ, the source also
-    says where angles are assumed to begin and in which sense they run.
+    The text is "its name". If the letters of the plane are swapped in the name, as in XZ, the text
+    also says at which axis angles are assumed to begin, and towards which axis they run.
     """
     word = plane_word_in_name(recording.names()) or ""
     usual = PLANE_OF_SWAPPED.get(word)
@@ -242,9 +242,11 @@ def _note_contradictions(
 def _plane_of_column(recording: Recording, plane: str) -> str:
     """Return the plane that the user or a column states for a test.
 
-    If the letters of the column are swapped, as in XZ, and the user states the usual plane, the
-    user's plane is stored and returned. Any other plane of the column is used, and it is noted that
-    the option says another. Raise an `InputError` for an unknown plane in the column.
+    ``plane`` is the plane that `_certain_value` returns. It is usually returned unchanged; the log
+    gets a note if the column and the option --plane state different planes. But if the letters of
+    the column's plane are swapped, as in XZ, and the option states the same plane by its usual
+    name, ZX, then ZX is stored and returned. Raise an `InputError` for an unknown plane in the
+    column.
     """
     option = recording.campaign.get("plane")
     column_plane = recording.fields.get("plane")
@@ -365,9 +367,9 @@ def note_assumed_fields(
 ) -> tuple[str, ...]:
     """Add to the log the values that are assumed for unstated fields of the campaign.
 
-    Lines that could not be understood are noted too. If the user states no force law, two further
-    kinds of forces are noted: stated forces that do not fit the default law, and forces that are
-    computed with this law.
+    Lines that could not be understood are noted too. If the user states no force law, a note is
+    also made on forces that the files state but that do not fit the default law, and on forces that
+    are computed with this law.
 
     Parameters
     ----------

@@ -17,8 +17,9 @@ __all__ = ["UnitsOfCells", "number_in_cell", "split_units"]
 _NUMBER_AND_TEXT = re.compile(r"(?P<number>[+\-−–]?[\d.,]*\d(?:[eE][+\-]?\d+)?)\s*(?P<unit>\D.*)")
 
 
-# If at least this number of rows in a sheet have units, a row of numbers without units is also
-# taken as evidence that the rows next to it belong to a table.
+# Units are removed from a row only if a neighbouring row shows that both belong to a table. A
+# neighbouring row of numbers without units shows this only if at least this number of rows in the
+# sheet have numbers with units.
 _FEWEST_ROWS = 3
 
 
@@ -86,10 +87,12 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
 def _may_be_neighbours(
     rows: Sequence[Row], numbers: Sequence[Mapping[int, _NumberAndUnit]]
 ) -> list[bool]:
-    """Return, for each row, whether it is evidence that the rows next to it belong to a table.
+    """Return, for each row, whether it shows that the rows above and below it belong to a table.
 
-    ``numbers`` has an entry for each row, as `_numbers_of` returns it: the numbers in a row of
-    numbers with units, and an empty dict for any other row.
+    A row of numbers with units shows this. A row of numbers without units shows it only in a sheet
+    with at least three rows of numbers with units. ``numbers`` has an entry for each row, as
+    `_numbers_of` returns it: the numbers in a row of numbers with units, and an empty dict for any
+    other row.
     """
     with_units = [bool(entries) for entries in numbers]
     if sum(with_units) < _FEWEST_ROWS:

@@ -349,9 +349,9 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Make reading the only role of each column of readings, and complete ``roles.readings``.
+    """Remove every role but reading from the columns of readings, and complete their list.
 
-    ``roles.readings`` is the list of the columns of readings. If the list is empty, the column with
+    ``roles.readings`` is the list of the columns of readings. If it is empty, the column that has
     the role of reading is added.
     """
     for role, column in list(roles.columns.items()):
@@ -453,10 +453,11 @@ def _several_candidates(
 
 
 def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> None:
-    """If no column has a role, assign the role to the only free column with a unit of this role.
+    """Give a role to the only free column with a unit of this role, if no column has the role yet.
 
-    A free column is a column without any role. If several free columns have a unit of this role,
-    none of them gets the role.
+    A free column is a column without any role. If several free columns have a unit of the role
+    ``role``, none of them gets the role. The role of angle is not given if a column holds times.
+    ``units`` holds the unit of each column.
     """
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
     if role in roles.columns or (role == "angle" and has_abscissa):

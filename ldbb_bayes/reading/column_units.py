@@ -23,7 +23,7 @@ __all__ = ["is_unit_stated", "unit_size"]
 
 # Word that messages show as the unit of a row that has no unit.
 _NO_UNIT = "none"
-# Regular expression for a word for a share of a unit, such as tenths.
+# Regular expression for a word for a fraction of a unit, such as tenths.
 _SHARE = re.compile(rf"(?<!\w)(?:{WORDS['unit_lines']['share']})(?!\w)", re.IGNORECASE)
 # An error message shows at most this number of characters of a unit from a file.
 _UNIT_SHOWN = 40
@@ -165,10 +165,10 @@ def _header_source(recording: Recording) -> str:
 def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
     """Return the units that each source in the file states for a column, given its role.
 
-    A role is what the column holds, such as angle or reading. If a line above the table states the
-    size of one count, and the readings are in counts of an instrument or have no stated unit, this
-    size is returned as the unit of the readings. Times of day are treated as times with the unit s
-    in their header.
+    A role is what the column holds, such as angle or reading. Some instruments give readings in
+    counts (digital steps), and a line above the table may state the size of one count. If the
+    readings are in counts or have no stated unit, this size is returned as their unit. Times of day
+    are treated as times with the unit s in their header.
     """
     evidence = []
     for row_units in recording.row_units.get(role, ()):

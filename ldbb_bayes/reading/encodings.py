@@ -16,9 +16,9 @@ __all__ = ["encoding_of"]
 # Number of bytes at the beginning of a text file that are searched for zeros. Many zeros show that
 # the encoding is UTF-16.
 _HEAD_BYTES = 4096
-# The bytes at the beginning of a text file are divided into pairs. Zeros are counted separately
-# among the first bytes of the pairs and among the second bytes. The file is taken for UTF-16 if one
-# of the two numbers of zeros exceeds this share of the number of bytes.
+# A text file is taken for UTF-16, which has two bytes for each character, if many of the first or
+# many of the second bytes of the characters are zero. "Many" is more than this fraction of all
+# examined bytes.
 _SHARE_OF_ZEROS = 0.2
 # Encodings that are tried for a text that is not UTF-8, in order of preference: encodings for
 # Western Europe, Macintosh, Cyrillic, Greek, Central Europe, East Asia and MS-DOS.

@@ -102,9 +102,10 @@ def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
 def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
     """Return the arc of one test that consists of two half circles.
 
-    Whole turns are added to the angles of the second half, so that they continue the angles of the
-    first half. The name of the test is the common beginning of the names of both halves, or else
-    the name of the first half. The start time of the test is the start time of the earlier half.
+    A multiple of 360° is added to the angles of the second half, so that these angles continue the
+    angles of the first half. The name of the test is the common beginning of the names of both
+    halves, or else the name of the first half. The start time of the test is the start time of the
+    earlier half.
     """
     n_turns = round((first.angle_deg[-1] - second.angle_deg[0]) / TURN_DEG)
     first_name = str(first.fields["name"])

@@ -138,8 +138,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: pressures of all tests, in the order of files, sheets and rows; they replace the pressures
     #: that entries [[test]] of the layout state
     pressures_bar: list[Number] = Field(default_factory=list)
-    #: unit of the readings, such as um or mm; if the readings are counts of an instrument, the size
-    #: of one count, such as 0.1 um
+    #: unit of the readings, such as um or mm; if the readings are counts (digital steps) of an
+    #: instrument, the size of one count, such as 0.1 um
     reading_unit: str | None = None
     angle_unit: str | None = None  #: unit of the angles, such as deg or rad
     time_unit: str | None = None  #: unit of times, such as s or ms

@@ -78,10 +78,10 @@ class _Quantity(NamedTuple):
 
 
 def _expand_parts() -> dict[str, str]:
-    """Return a dict with the parts of regular expressions in ``words.toml``; its keys are names.
+    """Return a dict with parts of which regular expressions are composed; its keys are their names.
 
-    If a part contains the name of an earlier part, this name is replaced by the regular expression
-    of the earlier part.
+    The parts are in ``words.toml``. A part may contain the names of earlier parts; in the result,
+    such a name is replaced by the regular expression of the earlier part.
     """
     expanded: dict[str, str] = {}
     for name, pattern in WORDS["parts"].items():
@@ -182,9 +182,10 @@ _FIELDS_OF_ONE_NUMBER = ("force_N", "pressure_bar", "radius_mm")
 _FURTHER_NUMBER = rf"[\s;,|]+{NUMBER_IN_TEXT}(?:\s?[^\W\d_]+)?"
 # Regular expression for all further numbers behind a number, up to the end of the line.
 _FURTHER_NUMBERS = re.compile(rf"(?:\s?[^\W\d_]+)?(?:{_FURTHER_NUMBER})+[\s;,|]*")
-# Words for a message: why the value of a quantity is not known if a line has a list of numbers.
+# Reason that a message gives if the value of a quantity is not known because the line has a list of
+# numbers.
 _LIST_OF_NUMBERS = "several numbers"
-# Words for a message: why the length of a bar is not known if the bar has an extension.
+# Reason that a message gives if the length of a bar is not known because the bar has an extension.
 _WITH_EXTENSION = "a bar and an extension"
 # Smallest and largest length that may be the radius or diameter of a circle [µm].
 _RADII_UM = (2e4, 2e6)
@@ -365,8 +366,9 @@ def _length_with_extension(
 ) -> LineStatement | None:
     """Return the length of a bar including its extension [mm].
 
-    The length is NaN if the lines do not show whether the stated length includes the extension.
-    Return None if the quantity is not the radius, or if the bar has no extension.
+    The length is that of the bar plus that of its extension. It is NaN if the lines name an
+    extension, but do not show whether the stated length includes this extension. Return None if the
+    quantity is not the radius, or if the bar has no extension.
 
     Parameters
     ----------
@@ -422,7 +424,10 @@ def _words_before_number(match: re.Match[str]) -> str:
 
 
 def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
-    """Return the name in ``units`` of the unit that a text names; None if it names no such unit."""
+    """Return the key of ``units`` for the same unit as the text ``name``; None without such a key.
+
+    Capitals and the spelling of the unit may differ.
+    """
     wanted = {name.casefold(), unit_named(name).casefold()}
     for unit in units:
         if unit.casefold() in wanted:

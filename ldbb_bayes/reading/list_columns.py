@@ -15,15 +15,16 @@ from ldbb_bayes.reading.words import UNITS, comparable
 
 __all__ = ["unread_headers", "with_loads_named"]
 
-# Roles of the columns of loads, whose headers are replaced by the name of the role.
+# Roles of the columns of loads (forces and pressures). The header of such a column is replaced by
+# the name of its role.
 _LOADS = ("force", "pressure")
 
 
 def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return the cells of a row of a list of tests, with loads under the name force or pressure.
+    """Return the cells of a row in a list of tests, with plain headers for force and pressure.
 
-    A header of a load with its unit, such as ``F cal. [kN]``, becomes ``force [kN]``, which later
-    code can read.
+    A header of a load (force or pressure) with its unit, such as ``F cal. [kN]``, is replaced by a
+    header that later code can read, such as ``force [kN]``. Other headers are not changed.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def unread_headers(cells: Iterable[tuple[str, str]], names: Collection[str]) -> list[str]:
-    """Return the headers of a list of tests under which nothing is read for a test.
+    """Return the headers of those columns in a list of tests from which nothing is read for a test.
 
     Parameters
     ----------

@@ -80,7 +80,8 @@ def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Arr
 
     ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the median
     step [s]. Raise an error if there are many steps back, or if the other steps are not nearly
-    equal. No error is raised if the user states that the machine stood still in gaps.
+    equal. If the user states that the machine stood still in gaps, steps back are replaced in these
+    cases, too, and no error is raised.
     """
     is_back = steps < 0.0
     if not is_back.any():

@@ -11,16 +11,17 @@ from ldbb_bayes.reading.numerals import is_missing
 
 __all__ = ["missing_in"]
 
-# Largest share of a column of readings whose cells may be missing. If more are, the column is
-# probably not that of the readings.
+# Largest fraction of the readings in a column that may be missing. If more are missing, the column
+# probably holds something other than readings.
 _LARGEST_SHARE = 0.5
 
 
 def missing_in(cells: Sequence[str]) -> NDArray[np.bool_]:
-    """Return whether each cell of a column of readings states that its number is missing.
+    """Return, for each cell of a column of readings, whether its reading is missing.
 
-    If more than half of the cells do, False is returned for all of them: later code then raises an
-    error that names the first of these cells.
+    A reading is missing if its cell is empty or holds a word such as NaN. If more than half of the
+    readings are missing, the result is False for all cells; later code then raises an error that
+    names the first cell without a reading.
 
     Parameters
     ----------

@@ -73,8 +73,9 @@ _MISSING = (
 )
 # Mark that may separate thousands in a number; the key is the decimal mark of the number.
 OTHER_MARK = {".": ",", ",": "."}
-# For each quantity, the largest value that is possible if a mark before three digits separates
-# thousands: 1,000 N may be 1000 N, but 150.000 mm cannot be 150 000 mm.
+# Largest plausible value of some quantities; the keys are their fields. A comma or point before
+# three digits may separate thousands only if the value would then not exceed this limit: 1,000 N
+# may be 1000 N, but 150.000 mm cannot be 150 000 mm.
 _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
 
 

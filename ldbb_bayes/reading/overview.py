@@ -31,17 +31,17 @@ class OverviewLines:
 
     #: place (line number and sheet) and text of each line that concerns all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
-    #: place (line number and sheet) and text of each cell in the rows, in lists of tests, that
-    #: concern the one test; the text is "header: cell"
+    #: cells on the one test, from its rows in lists of tests: place (line number and sheet) and
+    #: text of each cell; the text is "header: cell"
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
 
 
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:
     """Return the lines of sheets that concern all tests, and the cells that concern one test.
 
-    Lines outside lists of tests concern all tests. In a list of tests, a row concerns the one test
-    if a cell of the row is among ``names``, the possible spellings of the name of this test. Each
-    cell of such a row is returned as ``header: cell``.
+    ``names`` are the possible spellings of the name of this one test. Lines outside lists of tests
+    concern all tests. In a list of tests, a row concerns the one test if a cell of the row is among
+    ``names``. Each cell of such a row is returned as ``header: cell``.
     """
     lines = OverviewLines()
     wanted = {_without_blanks(name) for name in names}

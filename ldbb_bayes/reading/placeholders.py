@@ -33,11 +33,12 @@ _LIMITS_OF_INTEGERS = {
     "2147483648",
     "4294967295",
 }
-# A number whose absolute value is at least this large is a placeholder if it is far away, because
-# readings and angles are never so large.
+# A number whose absolute value is at least this large is a placeholder if it is far away from the
+# other numbers, because readings and angles are never so large.
 _LARGEST_NUMBER = 1e10
-# Let d be the largest difference of the other numbers from their median. A number is far away if
-# its difference from this median is larger than d times this factor.
+# A number can be a placeholder only if it is far away from the other numbers of its column. It is
+# far away if its difference from their median is more than this factor times the largest difference
+# of the other numbers from this median.
 _FAR = 5.0
 # This factor replaces ``_FAR`` for a number that appears several times in the column, as
 # placeholders often do.

@@ -104,8 +104,10 @@ def check_plane(place: str, plane: str, source: str, has_angles: bool) -> None:
 def _swapped_error(place: str, plane: str, source: str) -> InputError:
     """Return the error for a plane whose letters are swapped, such as XZ.
 
-    Angles that begin at the second axis of a plane and run towards its first axis are clockwise.
-    ``place`` is the name of the table, or "options".
+    Angles in the plane XZ may begin at X or at Z. The message therefore states two sets of options,
+    one for each case. For example, angles from Z towards X are counter-clockwise in the plane ZX,
+    and angles from X towards Z are clockwise in this plane. ``place`` is the name of the table, or
+    "options"; ``source`` is the place that states the plane, such as "line 3".
     """
     usual = PLANE_OF_SWAPPED[plane]
     first = usual[0]

@@ -84,7 +84,9 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
 def _radius_in(block: str, is_absolute: bool) -> float | None:
     """Return the radius that a block of G-code states; None if the block states no radius.
 
-    The radius is in the unit of the block.
+    The radius is in the unit of the block. It is stated as such, or follows from the coordinates of
+    the centre, counted from the start of the arc. If ``is_absolute`` is true, these coordinates are
+    counted from the zero point of the programme, and the radius does not follow from them.
     """
     stated = _RADIUS.search(block)
     if stated is not None:

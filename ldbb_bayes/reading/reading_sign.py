@@ -154,7 +154,10 @@ def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:
 
 
 def _is_open(source: str, text: str) -> bool:
-    """Return whether a text is about the sign of readings, but leaves its meaning open."""
+    """Return whether a text is about the sign of readings, but does not make the sign clear.
+
+    ``source`` is the place of the text in words, such as "line 3".
+    """
     return _turns_sign(text) or _is_turned_header(source, text) or _asks(source, text)
 
 

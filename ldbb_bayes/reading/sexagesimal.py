@@ -38,7 +38,10 @@ def names_sexagesimal(header: str) -> bool:
 
 
 def columns_in_sexagesimal(rows: Iterable[Sequence[str]]) -> set[int]:
-    """Return the indices of the columns in which a cell, such as the header, says so."""
+    """Return the indices of the columns whose angles are in degrees, minutes and seconds.
+
+    A cell of such a column, usually the header, says that the angles are in these units.
+    """
     columns = set()
     for cells in rows:
         columns |= {column for column, cell in enumerate(cells) if names_sexagesimal(cell)}

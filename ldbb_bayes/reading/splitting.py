@@ -53,8 +53,8 @@ __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 _NOT_SHARED = ("test", "direction", "reading")
 # Regular expression for a number at the beginning of a cell, as in "0.9 x 10 um".
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
-# A column is checked only if at least this many of its numbers have a decimal mark. The check is
-# whether the mark may separate thousands.
+# The mark in the numbers of a column may be a decimal mark or may separate thousands. Which of the
+# two it is, is checked only if at least this many numbers of the column have a mark.
 _FEWEST_MARKED = 5
 # Fields of a test or campaign that a column may state if it has no role (angle, reading, …).
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
@@ -112,9 +112,10 @@ class _SheetColumns:
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
         """Return the cells of a column in some rows.
 
-        Each cell has the unit that stood behind its number in the file. If the column holds units,
-        a number with a unit, such as 0.1 µm, is a unit with a factor. ``column`` and ``rows`` are
-        the indices of the column and of the rows.
+        Each cell is returned with the unit that stood behind its number in the file. The function
+        is also used for a column of units: the cell "0.1 µm" of such a column is a unit with a
+        factor, which is returned in full. ``column`` and ``rows`` are the indices of the column and
+        of the rows.
         """
         texts = []
         for row in rows:
@@ -125,9 +126,10 @@ class _SheetColumns:
     def numbers(self, role: str, column: int) -> Array:
         """Return the numbers in a column as an array, one for each of the n rows, shape (n,).
 
-        The number of a row without a reading is NaN where its cell is empty, or says so.
-        ``column`` is the index of the column from 0; ``role`` is the role of the column, which
-        error messages name.
+        In a row without a reading, a number may be missing: its cell is empty or holds a word such
+        as NaN, and the result is NaN for this row. Raise an `InputError` for any other cell that is
+        no number. ``column`` is the index of the column from 0; ``role`` is the role of the column,
+        such as angle.
         """
         title = self.heading.column_title(role, column)
         place = self.sheet.place
@@ -148,9 +150,11 @@ class _SheetColumns:
         return numbers
 
     def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
-        """Return whether the number of a column may be missing in each of the n rows, shape (n,).
+        """Return, for each of the n rows, whether a column may lack its number, shape (n,).
 
-        A reading may be missing. Another number may be missing where all readings of its row are.
+        In a column of readings (``role`` is reading), this is true for rows whose reading is
+        missing. In any other column, it is true for rows in which the readings of all tests are
+        missing. ``column`` is the index of the column.
         """
         if role == "reading":
             return missing_in(self.cells[column])
@@ -341,7 +345,10 @@ def split_sheet(
 
 
 def _note_unread_list(sheet: Sheet, headers: Sequence[str], log: AssumptionLog) -> None:
-    """Add to the log the columns of a list of tests, by their headers, that are not used."""
+    """Add a note to the log that some columns of a list of tests are not used.
+
+    ``headers`` are the headers of these columns. ``sheet`` is the sheet with the table of the test.
+    """
     if headers:
         log.add(
             sheet.place,
@@ -537,7 +544,7 @@ def _numeric_columns(heading: Heading) -> list[int]:
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
     """Return the rows of a table up to the last row with numbers.
 
-    The numbers in the last row may have unknown units.
+    A row of numbers with unknown units also counts as a row with numbers.
     """
     rows = sheet.rows[heading.first_row :]
     while rows and not (_has_number(rows[-1]) or _holds_quantities(rows[-1], heading)):

@@ -103,7 +103,10 @@ def first_header(rows: Sequence[Row]) -> int | None:
 
 
 def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
-    """Return whether the rows below two headers begin with the same cell, such as 0°."""
+    """Return whether the rows below two headers begin with the same cell, such as 0°.
+
+    ``first_header`` and ``header`` are the indices of the two headers among the rows.
+    """
     beginnings = [rows[k + 1 : k + 2] for k in (first_header, header)]
     cells = [row.cells[:1] for beginning in beginnings for row in beginning]
     return len(cells) == 2 and cells[0] == cells[1]

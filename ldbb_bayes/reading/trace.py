@@ -43,8 +43,8 @@ _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation from the median is below this
 # share of the median.
 _SMALLEST_SCATTER = 0.01
-# Units (degrees and micrometres) that are passed as assumed units if no unit is assumed. The user
-# or the file then states the unit, and the stated unit is used.
+# Assumed units for a test for which no unit was assumed, because the user or the file states the
+# unit. Functions that need an assumed unit are given these units, but use the stated unit.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
 # Fewest readings in one turn of a test whose table has times instead of angles. If a turn has
@@ -289,8 +289,9 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
     ``reading_um`` are the readings of the test [µm].
     """
     radius_mm = recording.radius_mm
-    # ``is_far`` is true for distances on a circle of any radius. On a circle of another radius,
-    # they must not be mistaken for deviations.
+    # ``is_near`` is true for distances on a circle with the nominal radius, and ``is_far`` for
+    # distances on a circle of any radius. Distances on a circle whose radius is not the nominal
+    # radius must not be mistaken for deviations.
     median_mm = float(np.median(reading_um)) * 1e-3
     scatter_mm = float(np.median(np.abs(reading_um - 1e3 * median_mm))) * 1e-3
     is_near = abs(median_mm - radius_mm) < _LARGEST_DEVIATION_MM

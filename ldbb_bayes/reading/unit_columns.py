@@ -57,12 +57,12 @@ def _holds_units(header: str, cells: Sequence[str]) -> bool:
 
 
 def _is_plain_unit(text: str, is_nameless: bool) -> bool:
-    """Return whether a cell holds nothing but a unit.
+    """Return whether the text of a cell is nothing but a unit.
 
-    ``is_nameless`` is true if the column has no header. Three further texts are then taken as
-    units: a word for counts, a unit with the factor sign x in front, as in x 10 µm, and a unit with
-    a factor of at most 10, as in 10 nm. A text with a larger number, such as 100 mm, is a length
-    and not a unit.
+    ``is_nameless`` is true if the column has no header. Three further kinds of texts are then taken
+    as units: a word for counts (digital steps of an instrument), a unit with the factor sign x in
+    front, as in x 10 µm, and a unit with a factor of at most 10, as in 10 nm. A text with a larger
+    number, such as 100 mm, is a length and not a unit.
     """
     if is_nameless and (COUNT.fullmatch(text) or has_factor(text)):
         return True

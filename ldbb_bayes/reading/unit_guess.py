@@ -1,8 +1,9 @@
 """Units that are assumed for readings and angles if nothing states these units.
 
-One unit is assumed for all tests of a campaign. A unit of the readings fits if a bar can measure
-deviations as large as the readings in this unit, and if a machine can be as stiff or as soft as the
-readings in this unit would mean.
+The same unit is assumed for all tests of a campaign. A unit of the readings, such as mm, fits under
+two conditions. With this unit, the readings must not be larger than the deviations that a bar can
+measure. The change of the readings with force must also be possible for a machine, which can be
+neither arbitrarily stiff nor arbitrarily soft.
 """
 
 from __future__ import annotations
@@ -52,12 +53,13 @@ _USUAL_UNITS = ("um", "mm")
 # Angles without a unit are taken as degrees if their range is larger than this number, and as
 # radians if the range is smaller.
 _LARGEST_SPAN_RAD = 7.0
-# Regular expression for a word for counts, or for a unit with a factor, in the name of a file.
+# Regular expression for a word for counts (digital steps of an instrument), or for a unit with a
+# factor, in the name of a file.
 _COUNTS = re.compile(
     r"(?<![^\W\d_])counts?(?![^\W_])|(?<!\d)(?:0[.,]\d+|10)[ _]?[uµμn]m", re.IGNORECASE
 )
-# Size of a full turn in further units of angle. If angles fit one of these units, the user is
-# asked.
+# Size of a full turn in units of angle that are seldom used. If the angles of a test cover a whole
+# turn in one of these units, the user is asked for the unit.
 _OTHER_TURNS = {"gon": 400.0, "mrad": 2e3 * np.pi, "arcmin": 21_600.0}
 _TURN_DEG = 360.0
 # Angles are taken to cover whole turns if the covered angle differs from whole turns by at most

@@ -29,8 +29,8 @@ __all__ = [
 ]
 
 _WORDS = WORDS["unit_lines"]
-# Keys of the dict with the units that a line states: one for each role of a column, and one for the
-# size of a count.
+# Keys of the dict with the units that a line states. There is one key for the unit of each role of
+# a column. The key ``reading_scale`` is for the size of one count (digital step) of the instrument.
 UNIT_KEYS = (*(f"{role}_unit" for role in UNITS), "reading_scale")
 # Regular expression for a line that states units: a label with a word such as "unit", a separator,
 # and the units.
@@ -88,7 +88,7 @@ _LABEL_WORD = re.compile(r"[^\W\d_]+")
 _UNIT_WORD = re.compile(_WORDS["label"], re.IGNORECASE)
 _FILLING = re.compile(_WORDS["filling"], re.IGNORECASE)
 _OTHER = re.compile(rf"\b(?:{_WORDS['other']})\b", re.IGNORECASE)
-# Regular expression for a word for one count of an instrument, such as "digit".
+# Regular expression for a word for one count (digital step) of an instrument, such as "digit".
 COUNT = re.compile(_WORDS["count"], re.IGNORECASE)
 # Regular expression for the header of a column that holds the unit of each row.
 UNIT_COLUMN = re.compile(_WORDS["column"], re.IGNORECASE)
@@ -109,10 +109,11 @@ _ALSO_WORDS = ("in",)
 def units_stated(text: str) -> dict[str, str]:
     """Return a dict with the units that a line states.
 
-    The keys are ``reading_unit``, ``angle_unit`` and so on. The key ``reading_scale`` holds the
-    size of one count, such as ``0.1 um``. A unit that is not known is returned as written, and
-    several units for one role of a column (angle, reading, …) are returned as one text. In both
-    cases, an error is raised later, but only if the table itself does not state the unit.
+    The keys are ``reading_unit``, ``angle_unit`` and so on. The value for the key ``reading_scale``
+    is the size of one count (digital step) of the instrument, such as ``0.1 um``. A unit that is
+    not known is returned as written, and several units for one role of a column (angle, reading, …)
+    are returned as one text. In both cases, an error is raised later, but only if the table itself
+    does not state the unit.
     """
     text = text[:LONGEST_TEXT]
     stated = {}
@@ -235,7 +236,7 @@ def _scaled_units(unit: str, role: str) -> dict[str, str]:
 
 
 def _size_of_count(text: str) -> str:
-    """Return the size of one count that a line states, such as ``0.1 um``.
+    """Return the size of one count (digital step) that a line states, such as ``0.1 um``.
 
     The result is an empty string if the line states no such size.
     """
@@ -250,7 +251,8 @@ def _role_of_label(label: str) -> str | None:
     """Return the role of a column whose unit a label announces, such as force for ``Force unit``.
 
     The result is an empty string for a label such as ``Units``, which announces the units of all
-    roles. The result is None for a label with other words than words for a role or a unit.
+    roles. The result is None if the label also contains a word that names neither a role nor a
+    unit.
     """
     words = []
     for word in _LABEL_WORD.findall(comparable(label)):
@@ -295,7 +297,10 @@ def has_factor(text: str) -> bool:
 
 
 def mentions_scale(text: str) -> bool:
-    """Return whether a line mentions a scale or factor, but does not state the size of a count."""
+    """Return whether a line mentions a scale or factor, but not the size of one count.
+
+    A count is a digital step of the instrument.
+    """
     text = text[:LONGEST_TEXT]
     return _SCALE.search(text) is not None and not _size_of_count(text)
 
@@ -318,11 +323,11 @@ def header_has_factor(header: str) -> bool:
 
 
 def unit_mentioned(text: str) -> str:
-    """Return the first unit of readings in a text that has no number in front.
+    """Return the unit of readings that a text mentions, such as mm in ``Columns: deg, mm``.
 
-    The result is empty if the text mentions no such unit. Examples are ``Columns: deg, mm`` and the
-    name ``300N_mm``. If the text has a unit with a factor that this package does not read, as in
-    ``Unit - x 10 um``, this unit is returned with its factor.
+    The first unit of readings that has no number in front is returned. The result is empty if the
+    text mentions no such unit. If the text has a unit with a factor that this package does not
+    read, as in ``Unit - x 10 um``, this unit is returned with its factor.
     """
     words = re.sub(r"[_\-]", " ", text[:LONGEST_TEXT])
     if _OTHER.search(words):

@@ -34,7 +34,8 @@ LONGEST_TEXT = 300
 LONGEST_NAME = 200
 # Longest unit [characters]; a longer text is no unit.
 _LONGEST_UNIT = 40
-# Regular expression for a unit with a factor, such as 0.1 µm for readings in counts of 0.1 µm.
+# Regular expression for a unit with a factor. An example is 0.1 µm, if the readings are numbers of
+# digital steps (counts) of 0.1 µm.
 _SCALED_UNIT = re.compile(
     r"(?P<inverse>1/)?(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
 )
@@ -118,9 +119,9 @@ def unit_named(text: str) -> str:
 def scaled_unit(text: str) -> str:
     """Return the name that this package uses for a unit: ``um`` for ``µm``.
 
-    The unit may have a factor: the result is ``0.1 um`` for ``0,1 µm`` (the unit of readings in
-    counts of 0.1 µm), and ``0.001 mm`` for ``1/1000 mm``. Return an empty text if the text names no
-    known unit, or if the factor is zero.
+    The unit may have a factor: the result is ``0.1 um`` for ``0,1 µm``, the unit of readings in
+    counts (digital steps) of 0.1 µm, and ``0.001 mm`` for ``1/1000 mm``. Return an empty text if
+    ``text`` names no known unit, or if the factor is zero.
     """
     unit = unit_named(text)
     match = _SCALED_UNIT.fullmatch(text.strip())
