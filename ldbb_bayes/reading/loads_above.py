@@ -1,41 +1,85 @@
-"""Loads in a line above the header, such as ``Force [N],100,300,600`` above three columns."""
+"""Loads in a line above the header, such as ``Force [N],100,300,600`` above three columns.
+
+Names, planes and directions of the columns may stand in lines next to it.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import first_header
-from ldbb_bayes.reading.words import UNITS
+from ldbb_bayes.reading.travel_direction import direction_named
+from ldbb_bayes.reading.words import UNITS, unit_named
 
 __all__ = ["with_loads_in_header"]
 
 
 def with_loads_in_header(sheet: Sheet) -> Sheet:
-    """Return a sheet in which the loads from the line above the header are put into the header.
+    """Return a sheet in which the lines of loads above the header are put into the header.
 
-    Loads are forces and pressures. The line must state a load, such as ``100 N``, for each column
-    except the first. If the first cell of the line names force or pressure with a unit, the other
-    cells may be numbers without units. For example, the header ``Deviation [um]`` below 100 N is
-    changed to ``100 N Deviation [um]``. A sheet without such a line is returned unchanged.
+    Loads are forces and pressures. Such a line must state a load, such as ``100 N``, for each
+    column except the first. If the first cell of the line names force or pressure with a unit, the
+    other cells may be numbers without units. For example, the header ``Deviation [um]`` below 100 N
+    is changed to ``100 N Deviation [um]``. Lines of names, planes and directions of the columns,
+    next to the line of loads, are put into the header too. A sheet without a line of loads is
+    returned unchanged.
     """
     header = first_header(sheet.rows)
     if not header:
         return sheet
     names = sheet.rows[header]
-    loads = _loads_of(sheet.rows[header - 1].cells)
-    if len(loads) != len(names.cells) - 1 or not loads:
+    lines: list[list[str]] = []
+    has_loads = False
+    first = header
+    for row in reversed(sheet.rows[:header]):
+        if len(row.cells) != len(names.cells):
+            break
+        loads = _loads_of(row.cells)
+        words = loads or _words_of_columns(row.cells)
+        if not words or (loads and has_loads):
+            break
+        has_loads = has_loads or bool(loads)
+        lines.insert(0, words)
+        first -= 1
+    if not has_loads:
         return sheet
     merged = [names.cells[0]]
-    for load, name in zip(loads, names.cells[1:], strict=True):
-        merged.append(f"{load} {name}")
-    rows = [*sheet.rows[: header - 1], Row(names.line, merged), *sheet.rows[header + 1 :]]
+    for column, name in enumerate(names.cells[1:]):
+        above = " ".join(words[column] for words in lines)
+        unit_or_name = f"[{name}]" if unit_named(name) else name
+        merged.append(f"{above} {unit_or_name}")
+    rows = [*sheet.rows[:first], Row(names.line, merged), *sheet.rows[header + 1 :]]
     return replace(sheet, rows=rows)
+
+
+def _words_of_columns(cells: Sequence[str]) -> list[str]:
+    """Return the names, planes or directions in a line, one for each cell except the first.
+
+    Names of columns must differ, and the first cell of their line must be empty. Return an empty
+    list for any other line.
+    """
+    words = list(cells[1:])
+    if not all(words):
+        return []
+    if all(plane_named(word) in PLANES for word in words):
+        return words
+    directions = [direction_named(word) for word in words]
+    if set(directions) <= {"CW", "CCW"}:
+        return directions
+    has_letters = all(re.search(r"[^\W\d]", word) for word in words)
+    is_unit = any(unit_named(word.strip("[]()")) for word in words)
+    if not cells[0] and has_letters and not is_unit and len(set(words)) == len(words):
+        return words
+    return []
 
 
 def _loads_of(cells: Sequence[str]) -> list[str]:

@@ -16,6 +16,7 @@ from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.transposed_tables import check_not_transposed
 from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["HeadedSheet", "SheetSelection", "select_sheets"]
@@ -73,17 +74,22 @@ def select_sheets(
             heading = find_heading(sheet, layout)
         except InputError as error:
             if not is_optional or not _has_no_readings(sheet, error):
+                check_not_transposed(sheet)
                 raise
             errors.append(error)
             selection.left_out.append(sheet)
             continue
         table = HeadedSheet(sheet, heading)
+        if not is_optional and not _is_complete(heading):
+            check_not_transposed(sheet)
         if is_optional and not _is_complete(heading):
             incomplete.append(table)
             selection.left_out.append(sheet)
         else:
             selection.tables.append(table)
     if not selection.tables:
+        for sheet in sheets:
+            check_not_transposed(sheet)
         if not incomplete:
             raise errors[-1]
         # These tables have no column of angles or readings. The code that reads their rows raises

@@ -10,11 +10,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.column_roles import count_numbers, names_any_role, names_columns
+from ldbb_bayes.reading.column_roles import (
+    count_numbers,
+    has_role,
+    names_any_role,
+    names_columns,
+    unit_of,
+)
 from ldbb_bayes.reading.lines_above import statements_in
+from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.timestamps import stamps_in
-from ldbb_bayes.reading.travel_direction import directions_stated
+from ldbb_bayes.reading.travel_direction import direction_named, directions_stated
 from ldbb_bayes.reading.words import comparable
 
 __all__ = ["first_header", "split_tables"]
@@ -94,12 +101,28 @@ def first_header(rows: Sequence[Row]) -> int | None:
         cells = rows[k].cells
         if not (names_columns(cells) and any(names_any_role(cell) for cell in cells)):
             continue
+        if _describes_columns(cells):
+            continue
         if (
             count_numbers(rows[k + 1].cells) >= 2
             or count_numbers(rows[min(k + 2, len(rows) - 1)].cells) >= 2
         ):
             return k
     return None
+
+
+def _describes_columns(cells: Sequence[str]) -> bool:
+    """Return whether a row is a label and a direction, or a load, for each further column.
+
+    Examples are ``Direction;CW;CCW`` and ``Force;100 N;300 N``.
+    """
+    if len(cells) < 2:
+        return False
+    if {direction_named(cell) for cell in cells[1:]} <= {"CW", "CCW"}:
+        return True
+    label = unit_of(cells[0]).name
+    is_load = has_role(label, "force") or has_role(label, "pressure")
+    return is_load and all(load_in_name([cell]) is not None for cell in cells[1:])
 
 
 def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:

@@ -26,7 +26,7 @@ INCOMPLETE = tuple(
 
 def shape_cases() -> dict[str, FieldCase]:
     """Return the cases of missing readings and of tables in other shapes."""
-    return {**missing_cases(), **sexagesimal_cases(), **share_cases()}
+    return {**missing_cases(), **sexagesimal_cases(), **share_cases(), **wide_cases()}
 
 
 def with_missing(words: Mapping[int, str]) -> field.Row:
@@ -136,5 +136,43 @@ def share_cases() -> dict[str, FieldCase]:
             field.texts(f"Angle [deg],Dev ({unit})", field.scaled(2.54)),
             refusal="--unit ('0.1 mil' for tenths of a thou, which are 0.0001 inch",
             step=("--unit", "0.1 mil"),
+        )
+    return cases
+
+
+def wide_cases() -> dict[str, FieldCase]:
+    """Return tables with a row for each circle, and with several lines above their columns."""
+    angles = ";".join(f"{angle:g}" for angle in TRUTH[0].angle_deg)
+    named_angles = ";".join(f"a{angle:03.0f}" for angle in TRUTH[0].angle_deg)
+    rows = []
+    for circle in TRUTH:
+        readings = ";".join(f"{reading:.3f}" for reading in circle.reading_um)
+        rows.append(f"{circle.force_N:g};ok;{readings}")
+    mended = field.wide(
+        "Angle [deg];100 N [um];300 N [um];600 N [um]",
+        lambda k: [f"{5 * k}", *field.readings_of(k)],
+    )
+    cases = {}
+    for name, header in {"numbers": angles, "names": named_angles}.items():
+        content = "\n".join([f"Force [N];Remark;{header}", *rows, ""]).encode()
+        cases[f"transposed_{name}"] = FieldCase(
+            "transposed tables",
+            f"a row for each circle, angles in the header as {header.split(';')[1]!r}",
+            {"all.csv": content},
+            refusal="Transpose the table: the angles in a column 'Angle [deg]'",
+            mended=mended,
+        )
+    lines = (
+        ";K1;K2;K3\nKraft [daN];10;30;60\nEbene;XY;XY;XY\nBahn;G3;G3;G3",
+        "Ebene;XY;XY;XY\nDirection;CCW;CCW;CCW\nForce;100 N;300 N;600 N",
+    )
+    for number, above in enumerate(lines):
+        cases[f"lines_above_columns_{number}"] = FieldCase(
+            "lines of forces, planes and directions above the columns",
+            f"{above.count(chr(10)) + 1} lines above the header",
+            field.wide(
+                "Winkel [°];µm;µm;µm", lambda k: [f"{5 * k}", *field.readings_of(k)], above=above
+            ),
+            circles=tuple(replace(circle, direction="CCW") for circle in TRUTH),
         )
     return cases
