@@ -320,12 +320,12 @@ def check_predictions(
 ) -> dict[str, TestChecks]:
     """Return posterior predictive p-values of every test; the keys are the names of the tests.
 
-    Each p-value compares the readings of a test with the readings of a new circle that are
-    predicted from the posterior. ``phi``, shape (draws, h), holds posterior draws of the h
-    hyper-parameters (scales of the noise and of other effects). ``beta``, shape (draws, p), holds
-    posterior draws of the p parameters (compliances, their changes with force, geometric errors).
-    At most 500 of the draws are used. ``rng`` generates the random readings. ``bound`` is the
-    model, applied to its campaign.
+    Each p-value compares the readings of a test with the readings that the posterior predicts for a
+    new circle. ``phi``, shape (draws, h), holds posterior draws of the h hyper-parameters (scales
+    of the noise and of other effects). ``beta``, shape (draws, p), holds posterior draws of the p
+    parameters (compliances, their changes with force, geometric errors). At most 500 of the draws
+    are used. ``rng`` generates the random readings. ``bound`` is the model, applied to its
+    campaign.
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)

@@ -123,11 +123,11 @@ def _propose_tilted(
 ) -> tuple[Array, Array]:
     """Draw one block of hyper-parameters φ and parameters β, and return the accepted draws.
 
-    φ is drawn from ``proposal`` and accepted in proportion to its weight. The weight is the
-    posterior density of φ under the condition that no compliance is negative, divided by the
-    proposal. β is drawn given φ from a density shifted towards compliances that are not negative.
-    The results are φ, in unbounded coordinates, and β of the accepted draws. For h hyper-parameters
-    and p parameters, the shapes are (accepted, h) and (accepted, p).
+    The block has 256 draws. φ is drawn from ``proposal`` and accepted in proportion to its weight.
+    The weight is the posterior density of φ under the condition that no compliance is negative,
+    divided by the proposal. β is drawn given φ from a density shifted towards compliances that are
+    not negative. The results are φ, in unbounded coordinates, and β of the accepted draws. For h
+    hyper-parameters and p parameters, the shapes are (accepted, h) and (accepted, p).
     """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
@@ -141,13 +141,13 @@ def _propose_untruncated(
 ) -> tuple[Array, Array]:
     """Draw one block of hyper-parameters φ and parameters β, and return the accepted draws.
 
-    φ is drawn from ``proposal``, and several β are drawn for each φ as if compliances might be
-    negative. φ is accepted with a probability proportional to its weight, the posterior density
-    divided by the proposal. If compliances must not be negative, the weight is multiplied by the
-    share of these draws of β that have no negative compliance; ``share_inside`` is an estimate of
-    this share. Return the accepted values of the h hyper-parameters φ in unbounded coordinates,
-    shape (accepted, h). Also return, for each of them, one draw of the p parameters β without
-    negative compliances, shape (accepted, p).
+    The block has 256 draws. φ is drawn from ``proposal``, and several β are drawn for each φ as if
+    compliances might be negative. φ is accepted with a probability proportional to its weight, the
+    posterior density divided by the proposal. If compliances must not be negative, the weight is
+    multiplied by the share of these draws of β that have no negative compliance; ``share_inside``
+    is an estimate of this share. Return the accepted values of the h hyper-parameters φ in
+    unbounded coordinates, shape (accepted, h). Also return, for each of them, one draw of the p
+    parameters β without negative compliances, shape (accepted, p).
     """
     tries = 1
     if posterior.truncated:

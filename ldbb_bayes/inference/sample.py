@@ -298,11 +298,11 @@ def run_sampler(
 ) -> SampledDraws:
     """Return posterior draws of parameters and hyper-parameters, drawn by the named sampler.
 
-    ``converged`` of the run states whether the draws meet the stopping rule; they do unless the
-    sampler gave up. If independent draws are asked for but their weights cannot be trusted, emcee
-    samples parameters and hyper-parameters jointly instead. For independent draws, ``steps`` of the
-    run is the number of draws of one chain, ``walkers`` is 1, and ``acceptance`` is the share of
-    proposals accepted.
+    ``run`` of the result says how sampling went; its ``converged`` states whether the draws meet
+    the stopping rule. They do unless the sampler gave up. If independent draws are asked for but
+    their weights cannot be trusted, emcee samples parameters and hyper-parameters jointly instead.
+    For independent draws, ``steps`` of ``run`` is the number of draws of one chain, ``walkers`` is
+    1, and ``acceptance`` is the share of proposals accepted.
 
     Parameters
     ----------
