@@ -27,6 +27,23 @@ _TIMES_PRESSURE = re.compile(
     rf"=.*?(?:{_NUMBER}\s?(?:[*·×⋅x]\s?)?{_PRESSURE_WORD}"
     rf"|{_PRESSURE_WORD}\s?(?:[\[(]\w+[\])])?\s?[*·×⋅x]\s?{_NUMBER})"
 )
+# Regular expression for the force at one unit of pressure, as in "1 bar = 118.5 N".
+_FORCE_OF_ONE = re.compile(
+    rf"(?<![\w.,])1(?:[.,]0+)?\s?{_PRESSURE}\s?"
+    r"(?:=|≙|:|is|gives|corresponds?\sto|entspricht|ergibt)"
+    rf"\s?{_NUMBER}\s?{_FORCE}(?!\w)"
+)
+# Regular expression for a term of the law by its name, with a number: slope, offset, or the area of
+# the piston.
+_NAMED_TERM = re.compile(
+    rf"(?:\bforce[ -](?:slope|gain|factor|offset|constant|law)"
+    rf"|\bkraft-?(?:steigung|faktor|offset|gesetz|konstante)"
+    rf"|\b(?:piston|cylinder|kolben|zylinder)[ -]?(?:area|fläche)"
+    rf"|=\s?A\s?[*·×⋅x]\s?p)\b.*?{_NUMBER}",
+    re.IGNORECASE,
+)
+# Regular expressions for a law of force and pressure, or for a term of it.
+_LAWS = (_FORCE_PER_PRESSURE, _TIMES_PRESSURE, _FORCE_OF_ONE, _NAMED_TERM)
 # An error message shows at most this number of characters of a line.
 _LINE_SHOWN = 80
 
@@ -34,7 +51,7 @@ _LINE_SHOWN = 80
 def states_force_law(text: str) -> bool:
     """Return whether a line states a law of force and pressure, such as ``F = 118.5 N/bar * p``."""
     shown = text[:LONGEST_TEXT]
-    return bool(_FORCE_PER_PRESSURE.search(shown) or _TIMES_PRESSURE.search(shown))
+    return any(law.search(shown) is not None for law in _LAWS)
 
 
 def check_force_law(place: str, lines: Iterable[tuple[int | str, str]]) -> None:

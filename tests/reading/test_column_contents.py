@@ -135,6 +135,12 @@ LAWS = [
     "F = -9.0 + p * 118.5",
     "Gain: 1185 N/MPa",
     "118.5 N bar^-1",
+    "Calibration: 1 bar = 118.5 N",
+    "1,0 bar entspricht 118,5 N",
+    "Force slope: 118.5, offset -9",
+    "Force offset -9 N",
+    "Piston area 11.85 cm²",
+    "Kraft F = A * p mit A = 1185 mm²",
 ]
 
 
@@ -161,6 +167,8 @@ def test_a_law_of_force_that_is_given_is_used_with_the_pressure(tmp_path: Path, 
         "Deflection 2.33 µm/bar",
         "Feed 2000 mm/min",
         "Force: 600 N / 5 bar",
+        "Force: 600 N at 5 bar",
+        "11 bar = maximum",
     ],
 )
 def test_other_lines_are_no_law(line: str) -> None:
