@@ -19,8 +19,8 @@ __all__ = ["effects_of_certificates", "uncertainty_change"]
 
 _MOST_EFFECTS = 4  # largest number of reduced uncertainties U that are shown for a certificate
 _SMALLEST_EFFECT = 0.05  # smallest relative reduction of an uncertainty U that is shown
-# Part of the instrument that a certificate covers. The keys are names of attributes of the
-# instrument; a certificate states such an attribute.
+# Part of the instrument that each calibration certificate covers. The keys are the names of the
+# attributes of the instrument that certificates state.
 _PARTS = {
     "work": "balls",
     "tool": "balls",

@@ -319,8 +319,8 @@ def _check_reversed(recording: Recording, source: str, text: str, is_header: boo
     """Raise an error if a text says that angles are reversed, but not in which sense they run.
 
     ``source`` is the place of the text in words, such as "line 3". ``is_header`` states whether the
-    text is the header of the column of angles; a header need not name angles to be about them. No
-    error is raised if the user states the sense or the sign of angles.
+    text is the header of the column of angles. Any other text causes the error only if it has a
+    word for angles. No error is raised if the user states the sense or the sign of angles.
     """
     layout = recording.layout
     if layout.angle_sense is not None or layout.angle_sign is not None:

@@ -63,10 +63,11 @@ class AssumptionLog:
         self._places.setdefault(entry, []).append(place)
 
     def keep(self, **fields: Any) -> None:
-        """Store the values of fields of the layout that were found in one sheet.
+        """Store values, found in one sheet, with which `layout` completes the user's layout.
 
-        An example is ``separator=";"``. The value None means that the layout need not state the
-        field, because the sheet itself states it, for example by a header with a unit.
+        The keyword arguments are fields of the layout, such as ``separator=";"``. The value None
+        means that the layout need not state the field, because the sheet itself states it, for
+        example by a header with a unit.
         """
         for key, value in fields.items():
             self._layout_values.setdefault(key, []).append(value)

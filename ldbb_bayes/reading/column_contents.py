@@ -21,9 +21,11 @@ __all__ = ["check_angle_columns", "check_directions", "name_plane_column"]
 
 # All words for a plane, in capitals. The two letters of a plane may be in either order.
 _PLANE_CELLS = {*PLANES, *PLANES_OF_G_CODE, *PLANE_OF_SWAPPED}
-# A column named after the plane has at most this many different cells.
+# A column whose header has a word for plane is about the plane of the circles only if it has at
+# most this many different cells.
 _MOST_PLANES = 4
-# Signs that may mean a direction of travel in a column named after the travel.
+# Cells that may mean a direction of travel, if the header of their column has a word for the
+# travel.
 _SIGNS = {"1", "-1", "+1", "+", "-", "−1", "−"}
 # Regular expression for a word for the travel of the machine in the header of a column.
 _TRAVEL_WORD = re.compile(
@@ -45,7 +47,8 @@ def name_plane_column(
     """Return a heading in which the column of planes has the header ``plane``.
 
     A column without a role is the column of planes if every cell names a plane and the header has a
-    word for plane, as in ``PlaneName``. The use of this column is noted.
+    word for plane, as in ``PlaneName``. The use of this column is noted. If the user states the
+    plane, the heading is returned unchanged; columns of other planes are noted.
 
     Parameters
     ----------
@@ -61,8 +64,8 @@ def name_plane_column(
     Raises
     ------
     InputError
-        If a column holds planes but has no word for plane in its header, or if several columns hold
-        planes.
+        If a column holds planes but has no word for plane in its header, if several columns hold
+        planes, or if a column has a word for plane in its header but some cells that name no plane.
     """
     if "plane" in heading.headers:
         return heading
@@ -108,7 +111,10 @@ def _note_contradiction(
     stated_plane: str,
     log: AssumptionLog,
 ) -> None:
-    """Add a note to the log if a column of planes contradicts the plane that the user states."""
+    """Add a note to the log if a column of planes contradicts the plane that the user states.
+
+    ``column`` is the index of the column in the table, and ``column_cells`` are its cells.
+    """
     planes = sorted({plane_named(cell) for cell in column_cells} - {stated_plane})
     if planes:
         reason = f"column {_title(heading, column)!r} says {', '.join(planes)}"
@@ -116,9 +122,10 @@ def _note_contradiction(
 
 
 def _check_unread_planes(sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]]) -> None:
-    """Raise an `InputError` for a column named after the plane in which a cell is no plane.
+    """Raise an `InputError` if a column of planes has a cell that does not name a plane.
 
-    A column with many different cells, or with a unit, is not about the plane of the circle.
+    A column without a role is taken as a column of planes if its header has a word for plane and no
+    unit, and if it has at most four different cells.
     """
     for column in _free_columns(heading, cells):
         header = heading.headers[column]
@@ -138,10 +145,12 @@ def _check_unread_planes(sheet: Sheet, heading: Heading, cells: Sequence[Sequenc
 def check_directions(
     sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]], layout: Layout
 ) -> None:
-    """Raise an `InputError` for a column without a role that holds directions, such as CW.
+    """Raise an `InputError` for a column without a role that may hold directions of travel.
 
-    Nothing is raised if the user states directions, or if another column has the role of direction.
-    The arguments are the sheet, the heading of its table, the cells of each column, and the layout.
+    The cells of such a column are words such as CW, or they are signs and the header has a word for
+    the travel of the machine. Nothing is raised if the user states directions, or if another column
+    has the role of direction. ``heading`` is the heading of the table, and ``cells`` holds the
+    cells of each column.
     """
     if "direction" in heading.roles or layout.direction is not None:
         return
@@ -165,7 +174,7 @@ def check_directions(
 
 
 def _is_direction(word: str) -> bool:
-    """Return whether a cell is a word for a direction, such as CW; a sign alone is none."""
+    """Return whether a cell is a word for a direction, such as CW; a sign such as + is not."""
     return word not in _SIGNS and direction_named(word) in ("CW", "CCW")
 
 
@@ -173,8 +182,8 @@ def check_angle_columns(sheet: Sheet, heading: Heading, cells: Sequence[Sequence
     """Raise an `InputError` if several columns of readings have different columns of angles.
 
     All tests of a table share one column of angles. A further column of angles is ignored only if
-    its cells are equal to the cells of the shared column. The arguments are the sheet, the heading
-    of its table and the cells of each column.
+    its cells are equal to the cells of the shared column. ``heading`` is the heading of the table,
+    and ``cells`` holds the cells of each column.
     """
     if len(heading.readings) < 2 or "angle" not in heading.roles:
         return

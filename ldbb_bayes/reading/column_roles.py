@@ -337,9 +337,10 @@ def find_columns(
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
     """Decide which column has the role of time, and record it in ``roles``.
 
-    If there is a column of angles, a column has the role of time only if the layout states it. If
-    no column has the role of angle or the role of time, the column ``time_s`` gets the role of
-    time. In all other cases, a column ``time_s`` holds the time at which each test started.
+    A column with the role of time holds the time of each reading. If there is a column of angles, a
+    column has this role only if the layout states it. If no column has the role of angle or the
+    role of time, the column ``time_s`` gets the role of time. In all other cases, a column
+    ``time_s`` holds the time at which each test started.
     """
     if "angle" in roles.columns:
         if "time" not in layout.columns:

@@ -47,10 +47,10 @@ def encoding_of(raw: bytes) -> str:
     """Return the encoding of a text file.
 
     A byte-order mark or many zero bytes determine the encoding. Any other text is taken as UTF-8 if
-    it can be decoded as UTF-8. If it cannot, several encodings are tried. The encoding is used with
-    which the text contains the most known words for columns and units. If no encoding gives a known
-    word, the guess of the library charset_normalizer is used, or Windows-1252 if the text has few
-    letters outside ASCII.
+    it can be decoded as UTF-8. If it cannot, several encodings are tried, and the best is used: the
+    encoding in which the text has the most known words for columns and units. If no encoding gives
+    a known word, the guess of the library charset_normalizer is used, or Windows-1252 if the text
+    has few letters outside ASCII.
 
     Parameters
     ----------

@@ -400,9 +400,9 @@ def _row_of_units(cells: Sequence[str]) -> list[str]:
 def _holds_only_units(cells: Sequence[str]) -> bool:
     """Return whether a row of cells is a row of units.
 
-    Two cells must be known units or texts in brackets, and at least one of the two must be a known
-    unit. A single known unit is enough if no other cell is filled, or if another cell is the German
-    word Grad (degree). All other filled cells must have at most four characters.
+    At least two cells must be known units or texts in brackets, and at least one of these cells
+    must be a known unit. A single known unit is enough if no other cell is filled, or if another
+    cell is the German word Grad (degree). All other filled cells must have at most four characters.
     """
     n_known = 0
     n_bracketed = 0

@@ -88,7 +88,7 @@ class Imported(Result):
     """
 
     schema: int = field(default=1, init=False)  #: version of the JSON format
-    #: imported campaign; in JSON only its name, number of tests and number of readings
+    #: imported campaign; JSON states only its name, number of tests and number of readings
     campaign: Annotated[Campaign, PlainSerializer(_campaign_in_json)]
     #: layout with which the files can be read again without assumptions about their format
     layout: Annotated[Layout, PlainSerializer(_layout_in_json)]

@@ -66,8 +66,8 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
     ------
     InputError
         If lines name different axes, if an axis lies outside the plane, or if a line states the
-        coordinates of the start. Also if a line says where angles begin, because a table with times
-        holds no angles.
+        coordinates of the start. The error is also raised if a line says where angles begin,
+        because a table with times holds no angles.
     """
     axes: dict[str, str] = {}
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):

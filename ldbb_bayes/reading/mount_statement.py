@@ -24,8 +24,8 @@ _REMOVED = re.compile(_WORDS["removed"], re.IGNORECASE)
 _CONTAINED = re.compile(_WORDS["contained"], re.IGNORECASE)
 # Regular expression for a negation.
 _NOT = re.compile(_WORDS["negation"], re.IGNORECASE)
-# Regular expression for other words for what was done with the deflection. A text with such a word
-# and a word for the mount is not understood.
+# Regular expression for words that may say what was done with the deflection, but whose meaning is
+# not clear. A text with such a word and a word for the mount is not understood.
 _DONE = re.compile(_WORDS["done"], re.IGNORECASE)
 # Two regular expressions. The first is for words for a deflection, the second for words which say
 # that the deflection is in the readings.

@@ -1,4 +1,4 @@
-"""Error for files that leave a question open, to which there are a few possible answers."""
+"""Error for files that do not state a fact for which there are only a few possibilities."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["OpenQuestionError"]
 
 
 class OpenQuestionError(InputError):
-    """Error for files that may be read in several ways.
+    """Error for files that may be read in several ways, so that the user must choose one of them.
 
     Parameters
     ----------

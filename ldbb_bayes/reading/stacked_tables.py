@@ -112,9 +112,10 @@ def first_header(rows: Sequence[Row]) -> int | None:
 
 
 def _describes_columns(cells: Sequence[str]) -> bool:
-    """Return whether a row is a label and a direction, or a load, for each further column.
+    """Return whether a row states a direction, or a load, for each column except the first.
 
-    Examples are ``Direction;CW;CCW`` and ``Force;100 N;300 N``.
+    The first cell of such a row is a label. A load is a force or a pressure. Examples are
+    ``Direction;CW;CCW`` and ``Force;100 N;300 N``.
     """
     if len(cells) < 2:
         return False

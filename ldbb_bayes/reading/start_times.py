@@ -210,9 +210,9 @@ def _is_one_day(stamps: Sequence[Timestamp]) -> bool:
 def _across_midnight(seconds: Array) -> Array:
     """Return times [s] since the earliest start, computed from times of day without dates.
 
-    The tests are assumed to have been run across midnight in one case: if the times span more than
-    twelve hours, but span at most six hours after all times before the largest gap are moved to the
-    next day. ``seconds`` are the times of day [s], shape (tests,).
+    ``seconds`` are the times of day [s], shape (tests,). If they span more than twelve hours, the
+    tests may have been run across midnight. The times before the largest gap are then moved to the
+    next day, but only if all times then span at most six hours.
     """
     span = np.ptp(seconds)
     if span > _LONG_CAMPAIGN_S:

@@ -122,8 +122,9 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
 def _rank_of(words: str) -> Rank | None:
     """Return the kind of a timestamp from the words before it.
 
-    The result is None if the timestamp is not the time of a test. ``words`` is the text between the
-    previous timestamp, or else the beginning of the line, and the timestamp.
+    ``words`` is the text before the timestamp. It begins at the previous timestamp in the line, or
+    at the beginning of the line if there is none. The result is None if the words show that the
+    timestamp is not the time of a test.
     """
     if _WORDS["other"].search(words):
         return None

@@ -21,7 +21,9 @@ _ANGLE = re.compile(
 )
 # Fewest angles in a row of angles.
 _FEWEST_ANGLES = 18
-# Smallest and largest ranges of angles in a row, in degrees, gon or radians.
+# Numbers in a row are angles of a circle only if their range (largest minus smallest number, plus
+# one step) lies between these limits. The first limits are for degrees and gon, the second for
+# radians.
 _RANGES = ((180.0, 405.0), (3.0, 6.4))
 # Angles are evenly spaced if their steps agree within this share of a step.
 _EVEN_SHARE = 0.02
@@ -38,8 +40,7 @@ def check_not_transposed(sheet: Sheet) -> None:
     Raises
     ------
     InputError
-        If one of the first rows consists of evenly spaced angles, apart from a few cells at its
-        beginning.
+        If one of the first 1000 rows ends with evenly spaced angles over at least half a circle.
     """
     for row in sheet.rows[:LONGEST_OVERVIEW]:
         angles = _angles_in(row.cells)
@@ -53,9 +54,10 @@ def check_not_transposed(sheet: Sheet) -> None:
 
 
 def _angles_in(cells: Sequence[str]) -> Array:
-    """Return the numbers at the end of a row whose cells have the form of angles.
+    """Return the angles at the end of a row, shape (n,), in the unit of the file.
 
-    Cells such as a000 and a005 must all begin with the same letters.
+    The angles are in the last cells of the row, which have the form of an angle: 5, 5° or a005. If
+    these cells begin with letters, all begin with the same letters.
     """
     filled = [cell for cell in cells if cell]
     numbers: list[float] = []

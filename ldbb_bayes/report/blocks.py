@@ -106,7 +106,7 @@ class PictureRow:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Share of the row's width for each figure, chosen so that all figures are equally high."""
+        """Fraction of the row's width for each figure, so that all figures have the same height."""
         ratios = []
         for picture in self.pictures:
             width, height = picture.figure.get_size_inches()

@@ -64,7 +64,7 @@ def _goals_table(result: GoalDesign) -> Table:
 
 
 def _tests_table(plan: GoalPlan) -> Table:
-    """Return a table of the circles of a plan. The last column is the number of runs."""
+    """Return a table of the circles of a plan. The last column says how often to run each."""
     columns = [str(column) for column in plan.tests.columns if column != _COUNT]
     heads = [wording.PAGE["tests"].get(name, name) for name in columns]
     rows = []

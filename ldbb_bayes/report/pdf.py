@@ -117,12 +117,14 @@ def fit_to_page(sheet: ReportSheet) -> ReportSheet:
 
 
 def _power_of_height(height_ratio: float, size_ratio: float) -> float:
-    """Return the power p for which the height of a sheet was proportional to (size of letters)^p.
+    """Return the power p with which the height of a sheet depends on the size of its letters.
 
-    The letters have just been made smaller. ``height_ratio`` is the new height of the sheet divided
-    by its former height, and ``size_ratio`` is the new size of the letters divided by their former
-    size. The height of figures is proportional to the size of the letters, the height of texts to
-    the square of this size. A result below 1 is therefore replaced by 1, and a result above 2 by 2.
+    The height is assumed to be proportional to size^p. The power is computed from the last
+    reduction of the letters: ``height_ratio`` is the new height of the sheet divided by its former
+    height, and ``size_ratio`` is the new size of the letters divided by their former size. The
+    power lies between 1 and 2, because the height of figures is proportional to the size of the
+    letters, and the height of texts to the square of this size. A result below 1 is therefore
+    replaced by 1, and a result above 2 by 2.
     """
     power = math.log(height_ratio) / math.log(size_ratio)
     return min(max(power, _POWER_OF_FIGURES), _POWER_OF_TEXT)

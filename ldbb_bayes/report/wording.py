@@ -177,8 +177,9 @@ _MOST_JOINED = 3  # largest number of campaigns outside control limits that a se
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
 # Probabilities below this are stated as "< 0.001".
 _UNLIKELY = 5e-4
-# A sentence states that two campaigns disagree about an error of the instrument that both have
-# used, if the p-value of the disagreement is below this value.
+# Two campaigns with the same instrument have two estimates of each error of this instrument. A
+# sentence states that the campaigns disagree about an error if the p-value of the difference of its
+# two estimates is below this value.
 _CONFLICT = 0.01
 # In a table of certificates of the instrument, the row of a certificate names a parameter only if
 # the certificate would reduce the parameter's standard uncertainty u to less than this share of the

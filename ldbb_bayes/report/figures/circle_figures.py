@@ -177,7 +177,10 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
 
 
 def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
-    """Draw the readings and the prediction of the test with index ``r`` in a polar panel."""
+    """Draw the readings and the prediction of the test with index ``r`` in a polar panel.
+
+    ``axes`` is the panel, and ``shown`` holds the readings and predictions of all tests.
+    """
     test = shown.bound.campaign.tests[r]
     colour = shown.colours[r]
     dots = slice(None, None, shown.stride)
@@ -296,8 +299,8 @@ def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
 def _mean_reading(shown: _Traces, force_N: float) -> float:
     """Return the mean reading [µm] of all tests at the force ``force_N`` [N].
 
-    The mean reading of each of these tests is computed first; the result is the mean of these
-    values.
+    The result is the mean of the mean readings of these tests, so that tests with more readings
+    have no larger weight. ``shown`` holds the readings of all tests.
     """
     means = []
     for readings, force in zip(shown.readings_um, shown.bound.setting.force_N, strict=True):
@@ -307,7 +310,7 @@ def _mean_reading(shown: _Traces, force_N: float) -> float:
 
 
 def _round_step(size: float) -> float:
-    """Return the round number that is nearest to ``size``. It is the step between rings of a scale.
+    """Return the round number nearest to ``size``, for the distance of two marks of a scale.
 
     Round numbers are 1, 2, 5 or 10 times a power of ten.
     """
