@@ -176,10 +176,7 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
         for text in row_units.units:
             units.append(scaled_unit(text.strip("[]() ")) or text or _NO_UNIT)
         evidence.append(_UnitEvidence(units, row_units.source))
-    header_unit = recording.heading.units[recording.heading.roles[role]]
-    names_degrees = header_unit == "deg" or names_sexagesimal(header_unit)
-    if role == "angle" and names_degrees and _are_in_seconds(evidence):
-        header_unit = ""  # it means the degrees in front of the minutes and seconds
+    header_unit = _unit_of_header(recording, role, evidence)
     if header_unit:
         # A number in the unit of a header, as in 10 µm, may be a factor or the range of the
         # instrument. A unit with a number is therefore treated as unknown.
@@ -194,9 +191,18 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
     return evidence
 
 
-def _are_in_seconds(evidence: Sequence[_UnitEvidence]) -> bool:
-    """Return whether the cells of a column hold degrees, minutes and seconds."""
-    return any(set(entry.units) == {SECONDS_UNIT} for entry in evidence)
+def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvidence]) -> str:
+    """Return the unit that the header of a column states; empty if it states none.
+
+    A header that names degrees above cells with degrees, minutes and seconds states no unit: it
+    means the degrees in front of the minutes. ``evidence`` are the units of the cells.
+    """
+    unit = recording.heading.units[recording.heading.roles[role]]
+    names_degrees = unit == "deg" or names_sexagesimal(unit)
+    are_in_seconds = any(set(entry.units) == {SECONDS_UNIT} for entry in evidence)
+    if role == "angle" and names_degrees and are_in_seconds:
+        return ""
+    return unit
 
 
 def _is_count(units: Sequence[str]) -> bool:

@@ -37,21 +37,10 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
     if not header:
         return sheet
     names = sheet.rows[header]
-    lines: list[list[str]] = []
-    has_loads = False
-    first = header
-    for row in reversed(sheet.rows[:header]):
-        if len(row.cells) != len(names.cells):
-            break
-        loads = _loads_of(row.cells)
-        words = loads or _words_of_columns(row.cells)
-        if not words or (loads and has_loads):
-            break
-        has_loads = has_loads or bool(loads)
-        lines.insert(0, words)
-        first -= 1
-    if not has_loads:
+    lines = _lines_of_columns(sheet.rows[:header], len(names.cells))
+    if not lines:
         return sheet
+    first = header - len(lines)
     merged = [names.cells[0]]
     for column, name in enumerate(names.cells[1:]):
         above = " ".join(words[column] for words in lines)
@@ -59,6 +48,28 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
         merged.append(f"{above} {unit_or_name}")
     rows = [*sheet.rows[:first], Row(names.line, merged), *sheet.rows[header + 1 :]]
     return replace(sheet, rows=rows)
+
+
+def _lines_of_columns(rows: Sequence[Row], width: int) -> list[list[str]]:
+    """Return the words of the columns in the lines directly above a header, line by line.
+
+    One of these lines must state loads; otherwise the list is empty. ``rows`` are the rows above
+    the header, which has ``width`` cells.
+    """
+    lines: list[list[str]] = []
+    has_loads = False
+    for row in reversed(rows):
+        if len(row.cells) != width:
+            break
+        loads = _loads_of(row.cells)
+        words = loads or _words_of_columns(row.cells)
+        if not words or (loads and has_loads):
+            break
+        has_loads = has_loads or bool(loads)
+        lines.insert(0, words)
+    if not has_loads:
+        return []
+    return lines
 
 
 def _words_of_columns(cells: Sequence[str]) -> list[str]:

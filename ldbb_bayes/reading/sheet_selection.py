@@ -71,25 +71,21 @@ def select_sheets(
     for sheet in sheets:
         is_optional = sheet.path in optional
         try:
-            heading = find_heading(sheet, layout)
+            heading = _heading_of(sheet, layout, is_optional)
         except InputError as error:
             if not is_optional or not _has_no_readings(sheet, error):
-                check_not_transposed(sheet)
                 raise
             errors.append(error)
             selection.left_out.append(sheet)
             continue
         table = HeadedSheet(sheet, heading)
-        if not is_optional and not _is_complete(heading):
-            check_not_transposed(sheet)
         if is_optional and not _is_complete(heading):
             incomplete.append(table)
             selection.left_out.append(sheet)
         else:
             selection.tables.append(table)
     if not selection.tables:
-        for sheet in sheets:
-            check_not_transposed(sheet)
+        _check_none_transposed(sheets)
         if not incomplete:
             raise errors[-1]
         # These tables have no column of angles or readings. The code that reads their rows raises
@@ -101,6 +97,28 @@ def select_sheets(
         kind = "the sheet" if sheet.name else "the file"
         log.add(sheet.place, "left out", kind, reason, "--sheets")
     return _mark_only_tables(selection, selection.tables)
+
+
+def _heading_of(sheet: Sheet, layout: Layout, is_optional: bool) -> Heading:
+    """Return the heading of a sheet's table.
+
+    Raise an `InputError` if there is none. Unless the sheet is optional, also raise it for a row
+    of angles in place of a column.
+    """
+    try:
+        heading = find_heading(sheet, layout)
+    except InputError as error:
+        if not is_optional or not _has_no_readings(sheet, error):
+            check_not_transposed(sheet)
+        raise
+    if not is_optional and not _is_complete(heading):
+        check_not_transposed(sheet)
+    return heading
+
+
+def _check_none_transposed(sheets: Sequence[Sheet]) -> None:
+    for sheet in sheets:
+        check_not_transposed(sheet)
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
