@@ -43,8 +43,8 @@ _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
 _MATHEMATICAL = re.compile(_WORDS["math"], re.IGNORECASE)
 # Regular expression for words of denial, such as "not".
 _DENIED = re.compile(WORDS["reading_sign"]["denied"], re.IGNORECASE)
-# Regular expression for words which show that a line about angles does not say where angles begin
-# and in which sense they run.
+# Regular expression for words in a line about angles which show that the line states neither the
+# axis at which angles begin nor their sense.
 _HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
 # Regular expression for words, such as "compass", for angles that are counted clockwise from north.
 _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
@@ -59,8 +59,8 @@ _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
 _MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
 # Regular expression for words for the angle.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
-# Regular expression for words which show that an axis in the same text is not the axis at which
-# angles begin.
+# Regular expression for words which show that an axis in the same text has another meaning: it is
+# not where angles begin.
 _OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
 # Regular expression for an angle of zero, such as "0° =" or "zero at", after which an axis may
 # follow.

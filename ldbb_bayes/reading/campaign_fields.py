@@ -41,11 +41,11 @@ _COMPARED_PLACES = 9
 _SMALLEST_STEP_UM = 0.001
 # Largest step [µm] between readings that is accepted as the resolution of a readout.
 _LARGEST_STEP_UM = 5.0
-# Largest step between readings that is accepted as the resolution of a readout, as a share of the
-# range of the readings.
+# Largest step between readings that is accepted as the resolution of a readout, as a fraction of
+# the range of the readings.
 _LARGEST_STEP_SHARE = 0.1
-# If a test states both a force and a pressure, a note is made if the force differs by more than
-# this share from the force that the default `ForceLaw` gives for the pressure.
+# A test may state both a force and a pressure. A note is made if this force and the force that the
+# default `ForceLaw` gives for the pressure differ by more than this fraction of the stated force.
 _OFF_FORCE_LAW = 0.05
 # Values that are assumed for unstated fields of the campaign, each with the command-line option
 # that states the field.
@@ -367,9 +367,9 @@ def note_assumed_fields(
 ) -> tuple[str, ...]:
     """Add to the log the values that are assumed for unstated fields of the campaign.
 
-    Lines that could not be understood are noted too. If the user states no force law, a note is
-    also made on forces that the files state but that do not fit the default law, and on forces that
-    are computed with this law.
+    Lines that could not be understood are noted too. If the user states no force law, further notes
+    name the stated forces that do not fit the default law, and say that unstated forces are
+    computed with this law.
 
     Parameters
     ----------

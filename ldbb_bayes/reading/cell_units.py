@@ -60,10 +60,10 @@ def number_in_cell(cell: str, *, is_sexagesimal: bool = False) -> _NumberAndUnit
 def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     """Remove the units behind numbers from the rows of a sheet; return the rows and the units.
 
-    A row is changed only if it consists of at least two numbers, at least one of them has a unit,
-    and the row directly above or below also consists of numbers with units. In a sheet with at
-    least three rows of numbers with units, the row above or below may also consist of numbers
-    without units. A row such as ``Force;36 N`` is not changed.
+    Only rows of a table are changed, and not a single row such as ``Force;36 N``. A row of a table
+    consists of at least two numbers, and at least one of these numbers has a unit. The row directly
+    above it or below it also consists of numbers with units. In a sheet with at least three rows of
+    numbers with units, this neighbouring row may also consist of numbers without units.
     """
     sexagesimal = columns_in_sexagesimal(row.cells for row in rows)
     numbers = [_numbers_of(row.cells, sexagesimal) for row in rows]

@@ -64,8 +64,8 @@ def name_plane_column(
     Raises
     ------
     InputError
-        If a column holds planes but has no word for plane in its header, if several columns hold
-        planes, or if a column has a word for plane in its header but some cells that name no plane.
+        If a column holds planes, but its header has no word for plane; if several columns hold
+        planes; or if the header of a column has a word for plane, but some cells name no plane.
     """
     if "plane" in heading.headers:
         return heading

@@ -331,8 +331,8 @@ def _measured_arc(recording: Recording) -> MeasuredArc:
 def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
     """Return the circular tests of the arcs, in the order given.
 
-    If a sheet holds several tests and an earlier test has the same name as one of them, the name of
-    the sheet is put in front of the name of this test.
+    Two tests of different sheets may have the same name. If the sheet of the later test holds
+    several tests, the name of this sheet is put in front of the name of the later test.
     """
     tests: list[CircularTest] = []
     for arc in arcs:

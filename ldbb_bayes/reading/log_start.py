@@ -25,7 +25,7 @@ _COORDINATES = re.compile(
     rf"(?:{WORDS['angle_convention']['start']}).*?(?<![A-Za-z])[XYZ]\s*[:=]?\s*[+\-−]?\d",
     re.IGNORECASE,
 )
-# Regular expression for a share of the feed in percent.
+# Regular expression for a feed that is stated as a percentage, such as "feed override 50 %".
 _SHARE = re.compile(
     r"(?:override|feed|vorschub|avance|avanzamento)\w*\D*(?:.*\D)?(?P<percent>\d+(?:[.,]\d+)?)\s?%",
     re.IGNORECASE,
@@ -36,7 +36,7 @@ _TEXT_SHOWN = 60
 
 
 def check_feed_is_whole(recording: Recording) -> None:
-    """Raise an error if a line states that the machine ran at a share of the feed, such as 50 %.
+    """Raise an error if a line states that the feed was reduced or increased, such as to 50 %.
 
     ``recording`` holds the rows of the test in its file, and all statements about the test. Nothing
     is raised if the user states the feed, or if the table has angles.

@@ -25,8 +25,8 @@ _LAST_STAMP_S = 4_102_444_800.0
 _STAMP_UNITS = ("s", "ms", "us", "ns")
 # A step from one time to the next is a gap if it is longer than this multiple of the median step.
 _LARGEST_GAP_STEPS = 5.0
-# Times are evenly spaced if no step differs from the median step by more than this share of the
-# median step.
+# Times are evenly spaced if no step differs from the median step by more than this fraction of
+# the median step.
 _EVEN_SHARE = 0.5
 # Largest number of steps back in time that a note lists.
 _ROWS_SHOWN = 5

@@ -137,9 +137,9 @@ def _find_separator(lines: Sequence[str]) -> str:
 def _separator_score(sample: Sequence[str], separator: str) -> float:
     """Return a score from 0 to 2 that is large if ``separator`` probably separates the cells.
 
-    The score is p (1 + q), where p is the share of the lines in ``sample`` that have the most
-    frequent number of cells, and q is the share of numbers among the filled cells. The score is
-    zero if lines with one cell are the most frequent.
+    The score is p (1 + q), where p is the fraction of the lines in ``sample`` that have the
+    most frequent number of cells, and q is the fraction of numbers among the filled cells. The
+    score is zero if lines with one cell are the most frequent.
     """
     widths = []
     n_filled = 0

@@ -38,7 +38,7 @@ _ROUNDED_IN_NAME = 0.02
 # relative tolerance.
 _CONSTANT = 1e-9
 # Largest deviation that the forces (or the pressures) measured within a test may have from their
-# mean, as a share of the mean.
+# mean, as a fraction of the mean.
 _LARGEST_VARIATION = 0.02
 # A load (force or pressure) that varies is taken as measured if it changes, on average, at least
 # once in this number of rows. The nominal loads of several tests below each other change less
@@ -81,8 +81,8 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     Raises
     ------
     InputError
-        If neither the user nor a column states the quantity, and lines or names contradict each
-        other or state a number such as 1,000 that can be read in two ways.
+        If lines or names contradict each other, or state a number such as 1,000 that can be read in
+        two ways. The error is raised only if neither the user nor a column states the quantity.
     """
     certain = _certain_evidence(recording, key, column_value)
     uncertain = _uncertain_evidence(recording, key)

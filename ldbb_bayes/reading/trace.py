@@ -41,7 +41,7 @@ _LARGEST_DEVIATION_MM = 1.5
 # median is larger than this [mm] and their scatter is small.
 _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation from the median is below this
-# share of the median.
+# fraction of the median.
 _SMALLEST_SCATTER = 0.01
 # Assumed units for a test for which no unit was assumed, because the user or the file states the
 # unit. Functions that need an assumed unit are given these units, but use the stated unit.

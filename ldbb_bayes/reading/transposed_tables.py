@@ -25,7 +25,7 @@ _FEWEST_ANGLES = 18
 # one step) lies between these limits. The first limits are for degrees and gon, the second for
 # radians.
 _RANGES = ((180.0, 405.0), (3.0, 6.4))
-# Angles are evenly spaced if their steps agree within this share of a step.
+# Angles are evenly spaced if their steps agree within this fraction of a step.
 _EVEN_SHARE = 0.02
 
 

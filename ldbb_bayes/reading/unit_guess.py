@@ -32,10 +32,10 @@ from ldbb_bayes.reading.words import UNITS
 __all__ = ["assume_units"]
 
 # Readings are taken as distances between the balls in mm if their median, as a number of mm,
-# differs from the radius by less than this share of the radius.
+# differs from the radius by less than this fraction of the radius.
 _NEAR_RADIUS = 0.05
-# Readings may be distances between the balls if their median absolute deviation is below this share
-# of the median.
+# Readings may be distances between the balls if their median absolute deviation is below this
+# fraction of the median.
 _SMALL_SCATTER = 0.01
 # An error message shows at most this number of characters of a line.
 _TEXT_SHOWN = 60
@@ -62,8 +62,9 @@ _COUNTS = re.compile(
 # turn in one of these units, the user is asked for the unit.
 _OTHER_TURNS = {"gon": 400.0, "mrad": 2e3 * np.pi, "arcmin": 21_600.0}
 _TURN_DEG = 360.0
-# Angles are taken to cover whole turns if the covered angle differs from whole turns by at most
-# this number of steps, where a step is the difference of successive angles.
+# The angles of a test are taken to cover whole turns if the angle that they cover differs from a
+# multiple of a full turn by at most this number of steps. A step is the difference of successive
+# angles.
 _STEPS_OF_TURN = 1.5
 # Largest possible step from one angle of a circle to the next [deg].
 _LARGEST_STEP_DEG = 45.0

@@ -44,10 +44,11 @@ def judged_quantities(
 def verdicts_table(result: Identifiability) -> Table:
     """Return a table of the verdicts on how far the readings determine each parameter.
 
-    The columns are the present expanded uncertainty U (k = 2), the verdict with the effect that has
-    the largest share of the variance, the cheapest measure that reduces U markedly, and U after
-    this measure. The change of each compliance over the tested forces has a row in place of slopes,
-    which are the coefficients of this change.
+    The table has one row for each parameter. The columns are the present expanded uncertainty U (k
+    = 2), the verdict, the cheapest measure that reduces U markedly, and U after this measure. The
+    verdict names the effect that causes the largest part of the variance. The change of each
+    compliance over the tested forces has a row in place of slopes, which are the coefficients of
+    this change.
     """
     rows = []
     for label, entry in judged_quantities(result).items():

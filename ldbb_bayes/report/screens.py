@@ -35,12 +35,12 @@ _MOST_DESIGNS = 2
 def _(result: Identifiability) -> tuple[Passage, ...]:
     """Return a short version of the verdicts on how far the readings determine each parameter.
 
-    The first table states the expanded uncertainty U (k = 2) of each parameter, the verdict with
-    the largest source of variance, the cheapest measure that reduces U markedly, and U after this
-    measure. The second table has one row for each certificate of the instrument. The row names the
-    parameters that the certificate would make less uncertain. The method ``details`` of the result
-    returns all tables and sentences, with the combinations of parameters that no reading can
-    resolve.
+    The first table has one row for each parameter. It states the expanded uncertainty U (k = 2),
+    the verdict, the cheapest measure that reduces U markedly, and U after this measure. The verdict
+    names the largest source of variance. The second table has one row for each certificate of the
+    instrument. The row names the parameters that the certificate would make less uncertain. The
+    method ``details`` of the result returns all tables and sentences, with the combinations of
+    parameters that no reading can resolve.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]

@@ -47,7 +47,7 @@ __all__ = ["SheetNumbers", "remark"]
 # least this value. The same limit applies to a decrease.
 _SURE = 0.95
 # The sheets state only a lower limit of the stiffness 1 / C if the credible interval of the
-# compliance C begins below this share of the median of C.
+# compliance C begins below this fraction of the median of C.
 _HARDLY_POSITIVE = 0.2
 _ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # A is a rotation about X, B about Y, and C about Z
 _SHEET_1_KINDS = ("squareness",)

@@ -182,8 +182,8 @@ _UNLIKELY = 5e-4
 # two estimates is below this value.
 _CONFLICT = 0.01
 # In a table of certificates of the instrument, the row of a certificate names a parameter only if
-# the certificate would reduce the parameter's standard uncertainty u to less than this share of the
-# present u.
+# the certificate would reduce the parameter's standard uncertainty u to less than this fraction of
+# the present u.
 _NARROWER = 0.9
 _STRENGTHS = (
     # B is a Bayes factor. Each entry has an upper limit of |ln B|, and the words for smaller values

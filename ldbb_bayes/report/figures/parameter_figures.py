@@ -43,7 +43,7 @@ _MOST_IN_CORNER = 8
 # plot shows by default.
 _MOST_WITHOUT_PATTERN = 6
 _CURVE_DRAWS = 1500
-# Empty space between a band and the frame of its panel, as a share of the panel's height.
+# Empty space between a band and the frame of its panel, as a fraction of the panel's height.
 _ROOM_ABOVE = 0.1
 
 

@@ -27,8 +27,8 @@ __all__ = ["budget_bars", "prior_and_posterior"]
 # A source of uncertainty is not drawn if, for every parameter, its share of the variance is below
 # this value [%].
 _SMALLEST_SHARE = 0.5
-# The name of a source of uncertainty is written on a bar if the length of the bar [% of the
-# variance], divided by the number of letters of the name, is more than this value.
+# The name of a source of uncertainty is written on its bar if the bar is long enough: each letter
+# of the name must have more than this length [% of the variance].
 _SHARE_PER_LETTER = 1.75
 # Weights of red, green and blue in the brightness of a colour.
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
