@@ -57,6 +57,9 @@ _IN_OR_OUT_FIRST = re.compile(_WORDS["in_or_out_first"], re.IGNORECASE)
 _NOMINAL_LESS_ACTUAL = re.compile(_WORDS["nominal_less_actual"])
 # Regular expression for a header with a minus sign before the name of the reading.
 _MINUS = re.compile(_WORDS["minus"])
+# Regular expression for a load in front of a minus sign that belongs to the name behind it. A dash
+# between blanks, as in "36 N - dR", merely separates the load from the name.
+_LOAD_IN_FRONT = re.compile(rf"^\W*{LOAD_IN_NAME.pattern}\s+(?=[-−–]\S)", re.IGNORECASE)
 # Sign of the readings for each pair of words in a statement such as "positive means longer". One
 # word is the sign of a reading; the other says whether the bar is then longer or shorter.
 _SIGNS = {
@@ -198,10 +201,11 @@ def _asks(source: str, text: str) -> bool:
 def _words_of_header(header: str) -> str:
     """Return a header in a form in which headers can be compared.
 
-    The form has no capitals, blanks in place of underscores, and no unit in front of the name.
+    The form has no capitals, blanks in place of underscores, and no unit in front of the name. In a
+    header such as ``36 N -dR``, the load in front of the minus sign is left out, too.
     """
     words = comparable(header[:LONGEST_TEXT]).replace("_", " ")
-    return _UNIT_IN_FRONT.sub("", words)
+    return _LOAD_IN_FRONT.sub("", _UNIT_IN_FRONT.sub("", words))
 
 
 def _note_names(recording: Recording) -> None:

@@ -346,3 +346,14 @@ def test_the_size_of_counts_in_a_line_holds_for_the_header(tmp_path: Path) -> No
     lines = ["1 count = 0.1 µm", "Angle [deg],Deviation counts", *in_counts(0.1)]
     (test,) = read_tests(file(tmp_path, "100N.csv", lines))
     np.testing.assert_allclose(test.reading_um, readings(100.0), atol=0.06)
+
+
+@pytest.mark.parametrize(("name", "sign"), [("-dR", -1.0), ("- dR", 1.0), ("dR", 1.0)])
+def test_a_minus_sign_behind_a_load_turns_the_readings(
+    name: str, sign: float, tmp_path: Path
+) -> None:
+    lines = [f"Angle [deg],100 N {name} [um],300 N {name} [um]"]
+    for angle, light, heavy in zip(ANGLES, readings(100.0), readings(300.0), strict=True):
+        lines.append(f"{angle},{light},{heavy}")
+    tests = read_tests(file(tmp_path, "all.csv", lines))
+    np.testing.assert_allclose(tests[1].reading_um, sign * np.array(readings(300.0)))
