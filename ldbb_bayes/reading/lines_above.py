@@ -491,8 +491,8 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
     """Yield "raw" or "compensated" if a passage says that the readings are raw or compensated.
 
     Compensated readings are corrected for the deflection of the work ball's mount. A passage is a
-    whole line or a single cell of a line. A single cell must also name the readings or the mount. A
-    whole line with a word such as "compensated" need not name them.
+    whole line or a single cell of a line. A single cell must also name the readings or the mount;
+    a whole line with a word such as "compensated" need not name either.
     """
     remaining = " ".join(_FILLING.sub(" ", passage.casefold()).split())
     if not (_READINGS.search(passage) or (is_whole_line and "ompens" in remaining)):

@@ -1,6 +1,6 @@
 """Loads in a line above the header, such as ``Force [N],100,300,600`` above three columns.
 
-Names, planes and directions of the columns may stand in lines next to it.
+Names, planes and directions for the columns may stand in further lines next to the line of loads.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ __all__ = ["with_loads_in_header"]
 
 
 def with_loads_in_header(sheet: Sheet) -> Sheet:
-    """Return a sheet in which the lines of loads above the header are put into the header.
+    """Return a sheet in which the loads from the line above the header are put into the header.
 
-    Loads are forces and pressures. Such a line must state a load, such as ``100 N``, for each
-    column except the first. If the first cell of the line names force or pressure with a unit, the
+    Loads are forces and pressures. The line of loads must state a load, such as ``100 N``, for each
+    column except the first. If the first cell of this line names force or pressure with a unit, the
     other cells may be numbers without units. For example, the header ``Deviation [um]`` below 100 N
-    is changed to ``100 N Deviation [um]``. Lines of names, planes and directions of the columns,
-    next to the line of loads, are put into the header too. A sheet without a line of loads is
-    returned unchanged.
+    is changed to ``100 N Deviation [um]``. Lines next to the line of loads may state a name, a
+    plane or a direction for each column; their words are put into the header, too. A sheet without
+    a line of loads is returned unchanged.
     """
     header = first_header(sheet.rows)
     if not header:
@@ -51,10 +51,11 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
 
 
 def _lines_of_columns(rows: Sequence[Row], width: int) -> list[list[str]]:
-    """Return the words of the columns in the lines directly above a header, line by line.
+    """Return, for each line that describes the columns below, one text for each column.
 
-    One of these lines must state loads; otherwise the list is empty. ``rows`` are the rows above
-    the header, which has ``width`` cells.
+    The texts are loads, names, planes or directions. The lines stand directly above the header, and
+    one of them must state loads; if none does, the list is empty. The first column has no text.
+    ``rows`` are the rows above the header, and ``width`` is the number of cells of the header.
     """
     lines: list[list[str]] = []
     has_loads = False
@@ -75,8 +76,8 @@ def _lines_of_columns(rows: Sequence[Row], width: int) -> list[list[str]]:
 def _words_of_columns(cells: Sequence[str]) -> list[str]:
     """Return the names, planes or directions in a line, one for each cell except the first.
 
-    Names of columns must differ, and the first cell of their line must be empty. Return an empty
-    list for any other line.
+    In a line of names, all names must differ, and the first cell must be empty. The result is an
+    empty list if the line is no line of names, planes or directions.
     """
     words = list(cells[1:])
     if not all(words):

@@ -102,8 +102,8 @@ def select_sheets(
 def _heading_of(sheet: Sheet, layout: Layout, is_optional: bool) -> Heading:
     """Return the heading of a sheet's table.
 
-    Raise an `InputError` if there is none. Unless the sheet is optional, also raise it for a row
-    of angles in place of a column.
+    Raise an `InputError` if the sheet has no table. If ``is_optional`` is false, the sheet must
+    have readings, and the error is also raised if its angles stand in a row instead of a column.
     """
     try:
         heading = find_heading(sheet, layout)

@@ -352,9 +352,9 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     """Add a note if the stated direction of travel contradicts the order of the angles.
 
     The angles of a single lap may have been sorted, so that their order does not show the
-    direction. Angles that continue over several laps cannot have been sorted. For them, an
-    `InputError` is raised instead, unless the layout states in which sense angles are counted.
-    ``n_laps`` is the number of laps.
+    direction. Angles that continue over several laps cannot have been sorted. If such angles
+    contradict the stated direction, an `InputError` is raised instead, unless the layout states in
+    which sense angles are counted. ``n_laps`` is the number of laps.
     """
     run = direction_of_travel(trace.angle_deg)
     if trace.direction is None or run in (None, trace.direction):

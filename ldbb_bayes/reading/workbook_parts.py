@@ -143,7 +143,7 @@ def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
 
 
 def _elements(stream: IO[bytes]) -> Iterator[ElementTree.Element]:
-    """Yield the XML elements of the cells and rows of a sheet, in the order in which they end."""
+    """Yield the XML elements of the cells and rows of a sheet; each row follows its cells."""
     for _, element in ElementTree.iterparse(stream):
         if element.tag in (f"{_MAIN}c", f"{_MAIN}row"):
             yield element

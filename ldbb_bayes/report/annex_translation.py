@@ -332,7 +332,7 @@ def annex_translation(words: Words, kept: frozenset[str]) -> AnnexTranslation | 
     Parameters
     ----------
     words
-        Texts of the sheets in their language.
+        Texts of the sheets, in the language of the sheets.
     kept
         Texts that are not translated, such as names of tests.
 

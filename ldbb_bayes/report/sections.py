@@ -128,8 +128,8 @@ def degree(findings: Findings) -> Iterator[Part]:
 
     The section states the evidence for each model, and how the evidence depends on assumptions. If
     the comparison of models has further results, the section also states the probability that each
-    slope (change of a compliance with force) differs from zero. It then also compares each test
-    with a prediction made from the other tests.
+    slope (change of a compliance with force) differs from zero, and compares each test with a
+    prediction made from the other tests.
     """
     comparison = findings.comparison
     if not isinstance(comparison, Comparison):

@@ -70,7 +70,7 @@ def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str
     findings
         All results of a fit that a report shows.
     words
-        Texts of the sheets in their language.
+        Texts of the sheets, in the language of the sheets.
 
     Yields
     ------
@@ -95,7 +95,7 @@ def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], 
     findings
         All results of a fit that a report shows.
     words
-        Texts of the sheets in their language.
+        Texts of the sheets, in the language of the sheets.
 
     Returns
     -------

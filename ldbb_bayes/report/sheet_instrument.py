@@ -52,7 +52,7 @@ def instrument_pieces(findings: Findings, words: Words) -> list[InstrumentPiece]
     findings
         All results of a fit that a report shows.
     words
-        Texts of the sheets in their language.
+        Texts of the sheets, in the language of the sheets.
 
     Returns
     -------

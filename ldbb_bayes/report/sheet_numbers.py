@@ -62,7 +62,7 @@ class SheetNumbers:
     findings
         All results of the fit that the report shows.
     words
-        Texts of the sheets in their language.
+        Texts of the sheets, in the language of the sheets.
     force_N
         Force at which compliances and circular deviations are stated [N].
     """

@@ -34,7 +34,7 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
     result
         Stiffness by direction at one force.
     words
-        Texts of the sheets in their language.
+        Texts of the sheets, in the language of the sheets.
 
     Returns
     -------
