@@ -130,7 +130,8 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
         if words:
             sign = _sign_of(words)
         elif not _is_open(source, text):
-            _note_unread(recording, source, text)
+            if -1 not in sources:  # the note says that a longer bar is positive
+                _note_unread(recording, source, text)
             continue
         if sign is not None:
             sources.setdefault(sign, source)
