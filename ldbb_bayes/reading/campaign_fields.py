@@ -166,8 +166,8 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
             value = round(value, _COMPARED_PLACES)
         source = f"line {statement.line}"
         place = source
-        # For a line of a sheet without a table, ``line`` is a text that also names the sheet, such
-        # as "3 of …".
+        # Add the sheet to the number of the line. For a line of a sheet without a table, ``line``
+        # is a text that names this sheet already, such as "3 of …".
         if " of " not in source:
             place = f"{source} of {recording.sheet.place}"
         values[value] = _StatedValue(value, source, place)

@@ -14,9 +14,9 @@ from ldbb_bayes.results import Array
 __all__ = ["TURN_DEG", "angles_from_time", "average_laps", "direction_of_travel", "on_the_circle"]
 
 TURN_DEG = 360.0
-# Largest angle by which a test may run against its direction of travel [deg]. Overshoot and scatter
-# of the angles are much smaller than this value. If the bar runs back over the circle, the angle is
-# larger.
+# Largest angle by which the angles of one test may run against its direction of travel [deg].
+# Overshoot and scatter of the angles are much smaller than this value. If the angles run back by
+# more, the bar was driven over the circle in both directions, and there are two tests.
 _LARGEST_RETREAT_DEG = 120.0
 
 

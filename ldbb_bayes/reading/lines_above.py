@@ -54,8 +54,8 @@ Lines = Sequence[tuple[int | str, str]]
 class LineStatement:
     """Statement of one line above a table: the value of a field of a test or campaign."""
 
-    #: stated value, in the unit with which the name of the field ends; NaN for a number that can be
-    #: read in two ways, such as 1,000
+    #: stated value, in the unit with which the name of the field ends, such as mm for
+    #: ``radius_mm``; NaN for a number that can be read in two ways, such as 1,000
     value: Any
     unit: str  #: unit of the value as the line writes it; empty if the line states none
     #: number of the line in the file; if the line is in another sheet than the test, a text with

@@ -166,7 +166,7 @@ def _is_open(source: str, text: str) -> bool:
 
 
 def _statements(text: str) -> list[str]:
-    """Return the statements of a line that also states something about angles, loads or the like.
+    """Return the statements of a line, of which only one may be about the sign of readings.
 
     In ``Angles from Y, clockwise; positive: bar shorter``, the last statement is about the sign of
     readings. A line is not divided if the whole line states one sign, or if none of its statements

@@ -81,10 +81,10 @@ def _repeated_headers(rows: Sequence[Row], header: int) -> list[int]:
 
 
 def _end_of_numbers(rows: Sequence[Row], start: int, header: int) -> int:
-    """Return the index of the row after the last row of numbers between two rows.
+    """Return the index of the row that follows the last row of numbers of a table.
 
-    ``start`` is the index of the first row that is examined. The search ends at the header with the
-    index ``header``. If there is no row of numbers, the result is ``start``.
+    ``start`` is the index of the first row below the header of the table, and ``header`` the index
+    of the next header. If there is no row of numbers between them, the result is ``start``.
     """
     end = header
     while end > start and count_numbers(rows[end - 1].cells) < 2:

@@ -29,7 +29,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["direction_of", "loads_of", "quantity_of"]
 
-# Two values of a quantity agree if their relative difference is at most this.
+# Two values of a quantity agree if their relative difference is at most this value.
 _ROUNDED_IN_LINE = 1e-3
 # If one of two values of a quantity is from the name of a file, sheet or test, the values agree if
 # their relative difference is at most this. Values in names are often rounded.

@@ -74,10 +74,11 @@ class Timestamp:
 
     rank: Rank
     text: str  #: the timestamp as the file writes it
-    #: date if the day stands before the month; None without a date, or if there is no such date
+    #: date that is meant if the day stands before the month; None if the text states no date, or a
+    #: date that does not exist
     day_first: date | None = None
-    #: date if the month stands before the day; equal to ``day_first`` if the date can be read only
-    #: in one way; None without a date, or if there is no such date
+    #: date that is meant if the month stands before the day; equal to ``day_first`` if the date can
+    #: be read only in one way; None if the text states no date, or a date that does not exist
     month_first: date | None = None
     seconds: float | None = None  #: seconds since midnight; None for a date alone
     zone_s: float | None = None  #: local time minus UTC [s]; None if no time zone is stated

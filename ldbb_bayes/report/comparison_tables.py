@@ -29,8 +29,8 @@ def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bo
     comparison
         Comparison of models.
     rmse
-        Whether the table shows the RMSE (root-mean-square residual) of each model. The prediction
-        of a model is its posterior mean.
+        Whether the table shows the RMSE of each model, that is, the root-mean-square difference
+        between the readings and their posterior mean in the model.
     least_squares
         Whether the table also shows the RMSE of a fit by least squares, the method of the paper.
 

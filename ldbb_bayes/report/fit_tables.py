@@ -406,9 +406,9 @@ def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) ->
     The columns are the posterior mean, sd and credible interval, and the prior mean and sd. The
     column of prior means is left out if all prior means are zero. The change of each compliance
     over the tested forces has a row in place of slopes, which are the coefficients of this change.
-    λ of a circle is the factor by which the circle's random shift and unexplained deviations are
-    larger than those of the other circles. The table shows λ of a circle only if the posterior
-    median of λ is at least 2.5.
+    The table shows the factor λ of a circle only if the posterior median of λ is at least 2.5; λ
+    states how many times larger the circle's random shift and unexplained deviations are than those
+    of the other circles.
 
     Parameters
     ----------

@@ -132,7 +132,7 @@ def _power_of_height(height_ratio: float, size_ratio: float) -> float:
 
 @contextmanager
 def _document() -> Iterator[FPDF]:
-    """Yield an empty PDF document with margins and fonts. Close the font files afterwards."""
+    """Yield an empty PDF document with margins and fonts; its font files are closed at the end."""
     pdf = FPDF()
     pdf.set_auto_page_break(False)
     pdf.set_margins(_LEFT, _TOP, _LEFT)
@@ -198,8 +198,8 @@ def _write(
     """Write a paragraph, and move the current position to the line below the paragraph.
 
     ``size`` is the size of the letters [points], ``width`` the width of the paragraph [mm], and
-    ``grey`` the grey level of the letters from 0 (black) to 255 (white). ``options`` are passed to
-    ``FPDF.multi_cell``.
+    ``grey`` the grey level of the letters from 0 (black) to 255 (white). If ``bold`` is true, the
+    letters are bold. ``options`` are passed to ``FPDF.multi_cell``.
     """
     pdf.set_font("DejaVu", "B" if bold else "", size)
     pdf.set_text_color(grey)

@@ -88,8 +88,8 @@ class DrawnPicture(NamedTuple):
     caption: str
 
 
-# Names of figures that differ from the name of the function that draws the figure. The values are
-# the names of the functions.
+# Names of the functions that draw figures, for figures whose name differs from the name of the
+# function. The keys are the names of the figures.
 _FUNCTIONS = {"budget": "budget_bars"}
 PICTURES: Mapping[str, DrawnPicture] = {
     key: DrawnPicture(getattr(figures, _FUNCTIONS.get(key, key)), caption)

@@ -331,9 +331,10 @@ class SheetNumbers:
     def _path_quantities(self, force_N: float, names: Sequence[str]) -> dict[str, StatedQuantity]:
         """Return circular-test quantities of the machine's path at the force ``force_N`` [N].
 
-        ``names`` are the names of the quantities, such as ``G``. The keys of the result are these
-        names; at 0 N, they have the suffix ``_no_load``. If several planes were tested, each key
-        ends in the plane. The symbols of quantities at 0 N end in _0.
+        ``names`` are the names of the quantities, such as ``G``. The keys of the result begin with
+        these names. At 0 N, the suffix ``_no_load`` follows in the key, and the symbol of the
+        quantity ends in _0. If several planes were tested, each key ends in the plane, as in
+        ``G_YZ``.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.numbers, [force_N], prob=prob)

@@ -204,10 +204,10 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _sums(findings: Findings, words: Words) -> Iterator[str]:
-    """Yield one sentence that lists the compliances that represent sums of several compliances.
+    """Yield one sentence on the compliances of the model that represent a sum of compliances.
 
-    The readings cannot separate the compliances in a sum. Nothing is yielded if no compliance
-    represents a sum.
+    The readings cannot separate the compliances in such a sum. The sentence lists these compliances
+    and their sums. Nothing is yielded if no compliance represents a sum.
     """
     campaign = campaign_of(findings.posterior)
     machine = describe_machine(campaign.machine(), [test.circle for test in campaign.tests])

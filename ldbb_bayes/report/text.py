@@ -53,8 +53,8 @@ __all__ = ["comparison_parts", "parts_of"]
 # In the table of an uncertainty budget, a contribution has a row if its share of the variance is at
 # least this value. One further row states the sum of all smaller contributions.
 _SMALL_SHARE = 0.005
-# The row with the sum of the small contributions is shown only if the sum has at least this share
-# of the variance.
+# The table of an uncertainty budget has a row with the sum of the small contributions only if this
+# sum has at least this share of the variance.
 _NEGLIGIBLE_SHARE = 5e-4
 # A table of budgets names a source of uncertainty if its share of the parameter's variance is at
 # least this value.
@@ -172,12 +172,12 @@ def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
-    """Return a table with the shares of credible intervals that contain the simulated true value.
+    """Return a table that states how many credible intervals contain the simulated true value [%].
 
-    For each quantity, the table also states whether the ranks of the true values are uniformly
-    distributed. A rank is the number of posterior draws below the true value. Two sentences follow.
-    The first states the standard uncertainty of the shares in the table. The second states whether
-    all ranks are uniformly distributed.
+    The table has one row for each quantity. It also states whether the ranks of the true values are
+    uniformly distributed. A rank is the number of posterior draws below the true value. Two
+    sentences follow. The first states the standard uncertainty of the percentages in the table. The
+    second states whether the ranks of all quantities are uniformly distributed.
     """
     coverage = validation.coverage()
     intervals = [name for name in coverage.columns if not name.startswith("u")]

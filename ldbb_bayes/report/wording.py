@@ -165,9 +165,9 @@ _MOST_CHECKS = 3  # largest number of checks or parameters that a sentence on a 
 # Sentences say that the readings contradict non-negative compliances if ln p is below this value,
 # where p is the posterior probability that no compliance is negative. The value is ln 1e-6.
 _CONTRADICTED = -13.815510557964274
-# Sentences state that a compliance increases (or decreases) with force only if the probability of
-# the increase (or decrease) is at least this value. They say that a slope (a coefficient of this
-# change) differs from zero only if the probability of this is at least this value.
+# Smallest probability at which sentences state something as a fact: that a compliance increases
+# with force, that it decreases with force, or that a slope (a coefficient of this change) differs
+# from zero.
 _SURE = 0.95
 # A difference of probabilities that is at most this value counts as zero, because it may be a
 # rounding error.
@@ -186,8 +186,9 @@ _CONFLICT = 0.01
 # the present u.
 _NARROWER = 0.9
 _STRENGTHS = (
-    # B is a Bayes factor. Each entry has an upper limit of |ln B|, and the words for smaller values
-    # of |ln B|. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
+    # Words for the strength of the evidence that a Bayes factor B states. Each entry has an upper
+    # limit of |ln B|, and the words for smaller values of |ln B|. Source: Kass and Raftery, J. Am.
+    # Stat. Assoc. 90 (1995) 773.
     (1.0, "not worth more than a bare mention"),
     (3.0, "positive evidence"),
     (5.0, "strong evidence"),
@@ -916,7 +917,7 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
     """Return only the most important sentences on the result of an identifiability analysis.
 
     A verdict states how far the readings determine a parameter or the change of a compliance with
-    force. The first sentence counts the parameters and changes with each verdict. Slopes
+    force. The first sentence states how many parameters and changes have each verdict. Slopes
     (coefficients of the change with force) are not counted.
     """
     parameters = [entry for name, entry in result.parameters.items() if not is_slope(name)]

@@ -129,8 +129,9 @@ def _assumptions(comparison: Comparison) -> list[_Assumption]:
 class _Stretch(NamedTuple):
     """One stretch of the broken scale of the log Bayes factor, from ``low`` to ``high`` [nat].
 
-    The middle stretch contains zero. The stretches to the left and to the right of the middle
-    stretch are outer stretches.
+    A broken scale consists of up to three stretches; the values between the stretches are not
+    drawn. The middle stretch contains zero. The other stretches, to its left and to its right, are
+    called outer stretches.
     """
 
     low: float
