@@ -104,7 +104,7 @@ class _Words(NamedTuple):
 def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     """Return how the angles of a test in its file are converted to the angles of this package.
 
-    The user or the file may state this convention. If the user states the sign or the offset of
+    The user or the file may state this conversion. If the user states the sign or the offset of
     angles, nothing else is used. If not, the axis at which angles begin, and the sense in which
     they run, are those that the user states. An axis or a sense that the user does not state is
     taken from the words of the file. If nothing is stated, angles are counted counter-clockwise

@@ -33,8 +33,8 @@ _FORCE_OF_ONE = re.compile(
     r"(?:=|≙|:|is|gives|corresponds?\sto|entspricht|ergibt)"
     rf"\s?{_NUMBER}\s?{_FORCE}(?!\w)"
 )
-# Regular expression for a term of the law by its name, with a number: slope, offset, or the area of
-# the piston.
+# Regular expression for the name of one term of the law with its number. The terms are the slope,
+# the offset and the area of the piston.
 _NAMED_TERM = re.compile(
     rf"(?:\bforce[ -](?:slope|gain|factor|offset|constant|law)"
     rf"|\bkraft-?(?:steigung|faktor|offset|gesetz|konstante)"
@@ -42,7 +42,7 @@ _NAMED_TERM = re.compile(
     rf"|=\s?A\s?[*·×⋅x]\s?p)\b.*?{_NUMBER}",
     re.IGNORECASE,
 )
-# Regular expressions for a law of force and pressure, or for a term of it.
+# Regular expressions for a law of force and pressure, or for one term of such a law.
 _LAWS = (_FORCE_PER_PRESSURE, _TIMES_PRESSURE, _FORCE_OF_ONE, _NAMED_TERM)
 # An error message shows at most this number of characters of a line.
 _LINE_SHOWN = 80

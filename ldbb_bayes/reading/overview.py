@@ -31,8 +31,8 @@ class OverviewLines:
 
     #: place (line number and sheet) and text of each line that concerns all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
-    #: cells on the one test, from its rows in lists of tests: place (line number and sheet) and
-    #: text of each cell; the text is "header: cell"
+    #: place (line number and sheet) and text of each cell that concerns the one test, from the rows
+    #: of this test in lists of tests; the text is "header: cell"
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
 
 

@@ -27,8 +27,8 @@ __all__ = [
 PLANES_OF_G_CODE = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 # Usual name of each plane whose letters are swapped.
 PLANE_OF_SWAPPED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
-# Regular expression for the two letters of a plane, with or without a mark between them and a word
-# for plane.
+# Regular expression for the two letters of a plane. A mark may stand between the letters, and a
+# word for plane may follow them.
 _TWO_AXES = re.compile(r"(?P<first>[XYZ])[-/ ,;+_]?(?P<second>[XYZ])(?:[- ]?(?:PLANE|EBENE))?")
 # Regular expression for the label "plane" in several languages, with the text behind the label.
 _LABELLED = re.compile(WORDS["planes"]["labelled"], re.IGNORECASE)
@@ -104,10 +104,11 @@ def check_plane(place: str, plane: str, source: str, has_angles: bool) -> None:
 def _swapped_error(place: str, plane: str, source: str) -> InputError:
     """Return the error for a plane whose letters are swapped, such as XZ.
 
-    Angles in the plane XZ may begin at X or at Z. The message therefore states two sets of options,
-    one for each case. For example, angles from Z towards X are counter-clockwise in the plane ZX,
-    and angles from X towards Z are clockwise in this plane. ``place`` is the name of the table, or
-    "options"; ``source`` is the place that states the plane, such as "line 3".
+    If a file calls its plane XZ, its angles may begin at X or at Z. The message therefore states
+    two sets of options, one for each case. For example, angles from Z towards X are
+    counter-clockwise in the plane ZX, and angles from X towards Z are clockwise in this plane.
+    ``place`` is the name of the table, or "options"; ``source`` is the place that states the plane,
+    such as "line 3".
     """
     usual = PLANE_OF_SWAPPED[plane]
     first = usual[0]

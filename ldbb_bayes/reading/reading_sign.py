@@ -57,8 +57,9 @@ _IN_OR_OUT_FIRST = re.compile(_WORDS["in_or_out_first"], re.IGNORECASE)
 _NOMINAL_LESS_ACTUAL = re.compile(_WORDS["nominal_less_actual"])
 # Regular expression for a header with a minus sign before the name of the reading.
 _MINUS = re.compile(_WORDS["minus"])
-# Regular expression for a load in front of a minus sign that belongs to the name behind it. A dash
-# between blanks, as in "36 N - dR", merely separates the load from the name.
+# Regular expression for a load in front of a minus sign, as in "36 N -dR". The minus sign must
+# belong to the name that follows. A dash between blanks, as in "36 N - dR", merely separates the
+# load from the name.
 _LOAD_IN_FRONT = re.compile(rf"^\W*{LOAD_IN_NAME.pattern}\s+(?=[-−–]\S)", re.IGNORECASE)
 # Sign of the readings for each pair of words in a statement such as "positive means longer". One
 # word is the sign of a reading; the other says whether the bar is then longer or shorter.

@@ -220,8 +220,8 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
     """Return one dictionary for the change of each compliance with force, for the certificate file.
 
     The change of a compliance C(F) is C at the largest force tested minus C at the smallest force
-    tested. The dictionaries have the keys of those that `_parameter_entries` returns, without
-    ``low`` and ``high`` for the credible interval.
+    tested. The keys of the dictionaries are those of `_parameter_entries`, without ``low`` and
+    ``high`` for the credible interval.
     """
     curves = force_curves(posterior)
     difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"
@@ -251,8 +251,8 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
     quantities are computed at the model's reference force; ``prob`` is the probability of credible
     intervals. A stiffness is left out if only a lower limit of it is known, because no value ± U
     describes it. Directions that the readings do not determine are left out for the same reason.
-    The dictionaries have the keys of those that `_parameter_entries` returns, without ``low`` and
-    ``high`` for the credible interval.
+    The keys of the dictionaries are those of `_parameter_entries`, without ``low`` and ``high`` for
+    the credible interval.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
     if not reference_N > 0.0:
@@ -293,11 +293,12 @@ def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
 
 
 def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[str, Any]:
-    """Return what the certificate file states about a stiffness, a ratio or a difference.
+    """Return a dictionary with what the certificate file states about one value.
 
-    A ratio is one stiffness divided by another; a difference is one compliance minus another.
-    ``name`` is the name for programs, ``shown`` the name for readers, and ``kind`` the kind of the
-    quantity, such as "ratio". The dictionary is empty if only a lower limit of ``value`` is known.
+    The value is a stiffness, a ratio or a difference. A ratio is one stiffness divided by
+    another; a difference is one compliance minus another. ``name`` is the name for programs,
+    ``shown`` the name for readers, and ``kind`` the kind of the quantity, such as "ratio". The
+    dictionary is empty if only a lower limit of ``value`` is known.
     """
     if value.only_lower_limit:
         return {}
@@ -314,7 +315,7 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
 
 
 def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection) -> dict[str, Any]:
-    """Return what the certificate file states about a direction in a plane.
+    """Return a dictionary with what the certificate file states about a direction in a plane.
 
     The direction is stated as an angle from the machine axis ``axis`` [°]. ``name`` is the name of
     the angle for programs, and ``shown`` its symbol for readers. The dictionary is empty if the

@@ -17,8 +17,8 @@ from ldbb_bayes.report.translation import Words
 __all__ = ["banner", "undetermined_texts"]
 
 _MOST_REASONS = 2  # largest number of reasons that the banner states
-# A reason in the banner may name quantities. Up to this number of quantities are named in words; if
-# there are more, all are named by their symbols.
+# If a reason in the banner names at most this many quantities, it states their names in words. If a
+# reason names more quantities, it states their symbols.
 _MOST_IN_WORDS = 2
 _MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
 
@@ -51,8 +51,8 @@ def banner(numbers: SheetNumbers) -> Banner:
     forces_N = campaign_of(findings.numbers).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
-        # A force outside the tested range is the first reason for caution. Only if the numbers
-        # cannot be used at all, another reason stands before it: the reason why they cannot.
+        # A force outside the tested range is the first reason for caution. Only the reason why the
+        # numbers cannot be used at all stands before it, if there is such a reason.
         reasons.insert(1 if is_unusable else 0, outside)
 
     kind = "usable"

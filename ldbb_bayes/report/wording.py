@@ -1388,9 +1388,9 @@ def difference_doubts(
 ) -> tuple[str, ...]:
     """Return sentences on reasons not to use the differences between two campaigns, if any.
 
-    ``first`` and ``other`` are the names of the campaigns. There are two reasons. One is that the
-    fit of the second campaign has not converged; ``converged`` is then false. The other is that
-    both campaigns used the same instrument, but their fits disagree about an error of the
+    ``first`` and ``other`` are the names of the campaigns. Two reasons are possible. The first is
+    that the fit of the second campaign has not converged; ``converged`` is then false. The second
+    is that both campaigns used the same instrument, but their fits disagree about an error of the
     instrument, which is a coefficient of the model. ``conflict`` holds the name of the coefficient
     with the largest disagreement, and the p-value of this disagreement, multiplied by the number of
     compared coefficients (Bonferroni). A sentence names the coefficient only if this p-value is

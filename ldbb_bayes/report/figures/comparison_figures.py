@@ -237,7 +237,7 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
 
     The figure also shows local fits. A local fit uses only the tests at two neighbouring forces,
     and has its own geometric errors. It therefore estimates the derivative d(F C)/dF and not C. For
-    comparison, a dotted line shows this derivative for the mean of the band's model.
+    comparison, a dotted line shows this derivative for the posterior mean of C that the band shows.
 
     Parameters
     ----------
