@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ldbb_bayes.campaign.campaign import Ball
 from ldbb_bayes.inference.posterior import bound_of, campaign_of
 from ldbb_bayes.model.terms import BallForm, uncertainties
 from ldbb_bayes.model.terms.base import Uncertainty
@@ -77,8 +78,8 @@ def _ball_size(findings: Findings, key: str, words: Words) -> str:
     """Return a text with the grade of a ball, such as G10, or with its sphericity, such as 0.2 µm.
 
     ``key`` names a part of the instrument. The sphericity is used if no grade is stated. If nothing
-    is stated about the ball, the text has the sphericity that the model assumes. The text is empty
-    if the part is not a ball, or if only harmonics of the ball's form are stated.
+    is stated about the ball, the text has the form that the model assumes. The text is empty if the
+    part is not a ball, or if only harmonics of the ball's form are stated.
     """
     if key not in ("work", "tool"):
         return ""
@@ -92,8 +93,29 @@ def _ball_size(findings: Findings, key: str, words: Words) -> str:
         return ""
     for term in bound.model.nuisances:
         if isinstance(term, BallForm):
-            return _sphericity(term.sphericity_um, words)
+            return _assumed_form(findings, term, words)
     return ""
+
+
+def _assumed_form(findings: Findings, term: BallForm, words: Words) -> str:
+    """Return a text with the form that the model assumes of a ball without certificate.
+
+    The text has U (k = 2) of the form with two and with three waves around the ball, and the
+    sphericity that the model assumes, which is a part of this form. The other part is expected from
+    the higher orders of the form; it has the scale and the decay of the posterior. ``term`` is the
+    model's term of the balls' form.
+    """
+    draws = findings.posterior["posterior"].dataset
+    sphericity = words.number(f"{term.sphericity_um:g}")
+    if not {"tau", "decay"} <= set(draws):
+        return _sphericity(term.sphericity_um, words)
+    expanded_um = {}
+    for order in (2, 3):
+        sd_um = term.coefficient_sd_um(
+            Ball(), order, 1e3 * draws["tau"].values, draws["decay"].values
+        )
+        expanded_um[order] = words.number(two_digits(2.0 * float(np.sqrt(np.mean(sd_um**2)))))
+    return words("entries.assumed_form", two=expanded_um[2], three=expanded_um[3], size=sphericity)
 
 
 def _sphericity(sphericity_um: float, words: Words) -> str:

@@ -122,7 +122,8 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     ]
     if unknown_signs:
         items.append(words("notes.unknown_signs", symbols=words.joined(unknown_signs)))
-    confounded = [quantity for quantity in numbers.path.values() if quantity.hangs_on]
+    of_the_path = [*numbers.path.values(), *numbers.unloaded_path.values()]
+    confounded = [quantity for quantity in of_the_path if quantity.hangs_on]
     if confounded:
         symbols = words.joined([quantity.symbol for quantity in confounded])
         without_note = replace(confounded[0], note="")

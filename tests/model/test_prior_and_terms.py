@@ -216,6 +216,23 @@ def test_set_up_shift_moves_what_it_says(moves: str, places: list[int]) -> None:
     assert columns.hyper == "delta"
 
 
+@pytest.mark.parametrize("order", [2, 3, 5])
+def test_form_of_a_ball_without_certificate(order: int) -> None:
+    """MODEL.md 3: sd² = τ²/2 (n/6)^(−2p) + [n is 2 or 3] S²/24, S = 2.5 µm."""
+    assumed_um2 = 2.5**2 / 24.0 if order <= 3 else 0.0
+    expected_um2 = 0.8**2 / 2.0 * (order / 6.0) ** (-2.0 * 1.7) + assumed_um2
+    sd_um = BallForm().coefficient_sd_um(lb.Ball(), order, np.array([0.8]), np.array([1.7]))
+    np.testing.assert_allclose(sd_um, [np.sqrt(expected_um2)], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("order", "relative"), [(2, 1.0), (3, 1.0), (6, 0.5)])
+def test_form_of_a_ball_of_a_grade(order: int, relative: float) -> None:
+    """S²/24 · min(1, 3/n)² with S = 0.25 µm of grade G10, whatever τ and p are."""
+    ball = lb.Ball(grade="G10")
+    sd_um = BallForm().coefficient_sd_um(ball, order, np.array([0.8]), np.array([1.7]))
+    np.testing.assert_allclose(sd_um, [0.25 / np.sqrt(24.0) * relative], rtol=1e-12)
+
+
 @pytest.mark.parametrize("arc_deg", [360.0, 250.0])
 def test_variants_of_what_differs_between_circles(arc_deg: float) -> None:
     """ln p(y | φ) with scales of their own and κ/n²: the dense covariance, written out."""

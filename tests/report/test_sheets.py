@@ -26,6 +26,7 @@ from ldbb_bayes.report.sheets import sheets
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Table
+from ldbb_bayes.units import two_digits
 
 # Sheet 1, the certificate, and sheet 2, its results.
 Sheets = tuple[ReportSheet, ...]
@@ -273,6 +274,20 @@ def test_beside_g_stands_what_the_circle_showed(findings: Findings, english: She
     measured, _ = lb.analysis.measure_circularity(findings.posterior)
     shown = measured.set_index("force_N").loc[300.0, "G"]
     assert f"measured at 300\u00a0N, with the balls' form: {shown:.1f}" in row_of(first, "G")[-1]
+
+
+def test_sheet_2_states_the_form_that_is_assumed_of_a_ball() -> None:
+    """U = 2 √mean(τ²/2 (n/6)^(−2p) + S²/24) of the posterior draws of τ and p, S = 2.5 µm."""
+    findings = find(fitted(lb.HybridModel.default(0), simulated(plan())), sheets_only=True)
+    draws = findings.posterior["posterior"].dataset
+    texts = []
+    for order in (2, 3):
+        relative = (order / 6.0) ** -draws["decay"].values
+        variance_um2 = (1e3 * draws["tau"].values * relative) ** 2 / 2.0 + 2.5**2 / 24.0
+        texts.append(f"{order} waves ± {two_digits(2.0 * np.sqrt(np.mean(variance_um2)))} µm")
+    fields = dict(assumption_fields(SheetNumbers(findings, words_of("en"), 389.0)))
+    expected = f"{', '.join(texts)}: sphericity 2.5 µm and what higher orders let expect (assumed)"
+    assert fields["Form of the work ball"] == expected
 
 
 def test_g_without_load_stands_on_the_certificate(english: Sheets) -> None:

@@ -18,7 +18,7 @@ from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.model.fourier import MAX_ORDER
 from ldbb_bayes.model.setting import TRAVEL_NAMES, Setting
 from ldbb_bayes.model.terms.base import Term, Uncertainty, order_in_words, plane_in_words
-from ldbb_bayes.model.terms.columns import Columns, Scale
+from ldbb_bayes.model.terms.columns import FORM_ORDER, Columns, Scale
 from ldbb_bayes.results import Array
 
 __all__ = ["BallForm", "MachinePattern"]
@@ -205,6 +205,38 @@ class BallForm(Term):
             share_of_tau = share_of_tau + share_of_ball
             variance = variance + variance_of_ball
         return _CoefficientPrior(share_of_tau, np.sqrt(variance), mean)
+
+    def coefficient_sd_um(self, ball: Ball, order: int, tau_um: Array, decay: Array) -> Array:
+        """Return the prior sd of the cosine and the sine of one order in the form of one ball [µm].
+
+        Parameters
+        ----------
+        ball : Ball
+            The ball, with what its certificate or grade states.
+        order : int
+            Order n of the harmonics cos nθ and sin nθ, which have the same sd.
+        tau_um : array or float
+            Values of the hyper-parameter τ, the scale of form at order 6 [µm].
+        decay : array or float
+            Values of the hyper-parameter p, the exponent of the decrease with the order, of the
+            same shape.
+
+        Returns
+        -------
+        array
+            The sd for each pair of values, of the shape of ``tau_um``.
+
+        Examples
+        --------
+        >>> ball_form = lb.terms.BallForm()
+        >>> ball_form.coefficient_sd_um(lb.Ball(), 3, 0.5, 2.0).round(2)
+        array(1.51)
+        """
+        orders = np.array([float(order)])
+        prior = self._coefficient_prior((_TurnedBall(ball, 0.0),), orders)
+        relative = (order / FORM_ORDER) ** -np.asarray(decay)
+        variance = prior.share_of_tau[0] * (tau_um * relative) ** 2 + prior.sd_um[0] ** 2
+        return np.asarray(np.sqrt(variance))
 
     def _sphericity_sd_um(self, ball: Ball, orders: Array) -> Array:
         """Return the prior sds of form coefficients from a ball's sphericity [µm], shape (n,).
