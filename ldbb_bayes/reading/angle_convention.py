@@ -48,7 +48,7 @@ _DENIED = re.compile(WORDS["reading_sign"]["denied"], re.IGNORECASE)
 _HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
 # Regular expression for words, such as "compass", for angles that are counted clockwise from north.
 _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
-# Regular expression for words for the start of a circle.
+# Regular expression for words, such as "begin", for the start of a circle.
 _START = re.compile(_WORDS["start"], re.IGNORECASE)
 # Regular expression for the name of an axis as a separate word, such as +X.
 _AXIS = re.compile(r"(?<![\w/])[+\-−]?[XYZ][+\-−]?(?![\w/])")

@@ -92,7 +92,8 @@ _OTHER = re.compile(rf"\b(?:{_WORDS['other']})\b", re.IGNORECASE)
 COUNT = re.compile(_WORDS["count"], re.IGNORECASE)
 # Regular expression for the header of a column that holds the unit of each row.
 UNIT_COLUMN = re.compile(_WORDS["column"], re.IGNORECASE)
-# Regular expressions for the size of one count: "0.1 µm per count", "1 count = 0.1 µm".
+# Regular expressions for the size of one count (digital step of the instrument), as in "0.1 µm per
+# count" or "1 count = 0.1 µm".
 _SIZE = rf"(?P<size>{NUMBER_IN_TEXT}[\s;|]*[^\W\d]+)"
 _SCALES = (
     re.compile(rf"{_SIZE}\s*(?:{_WORDS['per']})\s*(?:{_WORDS['count']})(?!\w)", re.IGNORECASE),

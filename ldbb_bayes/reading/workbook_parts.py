@@ -26,7 +26,7 @@ _PACKAGE = "{http://schemas.openxmlformats.org/package/2006/relationships}"
 _TEXT_IN_FORMAT = re.compile(r'"([^"]*)"|\\(.)')
 _CELL_NAME = re.compile(r"([A-Z]+)(\d+)")
 _LETTERS = 26
-# Largest size [bytes] of a file inside the workbook that is examined.
+# A file inside a workbook is examined only if its size [bytes] is at most this value.
 _LARGEST_PART = 64 * 2**20
 
 

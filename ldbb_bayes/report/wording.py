@@ -175,7 +175,7 @@ _ROUNDING = 1e-9
 _MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
 _MOST_JOINED = 3  # largest number of campaigns outside control limits that a sentence names
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
-# Probabilities below this are stated as "< 0.001".
+# Probabilities below this value, which would be rounded to 0.000, are stated as "< 0.001".
 _UNLIKELY = 5e-4
 # Two campaigns with the same instrument have two estimates of each error of this instrument. A
 # sentence states that the campaigns disagree about an error if the p-value of the difference of its
