@@ -11,6 +11,7 @@ python studies/10_files/mutation_outcomes.py 7 10000 --write # by hand, minutes:
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import tempfile
 import time
@@ -97,8 +98,11 @@ def from_the_field(folder: Path, case: field_files.FieldCase) -> dict[str, Any]:
         said = " ".join(done.output.split())
         is_refused = done.exit_code == 2 and case.refusal in said
         options += case.step
-        for name, content in (case.mended or {}).items():
-            (folder / "files" / name).write_bytes(content)
+        if case.mended is not None:
+            shutil.rmtree(folder / "files")
+            (folder / "files").mkdir()
+            for name, content in case.mended.items():
+                (folder / "files" / name).write_bytes(content)
     done = import_files(folder, options)
     reads_true = False
     if done.exit_code == 0:
