@@ -49,6 +49,7 @@ from ldbb_bayes.reading.stated_values import direction_of, loads_of, quantity_of
 from ldbb_bayes.reading.trace import trace_of
 from ldbb_bayes.reading.travel_direction import unread_direction
 from ldbb_bayes.reading.unit_guess import assume_units
+from ldbb_bayes.reading.unstated import note_unstated
 from ldbb_bayes.results import Result
 
 __all__ = ["Imported", "import_campaign"]
@@ -175,6 +176,7 @@ def import_campaign(
     for recording in recordings:
         unclear = _not_understood_of(recording) | unclear
     assumed = note_assumed_fields(campaign, tests, log, unclear)
+    note_unstated(recordings, tests, layout, log)
     campaign.setdefault("name", _campaign_name(paths))
     return Imported(
         Campaign(tuple(tests), **campaign), log.layout(layout), log.assumptions(), assumed

@@ -1,0 +1,129 @@
+"""Notes on conventions that files do not state, and on texts in files that are not used.
+
+If nothing states the sign of readings, the convention of angles or the direction of travel, the
+convention of this package is taken. The notes show this, so that a user who knows better can say
+so.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.lines_above import statements_in
+from ldbb_bayes.reading.recording import Recording
+
+__all__ = ["note_unstated"]
+
+# A note shows at most this number of texts that are not used, and of each text this number of
+# characters.
+_MOST_TEXTS = 6
+_TEXT_SHOWN = 60
+# Statements that are used only if a note cites their line.
+_CITED_WHERE_USED = {"reading_scale"}
+# Regular expression for a letter; a text without a letter states nothing.
+_LETTER = re.compile(r"[^\W\d_]")
+
+
+def note_unstated(
+    recordings: Sequence[Recording],
+    tests: Sequence[CircularTest],
+    layout: Layout,
+    log: AssumptionLog,
+) -> None:
+    """Add notes on conventions that nothing states, and on texts outside the tables.
+
+    Parameters
+    ----------
+    recordings
+        Rows of each test in the files, and all statements about the test.
+    tests
+        The tests of the campaign that was made from these rows.
+    layout
+        Layout that the user states.
+    log
+        Log with all other notes, to which these notes are added.
+    """
+    noted = {assumption.what for assumption in log.assumptions()}
+    reason = "nothing says otherwise"
+    if "sign of the reading" not in noted and _has_column(recordings, "reading"):
+        if layout.sign is None:
+            log.add("", "sign of the reading", "1: a longer bar is positive", reason, "--sign")
+        if layout.measured is None and "reading" not in noted:
+            log.add("", "reading", "of the radius, not of the diameter", reason, "--measured")
+    if "angle" not in noted and _has_column(recordings, "angle") and not _states_angles(layout):
+        convention = "from the plane's first axis, CCW"
+        log.add("", "angle", convention, reason, "--angle-zero, --angle-sense")
+    if "direction" not in noted and all(test.direction is None for test in tests):
+        log.add("", "direction", "not stated", reason, "--direction")
+    _note_unused_texts(recordings, log)
+
+
+def _has_column(recordings: Sequence[Recording], role: str) -> bool:
+    """Return whether a table has a column with the role ``role``, such as angle."""
+    return any(role in recording.heading.roles for recording in recordings)
+
+
+def _states_angles(layout: Layout) -> bool:
+    """Return whether the user states where angles begin, or in which sense they run."""
+    values = (layout.angle_sign, layout.angle_offset_deg, layout.angle_zero, layout.angle_sense)
+    return any(value not in (None, "") for value in values)
+
+
+def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> None:
+    """Add a note with the texts above, below and beside the tables that nothing was taken from.
+
+    ``recordings`` are the tests in the files. A text that states a field of a test or campaign is
+    not in the note, nor is a line that another note cites.
+    """
+    reasons = " ".join(assumption.because for assumption in log.assumptions())
+    unused: dict[str, None] = {}
+    for line, text in _texts_outside(recordings):
+        if re.search(rf"\bline {re.escape(str(line))}(?!\d)", reasons):
+            continue
+        if _LETTER.search(text):
+            unused[f"line {line} {text.strip()[:_TEXT_SHOWN]!r}"] = None
+    if unused:
+        shown = ", ".join(list(unused)[:_MOST_TEXTS])
+        log.add("", "texts not used", str(len(unused)), shown, "the option for what they state")
+
+
+def _texts_outside(recordings: Sequence[Recording]) -> Iterator[tuple[int | str, str]]:
+    """Yield the number (or place) and the text of lines that state no field of a test or campaign.
+
+    The lines are those above the tables and in sheets without a table, those below the tables, and
+    the cells beside the tables. ``recordings`` are the tests in the files.
+    """
+    for recording in recordings:
+        for line, text in (*recording.heading.lines_above, *recording.lines_of_all_tests):
+            if not set(statements_in([(line, text)])) - _CITED_WHERE_USED:
+                yield line, text
+        yield from _texts_below(recording)
+        yield from _texts_beside(recording)
+
+
+def _texts_below(recording: Recording) -> Iterator[tuple[int, str]]:
+    """Yield the lines below the table of a test that is alone in its sheet."""
+    if recording.label or not recording.lines:
+        return
+    last = max(recording.lines)
+    yield from recording.sheet.texts(row for row in recording.sheet.rows if row.line > last)
+
+
+def _texts_beside(recording: Recording) -> Iterator[tuple[int, str]]:
+    """Yield the cells without a header that stand beside the rows of a test."""
+    heading = recording.heading
+    in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
+    for k, header in enumerate(heading.headers):
+        if header:
+            in_use.add(k)
+    lines = set(recording.lines)
+    for row in recording.sheet.rows:
+        if row.line not in lines:
+            continue
+        for k, cell in enumerate(row.cells):
+            if k not in in_use and _LETTER.search(cell):
+                yield row.line, cell
