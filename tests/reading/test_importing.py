@@ -176,6 +176,9 @@ def test_what_is_given_is_not_assumed(tmp_path: Path) -> None:
         "reading_unit": "nm",
         "angle_unit": "deg",
         "zero": "deviation",
+        "sign": 1,
+        "measured": "radius",
+        "angle_sense": "CCW",
     }
     result = imported(
         path,

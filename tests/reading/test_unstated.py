@@ -1,0 +1,93 @@
+"""What files do not state is told, and so are texts that nothing was taken from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import ldbb_bayes as lb
+
+
+def notes_of(folder: Path, lines: list[str], **layout: Any) -> dict[str, str]:
+    """Write a circle of 100 N with lines around its table; return value and reason of each note."""
+    rows = [f"{5 * k},{k % 7}.25" for k in range(72)]
+    path = folder / "100 N.csv"
+    path.write_text("\n".join([*lines, "angle [deg],dR [um]", *rows, ""]), encoding="utf-8")
+    return notes_on(path, **layout)
+
+
+def notes_on(path: Path, **layout: Any) -> dict[str, str]:
+    imported = lb.import_campaign(path, layout=lb.reading.Layout.model_validate(layout))
+    return {note.what: f"{note.value} ({note.because})" for note in imported.assumptions}
+
+
+@pytest.mark.parametrize(
+    ("subject", "note"),
+    [
+        ("sign of the reading", "1: a longer bar is positive (nothing says otherwise)"),
+        ("reading", "of the radius, not of the diameter (nothing says otherwise)"),
+        ("angle", "from the plane's first axis, CCW (nothing says otherwise)"),
+        ("direction", "not stated (nothing says otherwise)"),
+    ],
+)
+def test_a_convention_that_nothing_states_is_told(tmp_path: Path, subject: str, note: str) -> None:
+    assert notes_of(tmp_path, [])[subject] == note
+
+
+@pytest.mark.parametrize(
+    ("subject", "stated"),
+    [
+        ("sign of the reading", {"sign": 1}),
+        ("reading", {"measured": "radius"}),
+        ("angle", {"angle_sense": "CCW"}),
+        ("angle", {"angle_sign": 1}),
+        ("direction", {"direction": "CCW"}),
+    ],
+)
+def test_a_convention_that_the_user_states_is_not(
+    tmp_path: Path, subject: str, stated: dict[str, Any]
+) -> None:
+    assert "nothing says otherwise" not in notes_of(tmp_path, [], **stated).get(subject, "")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "# e = L0 - L",
+        "# tare 20 N not subtracted",
+        "# scale: 1 digit = 0.5 um",
+        "# run 3 invalid: air hose blocked",
+    ],
+)
+def test_a_line_that_is_not_used_is_told(tmp_path: Path, line: str) -> None:
+    assert notes_of(tmp_path, [line])["texts not used"] == f"1 (line 1 {line!r})"
+
+
+def test_a_line_that_is_used_is_not_told(tmp_path: Path) -> None:
+    notes = notes_of(tmp_path, ["Positive reading: bar shorter", "Operator: Meier"])
+    assert notes["sign of the reading"] == "-1: a longer bar is negative (line 1)"
+    assert "texts not used" not in notes
+
+
+def test_lines_below_the_table_are_told(tmp_path: Path) -> None:
+    rows = "\n".join(f"{5 * k},{k % 7}.25" for k in range(72))
+    text = f"angle [deg],dR [um]\n{rows}\n\nPositive reading: bar shorter\n"
+    path = tmp_path / "100 N.csv"
+    path.write_text(text, encoding="utf-8")
+    assert "Positive reading: bar shorter" in notes_on(path)["texts not used"]
+
+
+def test_cells_beside_the_table_are_told(tmp_path: Path) -> None:
+    rows = [f"{5 * k},{k % 7}.25,," for k in range(72)]
+    rows[0] = "0,0.25,,Positive reading: bar shorter"
+    path = tmp_path / "100 N.csv"
+    path.write_text("\n".join(["angle [deg],dR [um],,", *rows, ""]), encoding="utf-8")
+    assert "'Positive reading: bar shorter'" in notes_on(path)["texts not used"]
+
+
+def test_at_most_six_texts_are_shown(tmp_path: Path) -> None:
+    note = notes_of(tmp_path, [f"# remark {word}" for word in "abcdefgh"])["texts not used"]
+    assert note.startswith("8 (")
+    assert note.count("remark") == 6
