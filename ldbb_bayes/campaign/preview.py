@@ -69,6 +69,14 @@ _OPEN_SCATTERS = 10.0
 # number of fits is made, and each fit gives new weights to the readings. In the second step, each
 # fit leaves out the spikes found by the fit before.
 _MAX_ROUNDS = 20
+# The sign of the readings is examined if a circle has at least this number of tests over a whole
+# turn, which is an arc of more than `_WHOLE_TURN_DEG` [deg]. There is a remark if the mean reading
+# falls by more than `_SMALLEST_FALL_UM` [µm] over the tested forces, and if its correlation with
+# the force is below `_FALLING`.
+_FEWEST_FOR_SIGN = 3
+_WHOLE_TURN_DEG = 340.0
+_SMALLEST_FALL_UM = 2.0
+_FALLING = -0.95
 # Ratio of the standard deviation of a normal distribution to its median absolute deviation (MAD).
 # The MAD of readings times this factor is an estimate of their standard deviation.
 _SD_PER_MAD = 1.4826
@@ -97,6 +105,7 @@ class RemarkKind(StrEnum):
     ONE_LEVEL = "one force level"
     TWO_LEVELS = "two force levels"
     COPY = "copy"
+    SIGN = "sign"
     ONE_WAY = "one way"
     PLACES = "places of one set-up"
     MACHINE = "machine"
@@ -616,6 +625,7 @@ def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
         for first, second in combinations(campaign.tests, 2):
             is_copy = np.array_equal(first.reading_um, second.reading_um)
             remarks.add(kinds.COPY, is_copy, first=first.name, second=second.name)
+        _remark_on_sign(campaign, remarks)
     planes = campaign.machine().planes
     for plane in planes:
         first_axis, second_axis = sorted(plane)
@@ -630,6 +640,35 @@ def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
     for setup, number in sorted(circles_by_setup.items()):
         remarks.add(kinds.PLACES, number > 1, setup=setup)
     return remarks.as_tuple()
+
+
+def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
+    """Add a remark for tests of one circle whose mean reading falls as the force rises.
+
+    The bar pushes tool and table apart, so that the mean reading must rise with the force. If it
+    falls, the sign of the readings is probably wrong.
+    """
+    tests_of_circle: dict[Any, list[tuple[float, float]]] = {}
+    for test, test_force_N in zip(campaign.tests, campaign.forces_N, strict=True):
+        circle = (test.circle, test.setup, test.direction)
+        if test.reading_um is not None and test.arc_deg > _WHOLE_TURN_DEG:
+            pair = (float(test_force_N), float(np.mean(test.reading_um)))
+            tests_of_circle.setdefault(circle, []).append(pair)
+    for pairs in tests_of_circle.values():
+        if len(pairs) < _FEWEST_FOR_SIGN:
+            continue
+        force_N, mean_um = np.array(pairs).T
+        if np.ptp(force_N) == 0.0 or np.ptp(mean_um) == 0.0:
+            continue
+        fall_um = -float(np.polyfit(force_N, mean_um, 1)[0] * np.ptp(force_N))
+        correlation = float(np.corrcoef(force_N, mean_um)[0, 1])
+        remarks.add(
+            RemarkKind.SIGN,
+            fall_um > _SMALLEST_FALL_UM and correlation < _FALLING,
+            fall_um=fall_um,
+            low_N=float(force_N.min()),
+            high_N=float(force_N.max()),
+        )
 
 
 def _remark_on_unit(
