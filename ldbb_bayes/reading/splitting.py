@@ -312,6 +312,7 @@ def split_sheet(
             title = label or test_heading.label
             rows = _with_readings(columns, test_heading, numbers, all_rows, title, log)
             rows = _without_placeholders(columns, test_heading, numbers, rows, title, log)
+            _check_start_of_log(columns, test_heading, all_rows, rows, title)
             stated = _stated_fields(sheet, title, layout, holds_several)
             fields = {}
             for key, column in field_columns.items():
@@ -390,6 +391,29 @@ def _with_readings(
         count = _count_left_out(len(without_reading))
         log.add(place, "missing readings", count, reason, "numbers in these cells")
     return with_reading
+
+
+def _check_start_of_log(
+    columns: _SheetColumns,
+    heading: Heading,
+    all_rows: Sequence[int],
+    rows: Sequence[int],
+    title: str,
+) -> None:
+    """Raise an error if the first readings of a table with times instead of angles are missing.
+
+    The angle of every reading follows from the time since the first row. ``all_rows`` are all rows
+    of the test, and ``rows`` those with a reading. ``title`` is the name of the test; it is empty
+    if the table holds one test.
+    """
+    is_log = "time" in heading.roles and "angle" not in heading.roles
+    if is_log and rows[0] != all_rows[0]:
+        raise InputError(
+            f"{_place_of_test(columns, title)}: a log over time must begin with a reading, got none"
+            f" in line {columns.lines[all_rows[0]]}, where the circle begins. Remove the lines up"
+            f" to line {columns.lines[rows[0]] - 1}, and give --start-deg: the angle at line"
+            f" {columns.lines[rows[0]]}."
+        )
 
 
 def _place_of_test(columns: _SheetColumns, title: str) -> str:
