@@ -30,8 +30,11 @@ HERE = Path(__file__).resolve().parent
 
 # Kind of the campaigns that are simulated by the model itself, in which nothing is wrong.
 SOUND = "as the model says"
+# Number of campaigns of every family of machines, and of the mild family, whose alarms are false.
+OF_A_FAMILY = 30
+OF_THE_MILD = 200
 # Number of campaigns of every kind.
-KINDS = {SOUND: 375, "mild": 10, "odd circle": 10}
+KINDS = {SOUND: 500, **dict.fromkeys(FAMILIES, OF_A_FAMILY), "mild": OF_THE_MILD}
 # Number of campaigns of every kind that are made again when the study is run.
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
 # Forces of the circles of a sound campaign [N]: fewer than those of the families, for 500 campaigns
