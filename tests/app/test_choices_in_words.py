@@ -105,8 +105,8 @@ CHOICES = (
     Said("direction", "CCW", DIRECTION, "CCW", lambda c: c.tests[0].direction == "CCW"),
     Said("sign", "1", SIGN, "1", is_first_reading(1.0)),
     Said("sign", "-1", SIGN, "-1", is_first_reading(-1.0)),
-    Said("measured", "radius", MEASURED, "radius", is_first_reading(1.0)),
-    Said("measured", "diameter", MEASURED, "diameter", is_first_reading(0.5)),
+    Said("measured", "radius", MEASURED, "of the radius (radius)", is_first_reading(1.0)),
+    Said("measured", "diameter", MEASURED, "of the diameter (diameter)", is_first_reading(0.5)),
     Said(
         "zero",
         "distance",
@@ -132,8 +132,15 @@ CHOICES = (
     ),
     Said("decimal", ",", DECIMAL, ",", is_first_reading(1.0), COMMAS),
     Said("decimal", ".", DECIMAL, ".", is_first_reading(1.0)),
-    Said("gaps", "still", GAPS, "still", lambda c: c.readings == 72, PAUSE),
-    Said("gaps", "moving", GAPS, "moving", lambda c: c.tests[0].angle_deg.max() > 400.0, PAUSE),
+    Said("gaps", "still", GAPS, "stood still (still)", lambda c: c.readings == 72, PAUSE),
+    Said(
+        "gaps",
+        "moving",
+        GAPS,
+        "moved on (moving)",
+        lambda c: c.tests[0].angle_deg.max() > 400.0,
+        PAUSE,
+    ),
 )
 AXES_DEG = {"+X": 0.0, "+Y": 90.0, "-X": 180.0, "-Y": 270.0}
 
