@@ -18,8 +18,8 @@ from ldbb_bayes.reading.recording import Recording
 
 __all__ = ["note_unstated"]
 
-# A note shows at most this number of texts that are not used, and of each text this number of
-# characters.
+# At most this number of texts that are not used have a note each; a last note counts the others.
+# A note shows at most this number of characters of its text.
 _MOST_TEXTS = 6
 _TEXT_SHOWN = 60
 # Statements that are used only if a note cites their line.
@@ -74,21 +74,24 @@ def _states_angles(layout: Layout) -> bool:
 
 
 def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> None:
-    """Add a note with the texts above, below and beside the tables that nothing was taken from.
+    """Add a note on each text above, below and beside the tables that nothing was taken from.
 
-    ``recordings`` are the tests in the files. A text that states a field of a test or campaign is
-    not in the note, nor is a line that another note cites.
+    ``recordings`` are the tests in the files. There is no note on a text that states a field of
+    a test or campaign, nor on a line that another note cites.
     """
     reasons = " ".join(assumption.because for assumption in log.assumptions())
-    unused: dict[str, None] = {}
+    unused: dict[tuple[int | str, str], None] = {}
     for line, text in _texts_outside(recordings):
         if re.search(rf"\bline {re.escape(str(line))}(?!\d)", reasons):
             continue
         if _LETTER.search(text):
-            unused[f"line {line} {text.strip()[:_TEXT_SHOWN]!r}"] = None
-    if unused:
-        shown = ", ".join(list(unused)[:_MOST_TEXTS])
-        log.add("", "texts not used", str(len(unused)), shown, "the option for what they state")
+            unused[line, text.strip()[:_TEXT_SHOWN]] = None
+    option = "the option for what they state"
+    for line, text in list(unused)[:_MOST_TEXTS]:
+        log.add("", "texts not used", repr(text), f"line {line}", option)
+    further = len(unused) - _MOST_TEXTS
+    if further > 0:
+        log.add("", "texts not used", str(further), "further lines", option)
 
 
 def _texts_outside(recordings: Sequence[Recording]) -> Iterator[tuple[int | str, str]]:

@@ -41,6 +41,7 @@ _OWN_TEXTS = frozenset(
         "operator",
         "place",
         "serial_number",
+        "texts not used",
     )
 )
 
