@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -81,6 +82,17 @@ class AssumptionLog:
                 place = f"{len(places)} places"
             assumptions.append(Assumption(place, *entry))
         return tuple(assumptions)
+
+    def reasons_for(self, places: Collection[str]) -> list[str]:
+        """Return the reasons of the assumptions that were made for any of the places.
+
+        A place is a file, sheet or test; it is empty for assumptions that concern all files.
+        """
+        reasons = []
+        for entry, noted_places in self._places.items():
+            if not set(places).isdisjoint(noted_places):
+                reasons.append(entry.reason)
+        return reasons
 
     def layout(self, stated: Layout) -> Layout:
         """Return the user's layout ``stated``, completed with the values found in the sheets.

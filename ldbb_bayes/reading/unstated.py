@@ -15,6 +15,7 @@ from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.sheet import Sheet
 
 __all__ = ["note_unstated"]
 
@@ -49,11 +50,11 @@ def note_unstated(
     """
     noted = {assumption.what for assumption in log.assumptions()}
     reason = "nothing says otherwise"
-    if "sign of the reading" not in noted and _has_column(recordings, "reading"):
-        if layout.sign is None:
-            log.add("", "sign of the reading", "1: a longer bar is positive", reason, "--sign")
-        if layout.measured is None and "reading" not in noted:
-            log.add("", "reading", "of the radius, not of the diameter", reason, "--measured")
+    has_reading = _has_column(recordings, "reading")
+    if has_reading and layout.sign is None and "sign of the reading" not in noted:
+        log.add("", "sign of the reading", "1: a longer bar is positive", reason, "--sign")
+    if has_reading and layout.measured is None and "reading" not in noted:
+        log.add("", "reading", "of the radius, not of the diameter", reason, "--measured")
     if "angle" not in noted and _has_column(recordings, "angle") and not _states_angles(layout):
         convention = "from the plane's first axis, CCW"
         log.add("", "angle", convention, reason, "--angle-zero, --angle-sense")
@@ -77,15 +78,20 @@ def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> N
     """Add a note on each text above, below and beside the tables that nothing was taken from.
 
     ``recordings`` are the tests in the files. There is no note on a text that states a field of
-    a test or campaign, nor on a line that another note cites.
+    a test or campaign, nor on a line that another note on the same file cites.
     """
-    reasons = " ".join(assumption.because for assumption in log.assumptions())
+    last_lines: dict[Sheet, int] = {}
+    for recording in recordings:
+        last = max(recording.lines, default=0)
+        last_lines[recording.sheet] = max(last, last_lines.get(recording.sheet, 0))
     unused: dict[tuple[int | str, str], None] = {}
-    for line, text in _texts_outside(recordings):
-        if re.search(rf"\bline {re.escape(str(line))}(?!\d)", reasons):
-            continue
-        if _LETTER.search(text):
-            unused[line, text.strip()[:_TEXT_SHOWN]] = None
+    for recording in recordings:
+        places = {"", recording.place, recording.sheet.place}
+        reasons = " ".join(log.reasons_for(places))
+        for line, text in _texts_outside(recording, last_lines[recording.sheet]):
+            is_cited = re.search(rf"\bline {re.escape(str(line))}(?!\d)", reasons)
+            if not is_cited and _LETTER.search(text):
+                unused[line, text.strip()[:_TEXT_SHOWN]] = None
     option = "the option for what they state"
     for line, text in list(unused)[:_MOST_TEXTS]:
         log.add("", "texts not used", repr(text), f"line {line}", option)
@@ -94,26 +100,19 @@ def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> N
         log.add("", "texts not used", str(further), "further lines", option)
 
 
-def _texts_outside(recordings: Sequence[Recording]) -> Iterator[tuple[int | str, str]]:
+def _texts_outside(recording: Recording, last_line: int) -> Iterator[tuple[int | str, str]]:
     """Yield the number (or place) and the text of lines that state no field of a test or campaign.
 
-    The lines are those above the tables and in sheets without a table, those below the tables, and
-    the cells beside the tables. ``recordings`` are the tests in the files.
+    The lines are those above the table of a test and in sheets without a table, those below the
+    table, and the cells beside the table. ``last_line`` is the number of the last line of the
+    table.
     """
-    for recording in recordings:
-        for line, text in (*recording.heading.lines_above, *recording.lines_of_all_tests):
-            if not set(statements_in([(line, text)])) - _CITED_WHERE_USED:
-                yield line, text
-        yield from _texts_below(recording)
-        yield from _texts_beside(recording)
-
-
-def _texts_below(recording: Recording) -> Iterator[tuple[int, str]]:
-    """Yield the lines below the table of a test that is alone in its sheet."""
-    if recording.label or not recording.lines:
-        return
-    last = max(recording.lines)
-    yield from recording.sheet.texts(row for row in recording.sheet.rows if row.line > last)
+    for line, text in (*recording.heading.lines_above, *recording.lines_of_all_tests):
+        if not set(statements_in([(line, text)])) - _CITED_WHERE_USED:
+            yield line, text
+    sheet = recording.sheet
+    yield from sheet.texts(row for row in sheet.rows if row.line > last_line)
+    yield from _texts_beside(recording)
 
 
 def _texts_beside(recording: Recording) -> Iterator[tuple[int, str]]:

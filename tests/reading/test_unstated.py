@@ -90,3 +90,28 @@ def test_cells_beside_the_table_are_told(tmp_path: Path) -> None:
 def test_texts_beyond_six_are_counted(tmp_path: Path) -> None:
     notes = notes_of(tmp_path, [f"# remark {word}" for word in "abcdefgh"])
     assert notes["texts not used"] == "2 (further lines)"
+
+
+def test_radius_or_diameter_is_told_beside_a_stated_sign(tmp_path: Path) -> None:
+    notes = notes_of(tmp_path, ["Positive reading: bar shorter"])
+    assert notes["reading"] == "of the radius, not of the diameter (nothing says otherwise)"
+
+
+def test_a_note_on_one_file_does_not_hide_a_line_of_another(tmp_path: Path) -> None:
+    """Line 1 of the first file states the sign; line 1 of the second file is not understood."""
+    rows = "\n".join(f"{5 * k},{k % 7}.25" for k in range(72))
+    texts = {"100 N.csv": "Positive reading: bar shorter", "200 N.csv": "# tare not subtracted"}
+    for name, line in texts.items():
+        path = tmp_path / name
+        path.write_text(f"{line}\nangle [deg],dR [um]\n{rows}\n", encoding="utf-8")
+    imported = lb.import_campaign([tmp_path / name for name in texts])
+    values = [note.value for note in imported.assumptions if note.what == "texts not used"]
+    assert values == ["'# tare not subtracted'"]
+
+
+def test_lines_below_several_columns_of_readings_are_told(tmp_path: Path) -> None:
+    rows = "\n".join(f"{5 * k},{k % 7}.25,{k % 5}.5" for k in range(72))
+    text = f"angle [deg],100 N [um],200 N [um]\n{rows}\n\nPositive reading: bar shorter,,\n"
+    path = tmp_path / "all.csv"
+    path.write_text(text, encoding="utf-8")
+    assert "Positive reading: bar shorter" in notes_on(path)["texts not used"]
