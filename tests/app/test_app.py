@@ -93,7 +93,6 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Tab, Path]
         patch.setattr(server.tempfile, "tempdir", str(folder))
         patch.setattr("ldbb_bayes.app.session.CLOSED_S", 0.4)
         patch.setattr("ldbb_bayes.app.house.LOOK_S", 0.1)
-        patch.setattr("ldbb_bayes.app.house.MOST_SESSIONS", 60)
         port = listener.getsockname()[1]
         settings = uvicorn.Config(
             server.application(TOKEN, port),
@@ -112,8 +111,11 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Tab, Path]
 
 
 @pytest.fixture
-def tab(house: tuple[Tab, Path]) -> Tab:
-    return house[0].opened()
+def tab(house: tuple[Tab, Path]) -> Iterator[Tab]:
+    """A new session, which is left after the test: the number of sessions is limited."""
+    opened = house[0].opened()
+    yield opened
+    opened.ask("POST", "leave?tab=1")
 
 
 def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
