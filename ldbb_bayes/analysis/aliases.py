@@ -1,9 +1,9 @@
-"""Degeneracies: combinations of coefficients that no reading of a campaign resolves.
+"""Degeneracies: combinations of coefficients whose effects on the readings cancel.
 
 Coefficients are the parameters of interest (compliances, their slopes and geometric errors) and the
-nuisance coefficients (effects that are modelled but not of interest). In a degeneracy, the effects
-of the coefficients on the readings cancel. For example, a change of some parameters may cancel the
-effect of a nuisance coefficient. The degeneracies span the null space of the design matrix. A
+nuisance coefficients (effects that are modelled but not of interest). For example, a change of some
+parameters may cancel the effect of a nuisance coefficient in every reading. The readings then
+cannot tell the two effects apart. The degeneracies span the null space of the design matrix. A
 sparse basis of this space is computed, so that each degeneracy involves few coefficients. No
 readings are needed. A plan (a campaign without readings) can therefore be examined too.
 """
@@ -30,13 +30,13 @@ __all__ = ["Degeneracy", "degeneracies"]
 _MOST_ANGLES = 240
 # Angles of readings [rad] that agree to this number of decimals are treated as equal.
 _ANGLE_DECIMALS = 9
-# A parameter is named in the description of a degeneracy only if its effect on the readings is more
-# than this share of the largest effect of any coefficient in the degeneracy.
+# A parameter is named in the description of a degeneracy only if its effect on the readings is
+# greater than this share of the largest effect of any coefficient in the degeneracy.
 _NAMED_SHARE = 0.02
-# The effect of a coefficient on the readings counts as a rounding error if it is below this share
-# of the largest effect of any coefficient in the same combination.
+# The effect of a combination of coefficients on the readings counts as a rounding error if it is
+# below this share of the largest effect of any coefficient in the combination.
 _ROUNDING = 1e-9
-# A change of a reading is called invisible if it is smaller than the resolution of the readings,
+# A change of a reading is too small to be seen if it is below the resolution of the readings
 # multiplied by this number.
 _VISIBLE_SHARE = 0.1
 # One micrometre in millimetres.
@@ -48,7 +48,8 @@ class Degeneracy:
     """A combination of parameters and nuisance coefficients that no reading resolves.
 
     Nuisance coefficients are effects that are not of interest. A model is made from a preset
-    (ready-made model) and may leave out effects of the preset. Such effects are considered too.
+    (ready-made model), and may leave out some effects of the preset. The combination may contain
+    the coefficients of effects that the model leaves out.
     """
 
     #: The pivot of the degeneracy is the coefficient whose effect on the readings the other
@@ -87,11 +88,12 @@ class _Coefficients:
     """The m coefficients that act in several tests: parameters and nuisance coefficients.
 
     Nuisance coefficients are effects that are not of interest. A model is made from a preset
-    (ready-made model) and may leave out effects of the preset. These effects are listed too.
-    ``owners`` are the class names of the model terms that the coefficients belong to; for a
-    parameter, the name is empty. ``columns``, shape (tests, 25, m), are the changes of the 25
-    Fourier coefficients of each test's radial deviation per unit of each coefficient. ``prior_sd``,
-    shape (m,), are the prior standard deviations.
+    (ready-made model), and may leave out some effects of the preset. The m coefficients include
+    those of the effects that the model leaves out. ``owners`` are the class names of the model
+    terms that the coefficients belong to; for a parameter, the name is empty. ``columns``, shape
+    (tests, 25, m), holds the effect of each coefficient on each test: the changes, per unit of the
+    coefficient, of the 25 Fourier coefficients of the test's radial deviation. ``prior_sd``, shape
+    (m,), are the prior standard deviations.
     """
 
     names: tuple[str, ...]
@@ -114,8 +116,8 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     Returns
     -------
     tuple of Degeneracy
-        Degeneracies with a nuisance coefficient as pivot come first, then those with a parameter
-        as pivot.
+        Degeneracies whose pivot is a nuisance coefficient come first. Degeneracies whose pivot is a
+        parameter follow.
     """
     coefficients = _all_coefficients(bound)
     scaled = _effects(bound, coefficients.columns) * coefficients.prior_sd
@@ -190,9 +192,9 @@ def _describe_degeneracy(
 
 
 def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
-    """Return the given indices of coefficients, sorted by effect on the readings, largest first.
+    """Return indices of coefficients, sorted by effect on the readings, the largest effect first.
 
-    ``indices`` are the given indices. ``effect`` holds, for every coefficient, its largest effect
+    ``indices`` are the indices to sort. ``effect`` holds, for every coefficient, its largest effect
     on any reading.
     """
     effect_by_index = {i: float(effect[i]) for i in indices}
@@ -240,8 +242,8 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
     Nuisance coefficients are effects that are not of interest. A model is made from a preset
-    (ready-made model) and may leave out terms of the preset. The result has the nuisance
-    coefficients of all terms, including the terms that were left out.
+    (ready-made model), and may leave out some terms of the preset. The result contains the nuisance
+    coefficients of all terms of the preset, including the terms that the model leaves out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**edition_terms(bound), **modelled}
@@ -273,9 +275,10 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
 def _effects(bound: BoundModel, columns: Array) -> Array:
     """Return the change of k readings per unit of each of m coefficients, shape (k, m) [mm].
 
-    ``columns``, shape (tests, 25, m), are the changes of the 25 Fourier coefficients of each test's
-    radial deviation. The readings are taken at each test's own angles, but at no more than
-    ``_MOST_ANGLES`` angles of a test.
+    ``columns``, shape (tests, 25, m), holds the changes, per unit of each of the m coefficients, of
+    the 25 Fourier coefficients of each test's radial deviation. The k angles of the readings are
+    those of the tests. If a test has more than ``_MOST_ANGLES`` angles, only this number of them is
+    used.
     """
     tests = {test.name: test for test in bound.campaign.tests}
     rows = []

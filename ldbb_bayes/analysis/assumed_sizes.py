@@ -34,10 +34,10 @@ class AssumedSize:
 
 @dataclass(frozen=True)
 class DecidingAssumption(Result):
-    """An effect whose size is assumed, and the parameter that depends on it most."""
+    """An effect whose size is assumed, and the parameter whose variance it increases most."""
 
     term: str  #: class name of the model term that describes the effect
-    parameter: str  #: parameter in whose variance the effect has its largest share
+    parameter: str  #: parameter in whose variance the effect has a larger share than in any other
     share: float  #: share of the effect in the variance of ``parameter``
     #: sizes of the effect, one for each unit in which the coefficients of the effect are stated
     sizes: tuple[AssumedSize, ...]
@@ -57,9 +57,8 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
 
     Returns
     -------
-    tuple of DecidingAssumption
-        One entry for each of these effects. The effect with the largest share of a parameter's
-        variance comes first.
+    One entry for each assumed effect that causes at least 5 % of a variance. The effect with the
+    largest share of a parameter's variance comes first.
     """
     lines_by_term: dict[str, list[Contribution]] = {}
     shares: dict[str, dict[str, float]] = {}
@@ -81,9 +80,9 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
 def _sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
     """Return the size of an effect in each unit: the largest prior standard deviation.
 
-    ``lines`` are the lines of the effect in the uncertainty budgets; each states the prior standard
-    deviation of one coefficient. Lines that stand for several coefficients state none and are left
-    out.
+    ``lines`` are the lines of the effect in the uncertainty budgets. A line for one coefficient
+    states the prior standard deviation of the coefficient. A line for several coefficients states
+    no standard deviation, and is left out.
     """
     by_unit: dict[str, dict[str, float]] = {}
     for line in lines:

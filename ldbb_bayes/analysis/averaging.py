@@ -3,13 +3,14 @@
 The averaged posterior is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior under each model
 M, weighted by the posterior probability of the model given the readings y. β are the parameters
 (compliances, their slopes and geometric errors), φ the hyper-parameters (the scales of the noise
-and of other effects). The models differ in whether compliance changes with force (slopes), and in
-the rival explanations that they include: other effects that change the readings like slopes.
+and of other effects). The models differ in two respects: whether compliance changes with force (the
+change is called a slope), and which rival explanations the model includes. Rival explanations are
+other effects that change the readings like slopes.
 
-Every model with every subset of rival explanations has the same prior probability. A parameter that
-a model lacks is zero in the draws of that model. The share of zeros among all draws of a parameter
-is therefore the probability that the parameter is zero (Hoeting, Madigan, Raftery and Volinsky
-1999).
+The prior probability is the same for every model with every subset of rival explanations. A
+parameter that a model does not have is zero in the draws of that model. The share of zeros among
+all draws of a parameter is therefore the probability that the parameter is zero (Hoeting, Madigan,
+Raftery and Volinsky 1999).
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ __all__ = ["average"]
 # Number of chains into which the independent draws from the averaged posterior are divided, because
 # the diagnostics of ArviZ expect several chains.
 _CHAINS = 4
-# Least number of draws from the averaged posterior that a caller may ask for.
+# Smallest number of draws from the averaged posterior that a caller may ask for.
 _FEWEST_DRAWS = 400
 # The error of the evidence is ignored for a model whose posterior probability is below this number.
 _NEGLIGIBLE_PROBABILITY = 1e-3
@@ -126,17 +127,18 @@ def average(
         Number of draws in all four chains together, at least 400; it is rounded down to a multiple
         of four. The share of each model in the draws equals the probability of the model.
     evidences : Evidences, optional
-        Evidences that are known already, for example from a call of `compare` with the same object.
-        They are not computed again.
+        Evidences that are already known, for example because `compare` was called with the same
+        object. They are not computed again.
 
     Returns
     -------
     DataTree
         Posterior as returned by `sample`, with the parameters of the largest model. A parameter
-        that a model lacks is zero in the draws of this model. The posterior also stores a record (a
-        dictionary). Its entry ``averaged`` lists the models with rival explanations, log evidence
-        and probability. ``sample_stats.model`` states which model each draw comes from, as an index
-        in this list that counts from 0. The prior draws come from all models in equal numbers.
+        that a model does not have is zero in the draws of this model. The posterior also stores a
+        record (a dictionary). Its entry ``averaged`` lists the models with their rival
+        explanations, log evidences and probabilities. ``sample_stats.model`` holds, for each draw,
+        the index of the draw's model in this list (counted from 0). The prior draws come from all
+        models in equal numbers.
 
     Raises
     ------
@@ -249,9 +251,9 @@ def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _W
 
 
 def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
-    """Raise an `InputError` for a model that is not nested in the largest model.
+    """Raise an `InputError` if a model is not nested in the largest model.
 
-    ``bound`` is nested if it is ``largest`` with some parameters fixed at zero.
+    The model ``bound`` is nested if it is ``largest`` with some parameters fixed at zero.
     """
     same_terms = bound.hyper_prior.names == largest.hyper_prior.names
     fewer_parameters = set(bound.names) <= set(largest.names)
@@ -269,10 +271,10 @@ def _draw_posteriors(
 ) -> tuple[Array, list[ModelDraws]]:
     """Return ``size`` draws from the averaged posterior.
 
-    Each draw comes from one model of the average, ``weighted``. The first result, shape (size,), is
-    the index of this model for each draw. The second result has one entry for each model, in the
-    order of the models: the draws of the model. Models without draws are left out. The number of
-    draws of a model is ``size`` times the probability of the model, rounded up or down.
+    Each draw comes from one of the models in ``weighted``. The first result, shape (size,), holds
+    the index of this model for each draw. The second result holds the draws of each model, in the
+    order of the models; a model without draws is left out. The number of draws of a model is
+    ``size`` times the probability of the model, rounded up or down.
     """
     cumulative = np.append(0.0, np.cumsum(weighted.probability) / weighted.probability.sum())
     ends = np.floor(cumulative * size + rng.random()).astype(int)
@@ -306,8 +308,8 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
 
     The n draws of the p parameters have the shape (n, p), those of the h hyper-parameters the shape
     (n, h). The draws of the first model come first, then those of the next model, and so on. The
-    parameters are those of ``bound``, the largest model; a parameter that a model lacks is zero in
-    the draws of this model.
+    parameters are those of ``bound``, the largest model. A parameter that a model does not have is
+    zero in the draws of this model.
     """
     pooled_beta = []
     for draws_of_model in draws_of_models:
@@ -325,10 +327,10 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
     """Return the log densities of the draws of all models, by name of the density.
 
     The keys of the result are the names; for example, ``lp`` is the log density of the posterior.
-    ``draws_of_models`` holds the draws of each model. The draws are numbered through all models:
-    those of the first model first, then those of the next model, and so on. ``order``, shape
-    (chains, draws), holds these numbers in the order in which the draws are wanted. Each log
-    density has the same shape.
+    ``draws_of_models`` holds the draws of each model. The draws are numbered consecutively: first
+    those of the first model, then those of the next model, and so on. ``order``, shape (chains,
+    draws), holds these numbers in the order of the result. Every log density in the result has the
+    shape of ``order``.
     """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}
@@ -340,8 +342,8 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
     """Return the log probability that no compliance is negative, and its numerical error [nat].
 
-    The probability is computed from the posterior of the most probable model, without the condition
-    that compliances are not negative.
+    The probability is computed from the posterior of the most probable model. For this posterior,
+    compliances may be negative.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode
@@ -364,9 +366,10 @@ def _averaged_prior(
 ) -> dict[str, dict[str, float]]:
     """Return prior mean and standard deviation of every parameter, averaged over the models.
 
-    The models have equal prior probabilities; a parameter that a model lacks is zero in this model.
-    ``prior_sd`` holds the prior standard deviations of the largest model, by name of parameter or
-    hyper-parameter. The values of the hyper-parameters are returned unchanged.
+    All models have the same prior probability. A parameter that a model does not have counts as
+    zero under this model. ``prior_sd`` holds the prior standard deviations of the largest model, by
+    name of parameter or hyper-parameter. The standard deviations of hyper-parameters are returned
+    unchanged.
     """
     names = weighted.bound.names
     moments = np.zeros((2, len(names)))
@@ -385,10 +388,10 @@ def _averaged_prior(
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
     """Return the models with their probabilities, for the record of the averaged posterior.
 
-    Each model is described by name, rival explanations, log evidence and posterior probability. A
-    name occurs several times, each time with another subset of the rival explanations. The result
-    therefore also states two kinds of sums of the probabilities: the sum for each name, and the sum
-    over all models that include a certain rival explanation.
+    Each model is described by name, rival explanations, log evidence and posterior probability. The
+    same name occurs once for each subset of the rival explanations. The result therefore also
+    states sums of probabilities: for each name, the sum over all models with this name; for each
+    rival explanation, the sum over all models that include it.
     """
     models = []
     for combination, nodes, probability in zip(

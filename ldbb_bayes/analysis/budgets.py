@@ -17,10 +17,10 @@ In an average over models, the share of a source is a weighted mean of its share
 The weight of a model is its probability times the parameter's variance under this model. The spread
 of the parameter's means under the models is a separate source, the choice between the models.
 
-The size of every source is measured here (determined by the readings of this campaign), stated (by
-a certificate or by the user) or assumed; see `origins`. If stated and assumed sources together
-cause more than half of the variance, the budget names the largest of these sources, because further
-circles would not reduce the uncertainty from these sources.
+The standard uncertainty of every source is measured (determined by the readings of this campaign),
+stated (by a certificate or by the user) or assumed; see `origins`. If stated and assumed sources
+together cause more than half of the variance, the budget names the largest of these sources,
+because further circles would not reduce the uncertainty that these sources cause.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ Kind = Literal["A", "B"]
 # A nuisance coefficient whose share of a parameter's variance is below this number has no separate
 # line in the uncertainty budget of the parameter.
 _LISTED_SHARE = 1e-3
-# Largest number of posterior draws of the hyper-parameters over which shares are averaged. The
-# draws used are evenly spaced among all draws.
+# Shares are averaged over at most this number of posterior draws of the hyper-parameters. The draws
+# are evenly spaced among all draws.
 _MOST_AVERAGED = 16
 
 
@@ -70,7 +70,7 @@ class Contribution:
     #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the
     #: scatter of the readings, "B" if it is evaluated by other means
     kind: Kind
-    origin: Origin  #: where the size of the source comes from: measured here, stated or assumed
+    origin: Origin  #: whether the standard uncertainty of the source is measured, stated or assumed
     #: standard uncertainty of the source, in the unit ``unit``; None if the source has no single
     #: standard uncertainty, for example if it consists of several coefficients
     u: float | None
@@ -95,7 +95,8 @@ class Budget(Result):
     u: float  #: standard uncertainty of the parameter: its posterior standard deviation
     contributions: tuple[Contribution, ...]
     #: model term with the largest share of the parameter's variance. If stated and assumed sources
-    #: together have more than half of the variance, only the shares of these sources are compared.
+    #: together have more than half of the variance, only the stated and assumed sources are
+    #: compared.
     heaviest: str
     #: standard uncertainty that the parameter would have if the term ``heaviest`` were known
     #: exactly; None if the term cannot be known (noise of the readings, or the priors of the
@@ -107,9 +108,10 @@ class Budget(Result):
         return sum(line.share for line in self.contributions if line.term == term)
 
     def origin_of(self, term: str) -> Origin:
-        """Return the origin (measured here, stated or assumed) with most of the share of a term.
+        """Return the origin of most of a term's share: measured, stated or assumed.
 
-        ``term`` is the name of a model term. Its share is its part of the parameter's variance.
+        ``term`` is the name of a model term. The share of the term is the part of the parameter's
+        variance that the sources of the term cause.
         """
         shares = dict.fromkeys(Origin, 0.0)
         for line in self.contributions:
@@ -127,11 +129,11 @@ class _ModelBudget:
     shape (m, m), is the posterior covariance of all m coefficients (parameters and nuisances) at
     these hyper-parameters, in units of the prior standard deviations; ``information`` is the
     `Information` of the bound model at the same hyper-parameters. ``shares`` holds the share of
-    each source in the variance of each parameter, shape (p,); a key is the name of the source and
-    the name of its model term. ``ratio_if_known`` shows what exact knowledge of a model term would
-    bring; the keys are names of model terms. Each value, shape (p,), is the variance that each
-    parameter would then have, divided by its present variance. ``origins`` states for each source
-    whether its size is measured here, stated or assumed.
+    each source in the variance of each parameter, shape (p,); a key consists of the name of the
+    source and the name of its model term. ``ratio_if_known`` has an entry for each model term: the
+    variance that each parameter would have if the term were known exactly, divided by the
+    parameter's present variance, shape (p,). ``origins`` states for each source whether its
+    standard uncertainty is measured in this campaign, stated or assumed.
     """
 
     model: AveragedModel
@@ -166,7 +168,7 @@ class _ParameterVariance:
 
     @property
     def total(self) -> float:
-        """The averaged variance, by which shares are divided; 1 if this variance is zero."""
+        """The averaged variance, the denominator of all shares; 1 if this variance is zero."""
         return (sum(self.weights) + (self.spread or 0.0)) or 1.0
 
 
@@ -182,9 +184,9 @@ class _SourceKey(NamedTuple):
 class _Portion:
     """Share of a source in the variance of one parameter, summed over the models of an average.
 
-    Every model adds a part to this share. ``largest`` is the largest of these parts. ``budget`` is
-    the budget under the model that adds the largest part, and ``row`` is the index of the parameter
-    in this model.
+    ``share`` is a sum with one summand for each model. ``largest`` is the largest summand.
+    ``budget`` is the budget under the model with the largest summand, and ``row`` is the index of
+    the parameter in this model.
     """
 
     share: float
@@ -212,13 +214,14 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     u_s(y) is the standard uncertainty of y due to s alone. The variance u²(y) is the variance of
     the posterior draws. Unlike the variance of the GUM, it includes the truncation (compliances are
     not negative) and the uncertainty of the hyper-parameters (the scales of the noise and of other
-    effects). The shares are averages over 16 draws of the hyper-parameters. The size of every
-    source is measured here (by the readings of this campaign), stated (by a certificate or the
-    user) or assumed. Which of the three is true is decided at the mean of the hyper-parameters.
+    effects). The shares are averages over 16 draws of the hyper-parameters. The standard
+    uncertainty of every source is measured (determined by the readings of this campaign), stated
+    (by a certificate or the user) or assumed. Sources are divided into these three kinds at the
+    mean of the hyper-parameters.
 
     In an average over models m with probabilities p_m, u² is Σ p_m (var_m + (mean_m − mean)²). The
-    shares under each model are weighted with p_m var_m, and the spread of the means is a separate
-    source, ``ModelChoice``.
+    weight of the shares under model m is p_m var_m. The spread of the means is a separate source,
+    ``ModelChoice``.
 
     Parameters
     ----------
@@ -229,9 +232,9 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     -------
     dict of str to Budget
         Budget of each parameter by name, in internal units (mm, N, rad). ``contributions`` of a
-        budget are its lines, the largest share first. ``heaviest`` is the term with the largest
-        share. If stated and assumed sources together have more than half of the variance, only the
-        shares of these sources are compared.
+        budget are its lines, the largest share first. ``heaviest`` is the model term with the
+        largest share. If stated and assumed sources together have more than half of the variance,
+        only the stated and assumed sources are compared.
 
     Raises
     ------
@@ -326,8 +329,8 @@ def _average_shares(
 
     ``phi``, shape (draws, h), are posterior draws of φ; ``covariance``, shape (p, p), is the
     covariance of the p parameters in units of their prior standard deviations. `Information.shares`
-    divides this covariance among the sources. Each key is a pair: the name of a source, and the
-    name of the model term of this source.
+    divides this covariance among the sources. A key of the result consists of the name of a source
+    and the name of its model term.
     """
     count = min(count, len(phi))
     chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]
@@ -380,7 +383,7 @@ def _portions(variance: _ParameterVariance) -> dict[_SourceKey, _Portion]:
 
 
 def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin:
-    """Return the origin (measured here, stated or assumed) of a source in a parameter's budget.
+    """Return whether a source in a parameter's budget is measured, stated or assumed.
 
     ``row`` is the index of the parameter. ``source`` and ``term`` are the names of the source and
     of its model term.
@@ -473,9 +476,9 @@ def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _No
 def _heaviest_term(contributions: Sequence[Contribution]) -> str:
     """Return the model term with the largest share of a parameter's variance.
 
-    If sources that are not measured here (stated or assumed) have more than half of the variance,
-    only the shares of these sources are compared, because more circles would not reduce the
-    uncertainty from these sources. ``contributions`` are the lines of the parameter's budget.
+    If sources that are not measured in this campaign (stated or assumed) have more than half of the
+    variance, only these sources are compared, because more circles would not reduce the uncertainty
+    that they cause. ``contributions`` are the lines of the parameter's budget.
     """
     shares: dict[str, float] = {}
     not_measured: dict[str, float] = {}

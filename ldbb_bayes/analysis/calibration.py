@@ -39,8 +39,8 @@ __all__ = [
 ]
 
 # Name of the log likelihood in `Validation.names`. Ranks are computed not only for the parameters
-# and hyper-parameters, but also for the log likelihood. Its true value is the log likelihood at the
-# true parameters and hyper-parameters.
+# and hyper-parameters, but also for the log likelihood. The true value of the log likelihood is its
+# value at the true parameters and hyper-parameters.
 LOG_LIKELIHOOD = "log_likelihood"
 # Probabilities of the credible intervals whose coverage (share of true values inside) is reported.
 _INTERVALS = (0.5, 0.8, 0.95)
@@ -75,8 +75,8 @@ class Validation(Result):
     #: error messages for replicates (simulated campaigns) whose posterior could not be sampled;
     #: these replicates have no ranks
     failures: tuple[str, ...]
-    #: indices, counted from 0, of the rows of ``ranks`` whose draws come from the sampler emcee,
-    #: because the weights of independent draws could not be trusted in these replicates
+    #: indices, counted from 0, of the rows of ``ranks`` whose posterior draws come from the sampler
+    #: emcee, because the weights of independent draws were not reliable
     by_emcee: tuple[int, ...] = ()
 
     @property
@@ -90,8 +90,8 @@ class Validation(Result):
 
         The rank of a quantity is the number of posterior draws below its true value in a simulated
         campaign. The limits apply to the empirical distribution that `ecdf` returns, and are the
-        same for every quantity. If the posterior is calibrated, the distributions of all quantities
-        together stay between the limits with probability ``prob``.
+        same for every quantity. If the posterior is calibrated, the empirical distributions of all
+        quantities stay between the limits with probability ``prob``.
         """
         prob_of_one = self.prob ** (1.0 / len(self.names))
         return simultaneous_band(self.replicates, self.draws, prob_of_one)
@@ -136,7 +136,8 @@ class Validation(Result):
 
         The rank of a quantity is the number of posterior draws below its true value in a simulated
         campaign. A quantity is named if the empirical distribution of its ranks leaves the limits
-        ``band``. If all ranks are uniform, the probability that no quantity is named is ``prob``.
+        ``band``. If the ranks of all quantities are uniformly distributed, the probability that no
+        quantity is named is ``prob``.
         """
         lower, upper = self.band
         outside = []
@@ -148,7 +149,7 @@ class Validation(Result):
 
     @property
     def calibrated(self) -> bool:
-        """Whether the ranks show no fault of the posterior.
+        """Whether the ranks agree with a correctly computed posterior.
 
         The result is true if no replicate (simulated campaign) failed, and if the empirical
         distributions of the ranks of all quantities stay between the limits ``band``. A rank is the
@@ -239,9 +240,8 @@ def calibrate(
         Number of independent posterior draws of each campaign, at least 9.
     sampler : {"independent", "joint"}
         Method of drawing from the posterior, as in `sample`.
-    generator : HybridModel, optional
-        Model that simulates the readings. Default: ``model``. A different model shows the effect of
-        an analysis with a wrong model.
+    Model that simulates the readings. Default: ``model``. With a different model, the result shows
+    the effect of an analysis with a wrong model.
     prob : float
         Probability that the empirical distributions of the ranks of all quantities stay between
         their limits, ``Validation.band``, if the posterior is calibrated.
@@ -257,8 +257,8 @@ def calibrate(
     Returns
     -------
     Validation
-        Ranks, and whether they are uniformly distributed. ``failures`` are the error messages of
-        replicates that gave no posterior draws.
+        Ranks, and whether they are uniformly distributed. ``failures`` holds an error message for
+        each replicate without posterior draws.
 
     Raises
     ------
@@ -364,9 +364,9 @@ def check_numbers_of_replicates(replicates: int, draws: int) -> None:
 class _Study(NamedTuple):
     """Settings of a simulation-based calibration that all replicates have in common.
 
-    ``generator`` is the model with which readings are simulated for the tests of ``plan``, and
-    ``model`` the model whose posterior is computed. ``sampler`` is the method of drawing from the
-    posterior, and ``draws`` the number of posterior draws.
+    ``generator`` is the model with which readings are simulated for the tests of ``plan``.
+    ``model`` is the model whose posterior is computed. ``sampler`` is the method of drawing from
+    the posterior, and ``draws`` the number of posterior draws in each replicate.
     """
 
     model: HybridModel

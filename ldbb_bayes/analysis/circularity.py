@@ -97,9 +97,9 @@ def predict_circularity(
 
     The quantities are defined in ISO 230-4. They are computed without errors of the instrument, for
     the circle of the first test in each plane. The circular deviation G is the largest difference
-    of radii along the path. The uncertainty of the path makes G and the absolute values of F_max
-    and F_min too large if the readings do not determine the path well. This excess is removed on
-    average.
+    of radii along the path. The uncertainty of the path increases G and the absolute values of
+    F_max and F_min, if the readings do not determine the path well. The mean of this increase is
+    removed.
 
     Parameters
     ----------
@@ -329,6 +329,6 @@ def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
 
 
 def _first_travelled_circle(bound: BoundModel, plane: str) -> int:
-    """Return the index of the first test in a plane that states its direction of travel."""
+    """Return the index of the first test in ``plane`` whose direction of travel is stated."""
     in_plane = np.array(bound.setting.plane) == plane
     return int(np.argmax(in_plane & (np.asarray(bound.setting.travel) != 0.0)))

@@ -1,10 +1,10 @@
 """The difference of two campaigns that were run with the same instrument.
 
-Bar, balls, mount and force device are the same in both campaigns, so that errors of these parts
+Bar, balls, mount and force device are the same in both campaigns. Errors of these parts therefore
 largely cancel in the difference. The nuisance coefficients of these parts (effects that are
-modelled but not of interest) are common to both campaigns, and the prior of these coefficients
-counts only once. β are the p parameters of interest; φ are the h hyper-parameters (the scales of
-the noise and of other effects).
+modelled but not of interest) are common to both campaigns, and their prior is used only once. β are
+the p parameters of interest; φ are the h hyper-parameters (the scales of the noise and of other
+effects).
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ from ldbb_bayes.units import ranked
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
 # The readings of a campaign are called informative about a nuisance coefficient of the instrument
-# if they reduce its variance enough: the prior variance must exceed the posterior variance by more
-# than this fraction of the posterior variance.
+# if the coefficient's prior variance exceeds its posterior variance by more than this fraction of
+# the posterior variance.
 _LEAST_INFORMATION = 0.05
-# Names of the hyper-parameters of the instrument: the scale of the balls' form errors, and the
-# decay, the power by which these errors fall with the number of waves per turn.
+# Names of two hyper-parameters of the instrument: the scale of the balls' form errors, and the
+# decay. The decay is the exponent of the power law by which these errors decrease with the number
+# of waves per turn.
 _INSTRUMENT_HYPERS = ("tau", "decay")
 
 
@@ -142,10 +143,10 @@ def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
 def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
     """Return the hyper-parameters of both campaigns, with common values for the instrument.
 
-    ``phi`` holds the hyper-parameters of each campaign. The hyper-parameters of the instrument are
-    the scale of the balls' form errors and the decay, the power by which these errors fall with the
-    number of waves per turn. Each of these two is replaced by its mean over both campaigns, if both
-    campaigns have it.
+    ``phi`` holds the hyper-parameters of each campaign. Two hyper-parameters describe the
+    instrument: the scale of the balls' form errors, and the decay (the exponent of the power law by
+    which these errors decrease with the number of waves per turn). If both campaigns have such a
+    hyper-parameter, both values are replaced by their mean.
     """
     shared = [values.copy() for values in phi]
     for name in _INSTRUMENT_HYPERS:
@@ -165,8 +166,8 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     ``phi`` are the hyper-parameters, shape (h,), with lengths in mm.
     """
     information = information_of(bound, phi)
-    # The error of the bar's length is common to both campaigns only if both have the same radius.
-    # The radius is therefore part of the name of this error.
+    # The error of the bar's length is common to both campaigns only if the radius is the same in
+    # both. The radius is therefore part of the name of this error.
     bar_length = f"bar_length_{bound.setting.radii_mm[0]:g}"
     names = []
     for name in information.names:
@@ -192,8 +193,8 @@ def _places(
     """Return the indices of a campaign's coefficients in the joint list of both campaigns.
 
     ``all_names`` is the joint list: the coefficients of the first campaign, then those of the
-    second campaign that are not in ``common``. ``is_first`` states whether ``campaign`` is the
-    first.
+    second campaign that are not in ``common``. ``is_first`` is true if ``campaign`` is the first
+    campaign.
     """
     if is_first:
         return list(range(len(campaign.names)))

@@ -4,8 +4,9 @@ The posterior probability of a model M given the readings y is p(M | y) ∝ p(y 
 evidence p(y | M) is the density of the readings under the model, averaged over the prior of the
 parameters; it is computed by quadrature. The ratio of two evidences is the Bayes factor B; ln B is
 stated in nats (1 nat is a factor e). The comparison is repeated with models that have other priors
-or make other assumptions. Every test is also predicted from the other tests. All models use the
-same readings, and have the same priors for the parameters that they share.
+or make other assumptions. In addition, the readings of every test are predicted from the other
+tests. All models use the same readings, and have the same priors for the parameters that they
+share.
 
 The elpd (expected log predictive density) of a model states how well it predicts readings that were
 left out. Here the elpd is the sum, over the tests r, of ln p(y_r | y_−r): the log density of test r
@@ -67,17 +68,19 @@ __all__ = [
 
 # Scales of the prior of the slopes at which the Bayes factor is computed. A slope is the change of
 # a compliance with force. The scale is the prior standard deviation of this change over the range
-# of force, divided by the size of the compliance. The size is the estimate of the compliance or, if
-# ``slopes_of_estimate`` of the prior is false, the prior standard deviation of the compliance.
+# of force, divided by a reference value of the compliance. The reference value is the estimate of
+# the compliance or, if ``slopes_of_estimate`` of the prior is false, the prior standard deviation
+# of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# The models make an assumption about how circles differ from one another. The readings reject
-# another assumption if its log evidence is at least this number [nat] below the log evidence of the
-# assumption that the models make.
+# Every model assumes how circles differ from one another. Comparisons are repeated with other
+# assumptions. The readings reject another assumption if its log evidence is at least this number
+# [nat] below the log evidence of the assumption in the model.
 _REJECTED = 5.0
-# To save time, evidences under another assumption about how circles differ are computed only
-# roughly if the readings clearly reject the assumption: if it lowers the log evidences of both
-# models by at least this number [nat]. The reference is the larger log evidence of the two models
-# under the assumption that the models make.
+# Limit for rough evidences [nat]. To save time, evidences under another assumption about how
+# circles differ are computed only roughly if the readings clearly reject the assumption. They do so
+# if the log evidences of both models under this assumption are at least this number below a
+# reference. The reference is the larger of the two models' log evidences under the assumption in
+# the models.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -108,7 +111,7 @@ class Sign(StrEnum):
 
 @dataclass(frozen=True)
 class ComparedCampaign:
-    """Name of the campaign of a comparison, and digest (SHA-256) of the campaign's readings."""
+    """Name of the campaign of a comparison, and SHA-256 digest of the campaign's readings."""
 
     name: str
     sha256: str
@@ -135,16 +138,15 @@ class ComparedModel:
     log_evidence_error: Finite
     posterior_probability: float
     #: expected log predictive density (elpd), leaving one force out (lofo): sum, over the tests, of
-    #: the log density of each test given the other tests [nat]; not a number if no test was left
-    #: out
+    #: the log density of each test given the other tests [nat]; NaN if no test was left out
     elpd_lofo: Number
     elpd_lofo_se: Number  #: standard error of ``elpd_lofo``, from the scatter of its summands [nat]
-    #: root-mean-square residual (Eq. 34 of the article on which the model is based) of the
-    #: posterior mean prediction [µm]; the prediction includes the effects of the machine and the
-    #: nuisance effects that tests share
+    #: root-mean-square residual [µm] of the posterior mean prediction (Eq. 34 of the article on
+    #: which the model is based). The prediction includes the effects of the machine, and the
+    #: nuisance effects that act in several tests.
     rmse_um: float
     #: root-mean-square residual (Eq. 34) of the least-squares fit (Eq. 31) of the article on which
-    #: the model is based [µm]; not a number where the tests have too few forces for the fit
+    #: the model is based [µm]; NaN if the tests have too few different forces for the fit
     least_squares_rmse_um: Number
     degree: int
     parameters: dict[str, ParameterEstimate]
@@ -155,9 +157,10 @@ class ComparedModel:
 class ComparedTest:
     """One test of a campaign, predicted from the other tests.
 
-    Fields with ``lofo`` (leave one force out) in their names compare the test's readings with their
-    prediction from the other tests. `JudgedTest` explains the p-values, the Fourier order in which
-    the test deviates most, and the flag of a test that does not agree with the other tests.
+    In the names of fields, ``lofo`` means "leave one force out": these fields compare the test's
+    readings with their prediction from the other tests. `JudgedTest` explains the p-values, the
+    Fourier order in which the test deviates most, and the flag of a test that does not agree with
+    the other tests.
     """
 
     force_N: float
@@ -172,10 +175,10 @@ class ComparedTest:
 
     @property
     def stands_out(self) -> bool:
-        """Return whether the test stands out from its prediction from the other tests.
+        """Return whether the test deviates clearly from its prediction from the other tests.
 
-        A test stands out if its family-wise p-value is below 2 %, even if the field ``flag`` is
-        false.
+        The condition is a family-wise p-value below 2 %. The result may be true even if the field
+        ``flag`` is false.
         """
         return self.lofo_family_wise_p_value < FALSE_ALARMS
 
@@ -185,8 +188,8 @@ class ScaledSlopes:
     """The log Bayes factor of two models and its numerical error [nat], under one prior of slopes.
 
     A slope is the change of a compliance with force. The prior standard deviation of this change,
-    over the range of force, is ``slope_scale`` times the size of the compliance. `Prior` defines
-    this size.
+    over the range of force, is ``slope_scale`` times a reference value of the compliance. `Prior`
+    defines the reference value.
     """
 
     slope_scale: float
@@ -199,8 +202,8 @@ class Difference:
     """A sum over the tests of a campaign, and its standard error [nat].
 
     The summands are the log predictive densities of the tests, or the differences of these
-    densities between two models. ``value`` is the sum. ``se`` is its standard error, from the
-    scatter of the summands.
+    densities between two models. ``value`` is the sum. ``se`` is the standard error of the sum,
+    computed from the scatter of the summands.
     """
 
     value: Number
@@ -225,8 +228,8 @@ class Comparison(Result):
 
     campaign: ComparedCampaign  #: name and digest of the campaign
     models: dict[str, ComparedModel]  #: results of each model, by the name that the caller gave
-    #: log Bayes factor ln B of every other model over the first model [nat]. In a key such as
-    #: "linear/constant", the first model is named last.
+    #: log Bayes factor ln B of every other model over the first model [nat]. The keys have the form
+    #: "linear/constant", where "constant" is the name of the first model.
     log_bayes_factor: dict[str, float]
     #: numerical error of each log Bayes factor [nat]; the keys are those of ``log_bayes_factor``
     log_bayes_factor_error: dict[str, Finite]
@@ -245,9 +248,9 @@ class Comparison(Result):
     #: factor in ``prior_sensitivity`` changes sign
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about how circles
-    #: differ from one another. The assumption that the models make comes first; white noise alone
-    #: comes last. If ``explanations`` is not None, the second entry is the average over the rival
-    #: explanations, and the third entry is the comparison without rival explanations.
+    #: differ from one another. The first entry is for the assumption in the models, the last entry
+    #: for white noise alone. If ``explanations`` is not None, the second entry is the average over
+    #: the rival explanations, and the third entry is the comparison without rival explanations.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if no model has slopes, or if only evidences were computed
@@ -264,17 +267,17 @@ class Comparison(Result):
     #: fits of constant compliance to the tests at every two neighbouring forces: the table that
     #: `local_fits` returns; empty if all tests have one force, or if only evidences were computed
     local_fits: Records
-    #: largest error allowed for a log evidence [nat]. Under an assumption about how circles differ,
-    #: an error of 0.1 nat is allowed if the log evidences are at least 10 nat below the best log
-    #: evidence under the assumption that the models make.
+    #: largest error allowed for a log evidence [nat]. Under another assumption about how circles
+    #: differ, an error of 0.1 nat is allowed if the log evidences are at least 10 nat below the
+    #: best log evidence under the assumption in the models.
     tolerance: float
-    #: largest error of any log evidence [nat]. Under assumptions about how circles differ, errors
-    #: are ignored if the log evidences are at least 10 nat below the best log evidence under the
-    #: assumption that the models make.
+    #: largest error of any log evidence [nat]. Under another assumption about how circles differ,
+    #: errors are ignored if the log evidences are at least 10 nat below the best log evidence under
+    #: the assumption in the models.
     largest_error: Finite
-    #: number of evidences whose errors are infinite, because their quadrature weights cannot be
-    #: trusted. The field keeps the name of an older version, because programs read it from the JSON
-    #: file.
+    #: number of evidences whose error is infinite, because their quadrature weights are not
+    #: reliable. The field keeps a name from an older version, because programs read this name in
+    #: the JSON file.
     by_emcee: int = 0
     #: probabilities of slopes (changes of compliance with force) and of rival explanations: other
     #: effects, such as a nonlinear mount, that change the readings as slopes do. The field is None
@@ -312,25 +315,25 @@ class Comparison(Result):
         """Return whether the largest error of any log evidence is at most ``tolerance``.
 
         Log evidences under another assumption about how circles differ are ignored if they are at
-        least 10 nat below the best log evidence under the assumption that the models make.
+        least 10 nat below the best log evidence under the assumption in the models.
         """
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
-        """Return the log evidence of an assumption, relative to the assumption of the models [nat].
+        """Return the log evidence of an assumption, relative to the one in the models [nat].
 
-        The assumptions are about how circles differ from one another. The log evidence of an
-        assumption is the larger of the log evidences that the two models have under this
-        assumption. The log evidence of the assumption that the models make is subtracted.
+        The assumptions are about how circles differ from one another. Each assumption has two log
+        evidences, one for each of the two models. The larger one counts as the log evidence of the
+        assumption.
         """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
     def turning(self) -> list[Assumed]:
-        """Return the assumptions that reverse the sign of the log Bayes factor `headline`.
+        """Return the assumptions under which the log Bayes factor has the opposite sign.
 
-        `headline` compares the second model with the first. The assumptions are about how circles
-        differ from one another; white noise alone is left out. The assumption with the largest log
-        evidence comes first.
+        The sign is compared with that of `headline`, the log Bayes factor of the second model over
+        the first. The assumptions are about how circles differ from one another; white noise alone
+        is left out. The assumption with the largest log evidence comes first.
         """
         opposite_sign = -np.sign(self.headline[0])
         turning = []
@@ -344,7 +347,7 @@ class Comparison(Result):
         """Return whether the readings allow an assumption about how circles differ.
 
         The readings allow the assumption unless its log evidence is 5 nat or more below the log
-        evidence of the assumption that the models make.
+        evidence of the assumption in the models.
         """
         return self.gain(assumed) > -_REJECTED
 
@@ -363,11 +366,11 @@ class Comparison(Result):
         return Sign.FIRM
 
     def preferred_assumption(self) -> Assumed | None:
-        """Return the assumption that the readings clearly prefer to that of the models, or None.
+        """Return the assumption that the readings clearly prefer to the one in the models, or None.
 
         The assumptions are about how circles differ from one another. The assumption with the
-        largest log evidence is returned if its log evidence is more than 5 nat above the log
-        evidence of the assumption that the models make. If not, None is returned.
+        largest log evidence is returned if this log evidence is more than 5 nat above the log
+        evidence of the assumption in the models. Otherwise, None is returned.
         """
         best = ranked(self.discrepancy_sensitivity, lambda assumed: assumed.best)[0]
         return best if self.gain(best) > _REJECTED else None
@@ -402,26 +405,26 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 class _ComparisonPlan:
     """The models whose evidences a comparison computes, and the further results that it computes.
 
-    Each value in ``by_slope_scale``, ``unchanged`` and ``by_assumption`` holds the first two
-    models, both changed in the way that the key describes.
+    ``by_slope_scale``, ``unchanged`` and ``by_assumption`` are dictionaries. Each key describes a
+    change, and each value holds the first two models after this change.
     """
 
     #: the first two models to compare, by the names that the caller gave
     pair: dict[str, HybridModel]
-    #: model with the most parameters, with which the tests at neighbouring forces are fitted
+    #: model with the most parameters; it is fitted to the tests at neighbouring forces
     largest: HybridModel
-    #: the largest model, but with compliance at most linear in force; the models in which only some
-    #: compliances change with force are made from this model
+    #: the largest model, but with compliance at most linear in force; models in which only some
+    #: compliances change with force are derived from this model
     linear: HybridModel
     #: the first two models under each scale of the prior of the slopes (changes of compliance with
     #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
     #: models differ only in this prior
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
-    #: the first two models without a change: with the assumption about how circles differ that they
-    #: make themselves
+    #: the first two models without a change; the key describes the assumption about how circles
+    #: differ that these models make
     unchanged: dict[str, tuple[HybridModel, ...]]
-    #: the first two models, changed to make another assumption about how circles differ; there is
-    #: one entry for each such assumption
+    #: the first two models with another assumption about how circles differ, one entry for each
+    #: assumption
     by_assumption: dict[str, tuple[HybridModel, ...]]
     #: whether every test is predicted from the other tests
     leaves_tests_out: bool
@@ -444,10 +447,10 @@ class _ComparisonPlan:
 
 
 class _StepCounter:
-    """Counter of the steps of a comparison, called once after every step.
+    """Counter of the steps of a comparison.
 
-    At every call, the counter calls ``progress`` with the number of steps done and the number of
-    all steps.
+    The counter is called after every step. At every call, it calls ``progress`` with the number of
+    steps done and the total number of steps.
     """
 
     def __init__(self, progress: Callable[[int, int], None], total: int) -> None:
@@ -461,7 +464,7 @@ class _StepCounter:
 
 
 def _report_nothing() -> None:
-    """Do nothing. This function replaces the step counter once all steps are reported."""
+    """Do nothing. This function replaces the step counter after the last step."""
 
 
 @one_blas_thread
@@ -494,19 +497,19 @@ def compare(
         Campaign with readings.
     evidence_only : bool
         Whether to compute only the evidences and their dependence on assumptions. This takes a
-        third of the time of a full comparison. No test is left out, models with only some of the
-        slopes are not compared, and nothing is fitted to the tests at neighbouring forces.
+        third of the time of a full comparison. Three results are then missing: predictions of tests
+        left out, models with only some of the slopes, and fits to the tests at neighbouring forces.
     tolerance : float
         Largest error allowed for a log evidence [nat], from 0.0001 to 1.
     prob : float
-        Probability, between 0 and 1, of two kinds of credible intervals: those of the compliance
-        C(F) at every force F, and those from the fits to the tests at neighbouring forces.
+        Probability of the credible intervals, between 0 and 1. There are such intervals for the
+        compliance C(F) at every force F, and for the fits to the tests at neighbouring forces.
     seed : int
-        Seed of the random draws from which simulated readings and credible intervals are computed.
+        Seed of the random draws for simulated readings and credible intervals.
     progress : callable, optional
         Function called with the number of steps done and the total number of steps.
     evidences : Evidences, optional
-        Evidences of this campaign that are known already. New evidences are added to the object,
+        Evidences of this campaign that are already known. New evidences are added to the object,
         which can then be passed to `average`. If evidences are given, their tolerance replaces
         ``tolerance``.
     executor : Executor, optional
@@ -630,7 +633,7 @@ def _plan_comparison(
     """Return the plan of a comparison: which models to compare, and which results to compute.
 
     With ``evidence_only``, no test is left out, models with only some of the slopes (changes of
-    compliance with force) are not compared, and nothing is fitted to the tests at neighbouring
+    compliance with force) are not compared, and no model is fitted to the tests at neighbouring
     forces. Rival explanations (other effects that change the readings as slopes do) are compared if
     two conditions hold: the second model is the first model with slopes added, and the second model
     has rival explanations.
@@ -643,8 +646,8 @@ def _plan_comparison(
     by_assumption = sensitivity.changed(
         pair.values(), sensitivity.discrepancy_assumptions(pair.values())
     )
-    # The first entry of ``by_assumption`` is the assumption about how circles differ that the
-    # models make themselves.
+    # The first entry of ``by_assumption`` is for the assumption about how circles differ that the
+    # two models already make.
     unchanged_label = next(iter(by_assumption))
     unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)
@@ -666,11 +669,11 @@ def _plan_comparison(
 def _models_by_slope_scale(
     pair: Mapping[str, HybridModel],
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return both models of a pair with every scale of the prior of the slopes.
+    """Return the two compared models with every scale of the prior of the slopes.
 
-    Slopes are changes of compliance with force. The keys of the result are labels with the scale,
-    such as "slope scale 0.3"; each value holds both models. The result is empty if neither model
-    has slopes, or if the two models differ only in this prior.
+    ``pair`` holds the two models by name. Slopes are changes of compliance with force. The keys of
+    the result are labels with the scale, such as "slope scale 0.3"; each value holds both models.
+    The result is empty if neither model has slopes, or if the two models differ only in this prior.
     """
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):
@@ -692,7 +695,7 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
 
 
 def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
-    """Return the number of evidences that the process of `compare` itself computes.
+    """Return the number of evidences that `compare` computes in its own process.
 
     ``plan`` states which results are computed, and ``models`` is the number of models that the
     caller gave. Each test of ``campaign`` may be left out once. Evidences under other assumptions
@@ -715,10 +718,9 @@ def _begin_local_fits(
 ) -> Callable[[], pd.DataFrame]:
     """Begin the fits of constant compliance to the tests at every two neighbouring forces.
 
-    Return a function that waits for the fits and returns their table. The table is empty if the
-    comparison includes no such fits, according to ``plan``. ``prob`` is the probability of the
-    credible intervals. ``executor`` runs the fits in parallel; if it is None, this process runs
-    them.
+    Return a function that waits for the fits and returns their table. The table is empty if
+    ``plan`` does not include these fits. ``prob`` is the probability of the credible intervals.
+    ``executor`` runs the fits in parallel; if it is None, this process runs them.
     """
     if not plan.has_local_fits:
         return pd.DataFrame
@@ -736,8 +738,8 @@ def _begin_assumptions(
 
     The assumptions are about how circles differ from one another; ``plan`` lists them. Return a
     function that waits for the log Bayes factors and evidences, and returns them.
-    ``nodes_by_model`` holds the evidences under the assumption that the models make themselves.
-    ``executor`` runs the computation in parallel; if it is None, this process runs it.
+    ``nodes_by_model`` holds the evidences under the assumption in the models. ``executor`` runs the
+    computation in parallel; if it is None, this process runs it.
     """
     best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
     separate = evidences.apart()
@@ -762,19 +764,20 @@ def _weigh_assumptions(
     """Return the log Bayes factor of two models under each assumption, and the precise evidences.
 
     ``names`` are the names of the two models; ``assumptions`` holds both models under each
-    assumption about how circles differ. Rough evidences are computed first. If both log evidences
-    are below ``rejected_below`` [nat], the log Bayes factor is computed from the rough evidences.
-    If not, precise evidences are computed, used and returned.
+    assumption about how circles differ. Rough evidences are computed first. If both rough log
+    evidences are below ``rejected_below`` [nat], the log Bayes factor is computed from them.
+    Otherwise, precise evidences are computed. The log Bayes factor is computed from the precise
+    evidences, and they are returned.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
     return sensitivity.under(names, assumptions, weigh), evidences.every
 
 
 def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:
-    """Return one list with the evidences of all models, computed with each test left out in turn.
+    """Return one list with the evidences of all models, each computed without one of the tests.
 
-    ``left_out_nodes`` holds the posterior of each model for each test left out. The outer keys are
-    names of models, and the inner keys are names of tests.
+    ``left_out_nodes`` holds, for each model and each test left out, the posterior given the other
+    tests. The outer keys are names of models, and the inner keys are names of tests.
     """
     evidences: list[Evidence] = []
     for nodes_by_test in left_out_nodes.values():
@@ -785,7 +788,7 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
     """Return the log Bayes factors of all other models over the first, and their errors [nat].
 
-    In a key such as "linear/constant", the first model is named last.
+    The keys have the form "linear/constant", where "constant" is the name of the first model.
     """
     first, *other_names = nodes_by_model
     factors = {}
@@ -799,8 +802,8 @@ def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[f
 def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[ScaledSlopes, ...]:
     """Return the log Bayes factor of two models under each scale of the slopes' prior.
 
-    Slopes are changes of compliance with force. ``assumed`` are the comparisons of the two models,
-    one for each of ``scales``.
+    Slopes are changes of compliance with force. ``assumed`` holds the comparison of the two models
+    at each of ``scales``, in the same order.
     """
     scaled = []
     for scale, result in zip(scales, assumed, strict=True):
@@ -811,8 +814,8 @@ def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple
 def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[float, ...]:
     """Return the scales of the slopes' prior at which the log Bayes factor changes sign.
 
-    Slopes are changes of compliance with force. ``assumed`` are the comparisons of two models, one
-    for each of ``scales``.
+    Slopes are changes of compliance with force. ``assumed`` holds the comparison of two models at
+    each of ``scales``, in the same order.
     """
     log_bayes_factor = np.array([result.log_bayes_factor for result in assumed])
     return interpolate_crossings(np.array(scales), log_bayes_factor)
@@ -836,8 +839,8 @@ def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Differenc
     """Return differences of the expected log predictive density, every model minus the first.
 
     ``log_densities`` holds, for each model, the log density of every test given the other tests
-    [nat]. In a key such as "linear/constant", the first model is named last. The result is empty if
-    no test is left out.
+    [nat]. The keys of the result have the form "linear/constant", where "constant" is the name of
+    the first model. The result is empty if no test is left out.
     """
     first, *other_names = log_densities
     differences = {}
@@ -849,10 +852,11 @@ def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Differenc
 
 
 def _sum_over_tests(values: Array) -> Difference:
-    """Return the sum of values over the tests, and its standard error from the values' scatter.
+    """Return the sum of values over the tests, and the standard error of this sum.
 
-    ``values`` has one value for each test. The sum is not a number if there are no values; the
-    standard error is not a number for fewer than two values.
+    ``values`` has one value for each test. The standard error is computed from the scatter of the
+    values. The sum is NaN if there are no values; the standard error is NaN for fewer than two
+    values.
     """
     n = len(values)
     total = np.nan
@@ -903,8 +907,8 @@ def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
     """Return the root-mean-square residual of the published least-squares fit [µm].
 
     The fit is Eq. 31 of the article on which the model is based. The compliances are polynomials in
-    force of the same degree as in the model. Return NaN if the campaign has too few different
-    forces for a fit of this degree.
+    force, with the degree of the model. Return NaN if the campaign has too few different forces for
+    a fit of this degree.
     """
     if campaign.force_levels < model.degree + 2:
         return np.nan

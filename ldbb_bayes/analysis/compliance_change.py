@@ -1,7 +1,7 @@
 """Change of compliance with force: the curve C(F) at the smallest and the largest tested force.
 
-A slope such as C_XXX_1 does not describe the whole change. The curve also has a part that comes
-from joints that yield to their own load (the term `JointLoad`).
+A slope such as C_XXX_1 describes only a part of this change. The rest comes from the term
+`JointLoad` (nonlinear deflection of joints under load).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ldbb_bayes.results import Array, ByName, Result
 __all__ = ["ChangeWithForce", "DrawnValue", "change_with_force"]
 
 # Differences of probabilities are rounded to this number of decimals, to remove rounding errors.
-# The probabilities are shares of posterior draws, and so need no more decimals.
+# The number is large enough, because the probabilities are shares of posterior draws.
 _DECIMALS_OF_PROBABILITY = 12
 
 
@@ -46,7 +46,7 @@ class ChangeWithForce(Result):
 
     C(F) of a direct compliance is the deflection along an axis, divided by a bar force F along the
     same axis. C(F) is computed from the compliance at the reference force F0, from its slopes, and
-    from the term `JointLoad` (joints that yield to their own load).
+    from the term `JointLoad` (nonlinear deflection of joints under load).
 
     Examples
     --------
@@ -71,14 +71,14 @@ class ChangeWithForce(Result):
     relative: DrawnValue | None
     #: probability that the compliance at F_max is larger than at F_min
     probability_of_increase: float
-    #: probability that the compliance at F_max is smaller than at F_min. In an average over models
-    #: of which some have a constant compliance, the probabilities of increase and decrease sum to
-    #: less than one.
+    #: probability that the compliance at F_max is smaller than at F_min. In an average over models,
+    #: the compliance may be constant under some models. The probabilities of increase and decrease
+    #: then sum to less than one.
     probability_of_decrease: float
 
     @property
     def probability_of_no_change(self) -> float:
-        """Probability that there is exactly no change.
+        """Probability that the compliance does not change at all.
 
         In an average over models, this is the probability of the models in which the compliance is
         constant. For a single model, it is zero.
@@ -91,8 +91,8 @@ class ChangeWithForce(Result):
 def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, ChangeWithForce]:
     """Return how much each compliance C(F) changes from the smallest tested force to the largest.
 
-    All numbers are computed from posterior draws of the curve C(F), each of which has a value at
-    both forces. If the posterior is an average over models, draws of models with constant
+    All numbers are computed from posterior draws of the curve C(F). Each draw gives the compliance
+    at both forces. If the posterior is an average over models, draws of models with constant
     compliance are included, with a change of zero.
 
     Parameters

@@ -3,9 +3,9 @@
 The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106, for a quantity η with
 tolerance limits ``lower`` and ``upper``, given the readings y. The decision follows ISO 14253-1.
 The quantity conforms if p is at least the confidence that the user asks for. It does not conform if
-1 − p is at least this confidence. In all other cases nothing is decided. For a normal posterior and
-one limit, a quantity conforms if its estimate lies inside the limit, at a distance of at least the
-guard band.
+1 − p is at least this confidence. In all other cases, no decision is made. For a normal posterior
+and one limit, a quantity conforms if its estimate lies inside the limit, at a distance of at least
+the guard band.
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ __all__ = [
     "stiffness_conformity",
 ]
 
-# The probability that a quantity lies beyond a tolerance limit is the share of posterior draws
-# beyond the limit, if at least this many draws lie on each side of the limit. If there are fewer
-# draws on one side, the probability of this side is the tail of a normal distribution. However, it
-# is set to at least the share of draws on this side, and to at most this number divided by the
-# number of all draws.
+# Smallest number of posterior draws on each side of a tolerance limit with which the share of draws
+# beyond the limit is used as the probability that the quantity lies beyond the limit. If one side
+# has fewer draws, the probability of this side is the tail of a normal distribution. This
+# probability is raised to the share of draws on this side if it is smaller. It is lowered to this
+# number divided by the number of all draws if it is larger.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
-# To avoid a division by zero, values are divided by this number instead of the posterior standard
-# deviation if the standard deviation is smaller.
+# Smallest standard deviation by which values are divided. A smaller posterior standard deviation is
+# replaced by this number, to avoid a division by zero.
 _LEAST_SD = 1e-300
 
 
@@ -83,8 +83,8 @@ class Conformity(Result):
     """
 
     unit: str  #: unit of the quantity and of its limits, mean, sd and guard band
-    #: force at which the quantity is stated [N]; None for geometric errors and slopes, to which no
-    #: force applies
+    #: force at which the quantity is stated [N]; None for geometric errors and slopes, which do not
+    #: depend on the force
     force_N: float | None
     lower: float | None  #: lower limit of the tolerance; None if it has no lower limit
     upper: float | None  #: upper limit of the tolerance; None if it has no upper limit
@@ -92,8 +92,9 @@ class Conformity(Result):
     sd: float  #: standard uncertainty of the quantity: its posterior standard deviation
     #: probability of conformance: the probability that the quantity lies between its limits
     probability: float
-    #: least distance from a limit at which the estimate of a normally distributed quantity leads to
-    #: a decision: inside the limit for conformance, outside the limit for non-conformance
+    #: guard band: least distance between a limit and the estimate of a normally distributed
+    #: quantity at which a decision is made. For conformance, the estimate lies inside the limit;
+    #: for non-conformance, it lies outside.
     guard_band: float
     #: least probability of conformance, or of non-conformance, at which a decision is made
     confidence: float
@@ -118,14 +119,15 @@ def assess_conformity(
     The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106, for a quantity η
     with tolerance limits ``lower`` and ``upper``, given the readings y. By ISO 14253-1 the quantity
     conforms if p is at least ``confidence``. It does not conform if 1 − p is at least
-    ``confidence``. In all other cases nothing is decided.
+    ``confidence``. In all other cases, no decision is made.
 
     The probability that a quantity lies beyond a limit is the share of the posterior draws beyond
     the limit. If fewer than 10 of the n draws lie on one side of the limit, the probability of that
     side is taken from a normal distribution. However, this probability is set to at least the share
     of the draws on that side, and to at most 10/n. If ``confidence`` is above 1 − 10/n, which is
-    0.995 for 2000 draws, a decision may therefore rest on a normal distribution. The tail of this
-    distribution may be too thin for a skewed posterior. Take more draws for such a confidence.
+    0.995 for 2000 draws, the decision may therefore depend on the tail of a normal distribution.
+    For a skewed posterior, this tail may be too thin. Take more draws if you need such a high
+    confidence.
 
     Parameters
     ----------
@@ -221,7 +223,7 @@ def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
 
 
 class _StatedDraws(NamedTuple):
-    """Posterior draws of a quantity that has a tolerance, and the force that the draws are for."""
+    """Posterior draws of a quantity that has a tolerance, and the force that they are for."""
 
     values: Array  #: posterior draws of the quantity, shape (draws,)
     #: force at which the quantity is stated [N]; None for geometric errors and slopes
@@ -292,7 +294,7 @@ def _decide_by_draws(
     """Return the decision on conformity from the share of posterior draws between the limits.
 
     ``stated`` holds the draws of the quantity, in ``unit``, and ``tolerance`` its limits. If too
-    few draws lie on one side of a limit, the probability of that side follows from a normal
+    few draws lie on one side of a limit, the probability of that side is taken from a normal
     distribution; see `_tail_probability`. ``confidence`` is the least probability at which a
     decision is made.
     """
@@ -310,10 +312,10 @@ def _tail_probability(outside: Array, score: float) -> float:
     """Return the probability that a quantity lies beyond a limit.
 
     The probability is the share of posterior draws beyond the limit. ``outside``, shape (draws,),
-    is true for these draws. ``score`` is the distance from the limit to the mean in standard
-    deviations, negative if the mean lies inside the limit. If fewer than ``_FEWEST_DRAWS`` draws
-    lie on one side of the limit, the probability of that side follows from a normal distribution;
-    see `_probability_of_few_draws`.
+    is true for the draws beyond the limit. ``score`` is the distance from the limit to the mean in
+    standard deviations, negative if the mean lies inside the limit. If fewer than ``_FEWEST_DRAWS``
+    draws lie on one side of the limit, the probability of that side is taken from a normal
+    distribution; see `_probability_of_few_draws`.
     """
     n = len(outside)
     count = int(outside.sum())
@@ -327,9 +329,9 @@ def _tail_probability(outside: Array, score: float) -> float:
 def _probability_of_few_draws(count: int, n: int, normal_tail: float) -> float:
     """Return the probability that a quantity lies on the side of a limit with few draws.
 
-    On this side, there are ``count`` of the ``n`` draws, too few for an exact probability. The
-    result is therefore ``normal_tail``, the tail of a normal distribution. However, the result is
-    at least ``count`` / ``n`` and at most ``_FEWEST_DRAWS`` / ``n``.
+    ``count`` of the ``n`` draws lie on this side of the limit, too few to estimate the probability
+    from their share. The result is therefore ``normal_tail``, the tail of a normal distribution.
+    However, the result is at least ``count`` / ``n`` and at most ``_FEWEST_DRAWS`` / ``n``.
     """
     largest_share = _FEWEST_DRAWS / n
     return max(count / n, min(normal_tail, largest_share))
@@ -358,11 +360,11 @@ def stiffness_conformity(
     """Return the decision on the conformity of a stiffness whose compliance has a normal posterior.
 
     The stiffness 1/C lies between its limits if, and only if, the compliance C lies between the
-    inverses of these limits. The probability of conformance therefore follows from the normal
-    distribution of C. A negative C, which no machine has, counts as infinite stiffness. For a
-    compliance with mean m and standard deviation s, the result states 1/m and s/m² as mean and
-    standard deviation of the stiffness. These are approximations, and the decision does not depend
-    on them.
+    inverses of these limits. The probability of conformance is therefore computed from the normal
+    distribution of C. A negative C is physically impossible, and counts as infinite stiffness. For
+    a compliance with mean m and standard deviation s, the result states 1/m and s/m² as mean and
+    standard deviation of the stiffness. Both values are approximations. The decision does not
+    depend on them.
 
     ``unit`` is the unit of the stiffness and of the limits of ``tolerance``. ``compliance_mean``
     and ``compliance_sd``, mean and standard deviation of the compliance, are in the inverse of this

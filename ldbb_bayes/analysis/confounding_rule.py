@@ -1,4 +1,4 @@
-"""Rule for confounding: assumed effects that cause more than half of a parameter's variance."""
+"""Rule that decides which assumed effects a parameter is confounded with."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from ldbb_bayes.model.terms.columns import OWN
 __all__ = ["NEAR_TIE", "SAME_COMBINATION", "confounding_sources"]
 
 # Two effects are said to act on the same combination of parameters if the errors that they cause
-# are in nearly the same proportions. The errors of all parameters that one effect causes form a
+# are in nearly the same proportions. Each effect causes errors of all parameters, which form a
 # vector. The squared cosine of the angle between the vectors of the two effects must be at least
 # this number.
 SAME_COMBINATION = 0.95
-# A parameter is never said to be confounded with an effect that causes less than this share of the
-# parameter's variance.
+# A parameter is never said to be confounded with an effect whose share of the parameter's variance
+# is below this number.
 _NAMED_SHARE = 0.05
 # Verdicts on parameters must not depend on rounding errors. A number that differs from its limit by
-# less than this amount is therefore treated as equal to the limit. There are two such numbers. A
-# share of a variance must be above its limit for the verdict "confounded". The contraction, which
-# is one minus the ratio of posterior to prior variance, must be below its limit for the verdict
-# "prior-limited".
+# less than this amount is therefore treated as equal to the limit. Two verdicts compare a number
+# with a limit: "confounded", if a share of the variance is above its limit, and "prior-limited", if
+# the contraction is below its limit. The contraction is one minus the ratio of posterior to prior
+# variance.
 NEAR_TIE = 1e-6
 
 
@@ -31,10 +31,10 @@ def confounding_sources(
 ) -> tuple[VarianceSource, ...]:
     """Return the assumed sources with which a parameter is confounded, or an empty tuple.
 
-    A parameter is confounded with assumed sources if they together cause more than half of its
-    variance, and if they act on the same combination of parameters. ``sources`` are all sources of
-    the parameter's variance, the largest share first. ``likeness`` states how similarly two sources
-    act: each source causes errors of all parameters, which form a vector, and the likeness is the
+    A parameter is confounded with assumed sources if these sources together cause more than half of
+    its variance, and act on the same combination of parameters. ``sources`` are all sources of the
+    parameter's variance, the largest share first. ``likeness`` states how similarly two sources
+    act. Each source causes errors of all parameters, which form a vector. The likeness is the
     squared cosine of the angle between the vectors of the two sources. The keys are pairs of names
     of sources. If ``likeness`` is None, all sources are taken to act on the same combination.
     """

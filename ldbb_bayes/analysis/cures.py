@@ -1,7 +1,7 @@
-"""Remedies for degeneracies of a campaign: further tests, or a calibration.
+"""Further tests, or a calibration, that would resolve the degeneracies of a campaign.
 
 A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled but
-not of interest) that no reading resolves.
+not of interest) whose effects on every reading cancel.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ __all__ = ["Cure", "Directed", "at_other_radius", "clocked", "cures", "in_other_
 # A test whose arc is shorter than this angle is not a full circle [°].
 _FULL_CIRCLE_DEG = 355.0
 # A test with readings at fewer different angles than this number is not treated as a full circle,
-# because its readings do not resolve all Fourier orders.
+# because its readings do not determine all Fourier orders.
 _FEWEST_ANGLES = 36
-# Angles of the readings in full circles that are tried as further tests [°].
+# Angles of the readings [°] in the full circles that are tried as further tests.
 _FULL_CIRCLE_ANGLES_DEG = np.arange(120) * 3.0
 # Angles of readings [°] that agree to this number of decimals are treated as equal.
 _ANGLE_DECIMALS = 6
@@ -48,9 +48,9 @@ _FIRST_DIRECTION: Direction = "CW"
 
 
 class Cure(StrEnum):
-    """Remedy that would resolve a degeneracy: one kind of further tests, or a calibration.
+    """A way to resolve a degeneracy: one kind of further tests, or a calibration.
 
-    A degeneracy is a combination of parameters and other effects that no reading resolves.
+    A degeneracy is a combination of parameters and other effects that cancel in every reading.
     Further tests are at other forces, with one or both balls turned, at another radius, in the
     opposite direction of travel, or on full circles.
     """
@@ -66,13 +66,13 @@ class Cure(StrEnum):
 
 
 def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
-    """Return the remedies (further tests or a calibration) that would resolve each degeneracy.
+    """Return the kinds of further tests that would resolve each degeneracy, and a calibration.
 
     A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
-    but not of interest) that no reading resolves. Further tests are a remedy if the degeneracy
-    vanishes when these tests are added to the plan. Turning both balls is a remedy only if turning
-    one of the balls is not. If the pivot of a degeneracy is a nuisance coefficient (the field
-    ``term`` is not empty), a calibration is always among the remedies.
+    but not of interest) whose effects on every reading cancel. A kind of further tests is returned
+    if the degeneracy vanishes when these tests are added to the plan. Turning both balls is
+    returned only if turning a single ball does not suffice. A calibration is returned for every
+    degeneracy whose pivot is a nuisance coefficient (the field ``term`` is not empty).
 
     Parameters
     ----------
@@ -118,10 +118,10 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     """Return whether two degeneracies are treated as the same degeneracy.
 
     The pivot of a degeneracy is the coefficient whose effect on the readings the other coefficients
-    cancel. If both pivots are nuisance coefficients, the degeneracies are the same if the pivots
-    differ at most in ball, phase or radius. If both pivots are parameters, the degeneracies are the
-    same if they have two parameters in common. If ``degeneracy`` has a single parameter, it is
-    enough that ``candidate`` has this parameter too.
+    cancel. If both pivots are nuisance coefficients, the degeneracies are the same if the names of
+    the pivots differ at most in ball, phase or radius. If both pivots are parameters, the
+    degeneracies are the same if they have two parameters in common. If ``degeneracy`` has a single
+    parameter, it is enough that ``candidate`` has this parameter too.
     """
     if degeneracy.term != candidate.term:
         return False
@@ -134,16 +134,17 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
 def _pattern(nuisance: str) -> str:
     """Return the name of a nuisance coefficient without its ball, phase and radius.
 
-    The parts removed are ``work_`` or ``tool_``, ``_cos`` or ``_sin``, and a number at the end.
+    Three kinds of text are removed: ``work_`` or ``tool_``, ``_cos`` or ``_sin``, and a number at
+    the end.
     """
     return re.sub(r"^(work_|tool_)|_(cos|sin)|_[\d.]+$", "", nuisance)
 
 
 def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
-    """Return the tests that each remedy for a degeneracy would add to a plan.
+    """Return the further tests that may resolve a degeneracy of a plan, by kind.
 
-    The keys of the result are the remedies. ``directed`` holds the circles of the plan, and copies
-    of circles in the opposite direction of travel.
+    ``directed`` holds the circles of the plan, and copies of circles in the opposite direction of
+    travel.
     """
     further = {
         Cure.FORCES: _at_other_forces(plan),
@@ -186,7 +187,7 @@ class Directed(NamedTuple):
 
 
 def in_other_direction(plan: Campaign) -> Directed:
-    """Return the circles of a plan, and copies in the direction of travel that is not run yet."""
+    """Return the circles of a plan, and copies of them in the opposite direction of travel."""
     directions_of: dict[str, set[str | None]] = {}
     for test in plan.tests:
         directions_of.setdefault(str(test.plane), set()).add(test.direction)
@@ -210,10 +211,10 @@ def clocked(
     work_ball: bool = False,
     tool_ball: bool = False,
 ) -> list[CircularTest]:
-    """Return copies of all tests of a plan with one ball or both balls turned further.
+    """Return copies of all tests of a plan with one ball or both balls turned in their sockets.
 
-    Each test is copied once for each angle of ``turns_deg`` [°]. ``work_ball`` and ``tool_ball``
-    state which balls are turned.
+    Each test is copied once for each angle of ``turns_deg`` [°], and this angle is added to the
+    angle of the ball in the test. ``work_ball`` and ``tool_ball`` state which balls are turned.
     """
     tests = []
     for test in plan.tests:
@@ -230,9 +231,8 @@ def clocked(
 def at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
-    The new radius is two thirds of the radius of the test with the lowest force. If a test of the
-    plan has about the same radius as the new one, the new radius is multiplied by two thirds again,
-    until no test has about this radius.
+    The new radius is two thirds of the radius of the test with the lowest force. It is multiplied
+    by two thirds again as long as a test of the plan has nearly the same radius.
     """
     radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
     radius = float(radii_of_plan[plan.forces_N.argmin()])

@@ -1,9 +1,9 @@
 """Changes C(F_max) − C(F_min) of compliances over the tested forces, as sums of coefficients.
 
-The change of a compliance C(F) depends on its slopes. The change of a direct compliance depends
-also on the coefficients of the term `JointLoad` (joints that yield to their own load). Each change
-is therefore a weighted sum of coefficients of the linear model. The uncertainty of this sum can be
-computed without readings.
+The change of a compliance C(F) depends on its slopes. The change of a direct compliance also
+depends on the coefficients of the term `JointLoad` (nonlinear deflection of joints under load).
+Each change is therefore a weighted sum of coefficients of the linear model. The uncertainty of this
+sum can be computed without readings.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class CurveChange:
     largest_force_N: float  #: largest force tested, F_max [N]
     slopes: tuple[str, ...]  #: names of the slopes that the change depends on
     #: weight of each of the m coefficients of the model, shape (m,): the change of ``compliance``,
-    #: in ``unit``, if this coefficient changes by its prior standard deviation
+    #: in ``unit``, if the coefficient changes by its prior standard deviation
     weights: Array
 
 
@@ -84,11 +84,11 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
 def _joint_load_weights(bound: BoundModel, information: Information, axis: str) -> Array:
     """Return the effect of each coefficient on the change of a compliance with force.
 
-    Only the effect through the term `JointLoad` (joints that yield to their own load) is returned.
-    The compliance is the direct compliance of ``axis``. Its change is its value at the largest
-    tested force minus its value at the smallest. The result, shape (m,), is this change per unit of
-    each of the m coefficients that ``information`` lists. All elements are zero if the model does
-    not have the term, or if no circle moves the axis.
+    Only the effect through the term `JointLoad` (nonlinear deflection of joints under load) is
+    returned. The compliance is the direct compliance of ``axis``. The change of the compliance is
+    its value at the largest tested force minus its value at the smallest. The result, shape (m,),
+    is this change per unit of each of the m coefficients that ``information`` lists. All elements
+    are zero if the model does not have the term, or if no circle moves the axis.
     """
     weights = np.zeros(len(information.names))
     columns = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ())).get(axis)

@@ -5,11 +5,11 @@ c = cos θ, s = sin θ and the radius R, in the plane XY,
 
     c(θ; F) = C_XXX c² + C_XYX c s + C_YYY s² + R (C_CXY c² s + C_CYY c s²) + R² C_CCY c² s²,
 
-where every compliance is taken at the force F. It includes the effect of its slopes, and that of
-the term `JointLoad` (joints that yield to their own load), which also depends on the direction. The
-first three compliances determine the deflection of a tool in the circle's centre. The other three
-add the deflection of a tool at the position (R c, R s) on the circle. This deflection is due to the
-rotation of an axis under the bar's load. A stiffness is 1 / c(θ; F).
+where every compliance is taken at the force F. c(θ; F) includes the effects of the slopes and of
+the term `JointLoad` (nonlinear deflection of joints under load); the latter also depends on the
+direction. The first three compliances determine the deflection of a tool in the circle's centre.
+The other three add the deflection of a tool at the position (R c, R s) on the circle, which is
+caused by the rotation of an axis under the bar's load. A stiffness is 1 / c(θ; F).
 
 The symmetric matrix S with the elements C_XXX, C_XYX / 2 and C_YYY is the compliance tensor of the
 plane in the circle's centre. Its principal axes are at the angle ½ atan2(C_XYX, C_XXX − C_YYY).
@@ -62,8 +62,8 @@ _HARDLY_POSITIVE = 0.2
 # before they are inverted. Without this replacement, the few draws near zero would dominate the
 # standard deviation of the stiffness.
 _SMALLEST_SHARE = 0.1
-# A direction is not determined if its credible interval is at least this wide [°], because a wider
-# interval may contain both axes of the plane.
+# A direction counts as not determined if its credible interval is at least this wide [°], because
+# an interval of this width may contain both axes of the plane.
 _WIDEST_DEG = 90.0
 # Radius of a very small circle [mm], whose compliance equals the compliance in the centre.
 _CENTRE_RADIUS_MM = 1e-6
@@ -84,8 +84,8 @@ class StatedValue(Result):
     ci_low: Number  #: lower end of the equal-tailed credible interval
     ci_high: Number  #: upper end of the equal-tailed credible interval
     within_U: float  #: share of the posterior draws within mean ± U
-    #: whether only the lower end of the interval is determined. If a compliance may be nearly zero,
-    #: the inverse of the compliance (the stiffness) has no upper limit.
+    #: whether only the lower end of the interval is determined. This is the case for a stiffness
+    #: whose compliance may be nearly zero.
     only_lower_limit: bool = False
 
     @property
@@ -160,7 +160,8 @@ class PrincipalAxis(Result):
     """One principal stiffness of a machine in space, and its direction."""
 
     stiffness: StatedValue  #: stiffness along the principal axis
-    #: components along X, Y and Z of a unit vector along the axis; its sign has no meaning
+    #: components along X, Y and Z of a unit vector along the axis; the opposite vector is
+    #: equivalent
     direction: tuple[float, float, float]
     #: half angle of a cone about ``direction`` [°]; the cone contains the true axis with the
     #: probability of the credible intervals
@@ -281,7 +282,7 @@ def stiffness(
 
     The compliance along the bar is the deflection along the bar at the angle θ of the circle,
     divided by the bar's force F. It includes the slopes of the compliances and the term
-    `JointLoad`. An error of the bar's length changes none of the numbers. An error of the mount's
+    `JointLoad`. An error of the bar's length does not change the results. An error of the mount's
     compliance cancels in the difference of two compliances. An error of the force gain cancels in
     the ratio of stiffnesses.
 
@@ -302,9 +303,9 @@ def stiffness(
         least and the greatest stiffness with their directions, the ratio of the greatest to the
         least stiffness, the direction of the softer principal axis, the cross compliance, and the
         difference of the direct compliances. If three planes were tested, the result also has the
-        principal stiffnesses in space. If the compliance along the bar is hardly known in some
-        directions, noise makes the least stiffness too small and the greatest stiffness too large;
-        both errors are removed on average.
+        principal stiffnesses in space. If the readings hardly determine the compliance along the
+        bar in some directions, noise makes the least stiffness too small and the greatest stiffness
+        too large. The mean of both errors is removed.
 
     Raises
     ------
@@ -334,8 +335,8 @@ def stiffness_of_fit(
 ) -> DirectionalStiffness:
     """Return the stiffness by direction at one force, from draws of a fitted model.
 
-    This function returns what `stiffness` returns, but needs no stored posterior, and so saves
-    time. ``draws`` are posterior draws of the model, ``force_N`` is the force of the bar [N], and
+    This function returns the same as `stiffness`, but needs no stored posterior, which saves time.
+    ``draws`` are posterior draws of the model, ``force_N`` is the force of the bar [N], and
     ``prob`` is the probability of the credible intervals.
     """
     bound = draws.bound
@@ -390,10 +391,10 @@ def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[st
 
 
 def _forces(bound: BoundModel, forces_N: Sequence[float]) -> Array:
-    """Return the forces at which stiffness is computed [N], after a check that they are positive.
+    """Return the forces at which stiffness is computed [N]; raise an error if one is not positive.
 
-    The result holds the forces in ``forces_N``. If there are none, it holds the smallest force
-    tested, the reference force and the largest force tested.
+    The result holds the forces in ``forces_N``. If ``forces_N`` is empty, the result holds the
+    smallest force tested, the reference force and the largest force tested.
     """
     require(
         not isinstance(forces_N, str),
@@ -547,7 +548,7 @@ def _principal_stiffness(
 
 
 def _stated_stiffness(compliance: Array, prob: float) -> StatedValue:
-    """Return the stiffness that is the inverse of a compliance with given posterior draws [mm/N].
+    """Return the stiffness: the inverse of a compliance, whose posterior draws are given [mm/N].
 
     If the compliance may be nearly zero, the result states that only the lower end of the
     stiffness' interval is determined. ``prob`` is the probability of the interval.
@@ -565,10 +566,11 @@ def _ratio(extremes: CurveExtremes) -> Array:
 
 
 def _above_zero(compliance: Array) -> Array:
-    """Return draws of a compliance in which draws near or below zero are replaced.
+    """Return draws of a compliance in which values near or below zero are replaced.
 
-    Draws that are below ``_SMALLEST_SHARE`` times the median of the draws' absolute values are
-    replaced by this positive value. The inverse of the result, a stiffness, is therefore finite.
+    The smallest value allowed is ``_SMALLEST_SHARE`` times the median of the draws' absolute
+    values. Smaller draws are replaced by this positive value. The inverse of the result, a
+    stiffness, is therefore finite.
     """
     floor = _SMALLEST_SHARE * np.median(np.abs(compliance))
     return np.maximum(compliance, max(floor, np.finfo(float).tiny))

@@ -39,7 +39,7 @@ def extremes_of(curves: Array) -> CurveExtremes:
     """Return draws of the largest and the smallest value of a curve, corrected for noise.
 
     ``curves``, shape (draws, points), are posterior draws of the curve. Noise makes the largest
-    value larger and the smallest value smaller; on average, both changes are removed.
+    values of the draws larger, and the smallest values smaller. The mean of each change is removed.
     """
     mean_curve = curves.mean(axis=0)
     return CurveExtremes(
@@ -54,7 +54,7 @@ def without_noise_excess(values: Array, at_mean: float) -> Array:
     """Return posterior draws of a quantity, shifted so that their mean is ``at_mean``.
 
     ``values``, shape (draws,), are draws of a quantity that noise makes too large or too small,
-    such as the largest or the smallest value of a curve. ``at_mean`` is the same quantity, computed
-    from the posterior mean of the curve.
+    such as the largest or the smallest value of a curve. ``at_mean`` is the value of this quantity
+    for the posterior mean of the curve.
     """
     return np.asarray(values - (values.mean() - at_mean))

@@ -1,15 +1,15 @@
-"""Comparison of a posterior with the GUM's law of propagation, as JCGM 101, section 8, requires.
+"""Validation of the GUM's law of propagation of uncertainty by the posterior (JCGM 101, section 8).
 
 y is the estimate of a parameter, u its standard uncertainty and k the coverage factor. The law of
-propagation gives the interval y ± k u for a linear model, in which the scales of the noise and of
-other effects (the hyper-parameters φ) are known. JCGM 101 propagates distributions instead. Here
-the distribution is the posterior, in which φ is unknown. Compliances are not negative in the
-posterior if the model has this condition.
+propagation gives the interval y ± k u. It assumes a linear model, in which the scales of the noise
+and of other effects (the hyper-parameters φ) are known. JCGM 101 propagates distributions instead.
+In this module, the distribution is the posterior, in which φ is unknown. If the model requires
+compliances that are not negative, the posterior satisfies this condition.
 
-The law of propagation and the distribution each give an interval. They agree within n significant
-digits of u if the lower ends of the two intervals differ by at most the numerical tolerance δ =
-10^l / 2, and if the upper ends do not differ by more than δ either. The exponent l follows from u:
-rounded to n digits, u is a whole number times 10^l (JCGM 101, 7.9.2 and 8.1). Here u is the
+The law of propagation and the distribution each give an interval. The two intervals agree within n
+significant digits of u if the distance between their lower ends, and the distance between their
+upper ends, are both at most the numerical tolerance δ = 10^l / 2. The exponent l is determined by
+u: rounded to n digits, u is a whole number times 10^l (JCGM 101, 7.9.2 and 8.1). Here u is the
 posterior standard deviation. If the two intervals do not agree, JCGM 101 requires the interval of
 the distribution to be stated.
 """
@@ -40,8 +40,8 @@ __all__ = [
     "validate_gum",
 ]
 
-# Two intervals may agree within one or two significant digits of the standard uncertainty. This is
-# the largest number of digits that is tried.
+# Largest number of significant digits of the standard uncertainty within which the agreement of two
+# intervals is tested.
 _MOST_DIGITS = 2
 # JCGM 101, 8.2, requires the ends of the distribution's interval to be computed with a numerical
 # error of at most this share of the tolerance.
@@ -99,10 +99,10 @@ class GumComparison(Result):
 
     @property
     def decided(self) -> bool:
-        """Whether ``validated`` is certain in spite of the numerical error.
+        """Whether the numerical error is small enough for ``validated`` to be certain.
 
-        It is certain if the numerical error is at most a fifth of the tolerance, as JCGM 101, 8.2,
-        requires. It is also certain if the numerical error is smaller than the difference between
+        This is the case if the numerical error is at most a fifth of the tolerance, as JCGM 101,
+        8.2, requires. It is also the case if the numerical error is at most the difference between
         the tolerance and the larger of ``d_low`` and ``d_high``.
         """
         distance = abs(max(self.d_low, self.d_high) - self.tolerance)
@@ -148,7 +148,7 @@ def validate_gum(
     The law of propagation is applied to the linear model, in which compliances may be negative. The
     scales of noise and of other effects have their posterior means, as in uncertainty budgets. The
     interval is y ± k u, with the coverage factor k of a normal distribution. For an average over
-    models, the law is applied to the most probable model alone, because it needs a single model.
+    models, the law is applied to the most probable model, because the law needs a single model.
 
     Parameters
     ----------

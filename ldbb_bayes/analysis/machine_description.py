@@ -31,22 +31,22 @@ __all__ = ["DescribedMachine", "VisibleParameter", "describe_machine"]
 _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
 # Angles at which the parameters' effects on the readings are sampled [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
-# The formula for a compliance's effect on the reading is a sum of products of cos θ, sin θ and the
-# radius, for the angle θ of the circle. The constant is the number of factors cos θ and sin θ in a
-# product without the radius. There are two factors: one from the force, which acts along the bar,
-# and one from the deflection, which is measured along the bar.
+# Number of factors cos θ and sin θ in the products of the formula for a compliance's effect on the
+# reading. The formula is a sum of products of cos θ, sin θ and the radius, where θ is the angle of
+# the circle. The number applies to products without the radius. The two factors come from the
+# force, which acts along the bar, and from the deflection, which is measured along the bar.
 _COMPLIANCE_DEGREE = 2
-# The formula for a geometric error's effect on the reading is a sum of products of cos θ, sin θ and
-# the radius, for the angle θ of the circle. The constant is the number of factors cos θ and sin θ
-# in a product without the radius. There is one factor, because the readings show only the component
-# of the error along the bar.
+# Number of factors cos θ and sin θ in the products of the formula for a geometric error's effect on
+# the reading. The formula is a sum of products of cos θ, sin θ and the radius, where θ is the angle
+# of the circle. The number applies to products without the radius. There is one factor, because the
+# readings show only the component of the error along the bar.
 _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
 # are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
-# A factor in the formula for a parameter's effect on the readings counts as a rounding error if the
-# size of the factor is at most this number times max(v, 1), where v is the size of the largest
-# sampled effect of the parameter.
+# A factor in the formula for a parameter's effect on the readings counts as a rounding error if its
+# absolute value is at most this number times max(v, 1), where v is the largest absolute value of
+# the sampled effect of the parameter.
 _ROUNDING = 1e-9
 # Decimals to which a factor of a formula is rounded before it is printed.
 _FACTOR_DECIMALS = 9
@@ -59,10 +59,11 @@ class VisibleParameter:
     name: str
     unit: str
     meaning: str
-    #: formula for the effect of the parameter on the reading; the keys are planes. The effect is
-    #: the change of the reading [mm] per unit of the parameter; for a compliance, it is also per N
-    #: of force. In the formula, c = cos θ and s = sin θ for the angle θ of the circle, and R is the
-    #: radius of the circle in mm.
+    #: formula for the effect of the parameter on the reading; the keys are planes. The effect of a
+    #: geometric error is the change of the reading [mm] per unit of the error. The effect of a
+    #: compliance is the change of the reading [mm] per unit of the compliance and per N of force.
+    #: In the formula, c = cos θ and s = sin θ for the angle θ of the circle, and R is the radius of
+    #: the circle in mm.
     pattern: Mapping[str, str]
     #: whether the parameter cannot be negative, whatever the compliances of the joints are. If this
     #: is true, the prior excludes negative values of the parameter.
@@ -174,9 +175,9 @@ def _describe_compliances(
 ) -> tuple[VisibleParameter, ...]:
     """Return a description of each compliance that circular tests can determine.
 
-    ``visible`` holds the names of these compliances. Where one of these compliances represents a
-    weighted sum, ``visible`` also holds the names and weights of the compliances in the sum. The
-    patterns in the description are those for the first of ``circles`` in each plane.
+    ``visible`` holds the names of these compliances. A compliance may represent a weighted sum of
+    compliances; ``visible`` then also holds the names and weights in this sum. The patterns in the
+    description are those for the first of ``circles`` in each plane.
     """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
@@ -258,7 +259,7 @@ def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[
     Planes in which the parameter changes no reading are left out. For each plane, ``jacobians``
     holds the change of the reading per unit of each parameter, shape (radii, angles, parameters).
     ``column`` is the index of the parameter. ``degree`` is the number of factors cos θ and sin θ in
-    each term of the formula that does not contain the radius.
+    those terms of the formula that do not contain the radius.
     """
     formulas = {}
     for plane, jacobian in jacobians.items():
@@ -274,7 +275,7 @@ def _monomials(values: Array, degree: int) -> list[_Monomial]:
     The formula contains the radius R, c = cos θ and s = sin θ, for the angle θ of the circle.
 
     ``values``, shape (radii, angles), are the sampled values at the radii ``_RADII_MM`` and the
-    angles ``_ANGLES_RAD``. ``degree`` is the number of factors c and s in each term that does not
+    angles ``_ANGLES_RAD``. ``degree`` is the number of factors c and s in those terms that do not
     contain R.
     """
     by_radius_power = np.linalg.solve(np.vander(_RADII_MM, increasing=True), values)

@@ -107,11 +107,11 @@ class _Pair(NamedTuple):
 def _measure_pair(pair: _Pair) -> dict[str, Any]:
     """Return the table row of two tests run in opposite directions.
 
-    The row states the force, the plane and three quantities in µm. Two of these are the width of a
-    zone between concentric circles that holds the traces of both tests (bidirectional deviation):
-    ``G_b`` for the zone about the least-squares centre, and ``G_b_minimum_zone`` for the narrowest
-    zone about any centre. The third, ``D``, is the mean radial deviation of the two tests from the
-    nominal radius.
+    The row states the force, the plane and three quantities in µm. ``G_b`` and ``G_b_minimum_zone``
+    are bidirectional deviations: the width of a zone between concentric circles that contains the
+    traces of both tests. For ``G_b``, the circles have the least-squares centre. For
+    ``G_b_minimum_zone``, they have the centre for which the zone is narrowest. ``D`` is the mean
+    radial deviation of the two tests from the nominal radius.
     """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)
@@ -133,12 +133,15 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
 def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
     """Return the table row of one test; the keys are names of columns.
 
-    The row holds the conditions of the test and quantities computed from the readings. These
-    quantities are G, F_max and F_min, the deviations from the least-squares circle [µm]; G about
-    the centre of the minimum zone [µm]; the largest and the smallest deviation from a circle with
-    the least-squares centre and the nominal radius [µm]; and squareness and scale mismatch [µm/m].
-    Squareness and scale mismatch are not a number for an arc, and for a circle with too few
-    different angles to tell the Fourier orders apart.
+    The row holds the conditions of the test, and the following quantities computed from the
+    readings:
+
+    - G, F_max and F_min, the deviations from the least-squares circle [µm];
+    - G about the centre of the minimum zone [µm];
+    - the largest and the smallest deviation from a circle with the least-squares centre and the
+      nominal radius [µm];
+    - squareness and scale mismatch [µm/m], which are NaN for an arc, and for a circle with too few
+      different angles to tell the Fourier orders apart.
     """
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)

@@ -1,4 +1,4 @@
-"""Adjustment of p-values for multiple testing, and one p-value pooled from several."""
+"""Adjustment of p-values for multiple testing, and combination of several p-values to one."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ _LEAST = 1e-12
 def holm(p_value: Array) -> Array:
     """Return p-values adjusted by Holm's method (Scand. J. Statist. 6, 65-70, 1979), shape (n,).
 
-    If each test with an adjusted p-value below α is called significant, the probability of any
-    false alarm among all n tests is at most α. The tests may depend on one another in any way.
+    If every test with an adjusted p-value below α is called significant, the probability of one or
+    more false alarms among the n tests is at most α. The tests may depend on one another in any
+    way.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def pooled_p_value(p_values: Array) -> Array:
     clipped = np.clip(p_values, _LEAST, 1.0 - _LEAST)
     mean = np.tan((0.5 - clipped) * np.pi).mean(axis=-1)
     # The returned value is the probability that a Cauchy variate exceeds the mean. The function
-    # arctan2 computes this probability without loss of digits even if the mean is large.
+    # arctan2 computes this probability accurately even if the mean is large.
     return np.asarray(np.arctan2(1.0, mean) / np.pi)
 
 
@@ -58,13 +59,13 @@ def uniformity_p_value(p_values: Array) -> Array:
     """Return the p-value of the hypothesis that n values are uniformly distributed from 0 to 1.
 
     The values may depend on one another. The i-th smallest of n independent uniform values has the
-    distribution Beta(i, n + 1 − i). From this distribution, each value gets a two-sided p-value,
-    and `pooled_p_value` makes one p-value of the n two-sided p-values. The method is the test POT
-    of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026) with one
-    difference: large two-sided p-values are not left out before pooling, because the test would
+    distribution Beta(i, n + 1 − i). From this distribution, a two-sided p-value is computed for
+    each value, and `pooled_p_value` combines the n two-sided p-values to one. The method is the
+    test POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026) with
+    one difference: large two-sided p-values are not left out before pooling, because the test would
     otherwise reject too often for small n. The test detects values that are too small. It also
-    detects values that are all too near one, such as the p-values of circles whose predictions are
-    too wide.
+    detects values that are all too near one, such as the p-values of circles whose predicted
+    uncertainties are too large.
 
     Parameters
     ----------

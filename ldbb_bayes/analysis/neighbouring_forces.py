@@ -3,14 +3,14 @@
 If compliance changes with force, the estimates from different pairs of levels differ. Each pair is
 fitted twice: by the least-squares method of the article on which the model is based (Tables 7 and 8
 there), and by the posterior of the model, which includes nuisances (effects that are not of
-interest). Neighbouring pairs have a force level in common, and all pairs share ball form, bar
-length and mount. The errors of the estimates are therefore correlated, and the estimates scatter
-less than their uncertainties suggest.
+interest). Neighbouring pairs have a force level in common, and all pairs are affected by the same
+ball form, bar length and mount. The errors of the estimates are therefore correlated, and the
+estimates scatter less than their uncertainties suggest.
 
-Geometric errors are fitted anew in every pair, so that only the change of the readings between the
-two forces determines the compliance. At the force F, a compliance C(F) causes the deflection F ·
-C(F). A pair therefore estimates the derivative d(F C)/dF = C + F dC/dF. This derivative equals the
-compliance only where the compliance does not change with force.
+Geometric errors are fitted separately in every pair. Only the change of the readings between the
+two forces therefore determines the compliance. At the force F, a compliance C(F) causes the
+deflection F · C(F), so that a pair estimates the derivative d(F C)/dF = C + F dC/dF. This
+derivative equals the compliance only if the compliance does not change with force.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from ldbb_bayes.results import readable
 __all__ = ["local_fits"]
 
 # Settings of the quadrature for local fits. With these settings, the errors of standard deviations
-# are at most 2 %, which is enough for a figure. Nodes are weighted values of the hyper-parameters.
-# ``_TOLERANCE`` is the error allowed for the log evidence [nat]. The nodes of the smallest weight
-# are left out; ``_SPARE`` is the largest total weight of the nodes left out, as a share of the
-# weight of all nodes. ``_POINTS_INSIDE`` is the number of quasi-random points from which the
+# are at most 2 %, which is enough for a figure. The nodes of the quadrature are weighted values of
+# the hyper-parameters. ``_TOLERANCE`` is the error allowed for the log evidence [nat]. The nodes
+# with the smallest weights are left out; ``_SPARE`` is the largest share of the total weight that
+# these nodes may have. ``_POINTS_INSIDE`` is the number of quasi-random points from which the
 # probability that no compliance is negative is computed. ``_MOMENT_NODES`` is the number of nodes
 # for means and standard deviations. ``_COMPONENTS`` is the number of components of the mixture from
 # which the quantiles are computed.
@@ -61,9 +61,9 @@ def local_fits(
     ----------
     model : HybridModel
         Model with its nuisance terms (effects not of interest) and priors. Its compliances are made
-        constant (degree 0 in force). Two properties of the model are taken from the whole campaign,
-        not from the pair: whether the two balls have one common form error or one each, and the
-        estimate Ĉ of the compliances about which the model is linearised.
+        constant (degree 0 in force). Two properties of the model are determined from the whole
+        campaign, not from a pair: whether the two balls have one common form error or one each, and
+        the estimate Ĉ of the compliances about which the model is linearised.
     campaign : Campaign
         Campaign with readings at two or more force levels.
     prob : float
@@ -97,8 +97,8 @@ def local_fits(
     """
     check_comparable(model, campaign)
     check_probability(prob)
-    # The model term that gives each circle its own scale of scatter is left out, because a pair of
-    # two circles cannot show which of them scatters more.
+    # The model term that gives each circle its own scale of scatter is left out, because two
+    # circles do not show which of them scatters more.
     constant = model.with_degree(0).without("circle-scale")
     all_tests = constant.bind(campaign)
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
