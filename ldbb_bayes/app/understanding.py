@@ -105,6 +105,7 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
         "topology": campaign.topology,
         "planes": campaign.machine().plane,
         "tests": _test_rows(preview, traces),
+        "has_unstated_travel": any(test.travel and not test.direction for test in preview.tests),
         "readings": campaign.readings,
         "assumptions": _in_one_row(
             [_assumption_row(assumption, folder) for assumption in assumptions]
@@ -164,7 +165,7 @@ def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[s
                 "pressure": f"{test.pressure_bar:.3g}",
                 "readings": test.readings,
                 "arc": f"{test.arc_deg:.0f}",
-                "direction": test.direction or test.travel or "–",
+                "direction": wording.travel_words(test),
                 "plane": test.plane,
                 "radius": f"{test.radius_mm:g}",
                 "balls": f"{test.work_ball_deg:g} / {test.tool_ball_deg:g}",

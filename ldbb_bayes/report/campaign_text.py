@@ -105,9 +105,6 @@ def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ..
 
 
 def _preview_row(test: TestPreview, varied: list[str]) -> tuple[str, ...]:
-    direction = test.direction or "–"
-    if not test.direction and test.travel:
-        direction = f"({test.travel})"
     return (
         test.name,
         f"{test.force_N:.4g}",
@@ -115,7 +112,7 @@ def _preview_row(test: TestPreview, varied: list[str]) -> tuple[str, ...]:
         str(test.readings),
         f"{test.arc_deg:.0f}",
         f"{test.largest_gap_deg:.2g}",
-        direction,
+        wording.travel_words(test),
         *(_SETTINGS[field].template.format(getattr(test, field)) for field in varied),
         f"{test.work_ball_deg:g} / {test.tool_ball_deg:g}",
         _significant(test.resolution_um, 2),

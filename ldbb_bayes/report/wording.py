@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import jinja2
 
-from ldbb_bayes.campaign.preview import CampaignPreview, Remark
+from ldbb_bayes.campaign.preview import CampaignPreview, Remark, TestPreview
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.model.terms.base import Uncertainty
@@ -131,6 +131,7 @@ __all__ = [
     "strength_words",
     "sum_in_words",
     "term_words",
+    "travel_words",
     "trend_sentences",
     "unit_words",
     "validation_verdict",
@@ -633,6 +634,19 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
 def preview_sentences(preview: CampaignPreview) -> tuple[str, ...]:
     """Return sentences that describe a campaign, with remarks on the campaign and on its tests."""
     return _sentences("preview_sentences", preview)
+
+
+def travel_words(test: TestPreview) -> str:
+    """Return the direction of travel of a test, or a dash if it is not known.
+
+    A direction in parentheses is not stated by the test: it is the direction in which its angles
+    run from reading to reading.
+    """
+    if test.direction:
+        return test.direction
+    if test.travel:
+        return f"({test.travel})"
+    return "–"
 
 
 def assumption_words(assumption: Any) -> str:

@@ -131,6 +131,18 @@ def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
 # ---- what the page shows
 
 
+def test_a_direction_that_no_test_states_stands_in_parentheses(tab: Tab) -> None:
+    tab.holding(RECOVERED / "f036.csv")
+    page = tab.ask("GET", "part/understood")[1]
+    assert '<td data-head="direction">(CW)</td>' in page
+    assert "Direction in parentheses" in page
+
+    tab.ask("POST", "say", {"direction": "CW"})
+    page = tab.ask("GET", "part/understood")[1]
+    assert '<td data-head="direction">CW</td>' in page
+    assert "Direction in parentheses" not in page
+
+
 def test_order_and_drift_are_stated_on_the_page(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))
     page = tab.ask("GET", "part/understood")[1]
