@@ -1,8 +1,8 @@
 """Draws of a posterior that is averaged over models, separated by model.
 
-Every draw of an averaged posterior comes from one of the models. The share of the draws that come
-from a model is the posterior probability of this model. In the draws that come from a model, the
-parameters that this model lacks are zero; all other parameters differ from zero.
+Every draw of an averaged posterior comes from one of the models. The share of draws that come from
+a model estimates the posterior probability of this model. In these draws, the parameters that the
+model lacks are zero; all other parameters differ from zero.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ class AveragedModel:
     #: posterior probability of the model
     probability: float
     bound: BoundModel  #: the model, applied to the campaign
-    places: NDArray[np.intp]  #: indices of the model's parameters among the p parameters
+    #: index of each of the model's parameters among the p parameters of the average
+    places: NDArray[np.intp]
     #: draws of all p parameters of the average, shape (n, p); parameters that the model lacks are
     #: zero
     beta: Array
@@ -91,10 +92,10 @@ def _bound_of_model(
 ) -> BoundModel:
     """Return one of the models over which a posterior is averaged, applied to the campaign.
 
-    ``largest`` is the model that has the parameters of all these models. ``places`` holds, for each
+    ``largest`` is the model with the parameters of all averaged models. ``places`` holds, for each
     parameter of the returned model, its index among the parameters of ``largest``. ``rivals`` are
-    the names of the rival explanations that the returned model contains. Rival explanations are
-    effects that look like a change of compliance with force.
+    the names of the alternative explanations that the returned model contains. Alternative
+    explanations are effects that look like a change of compliance with force.
     """
     present = {largest.names[place] for place in places}
     absent = [name for name in largest.names if name not in present]

@@ -1,11 +1,11 @@
 """Posterior predictive checks, which compare readings with readings predicted from the posterior.
 
-The readings of a circle are described by 25 harmonics: a constant, and cosine and sine for each of
-the orders 1 to 12. φ are the h hyper-parameters, the scales of the noise and of other effects; σ,
-one of the hyper-parameters, is the standard deviation of white noise. β are the p parameters:
-compliances, their changes with force, and geometric errors. Shared nuisances are effects that are
-modelled but not of interest and that several tests have in common. Draws are random draws from the
-posterior. r is the index of a test.
+The readings of a circle are described by 25 Fourier coefficients: a constant, and a cosine and a
+sine coefficient for each of the orders 1 to 12. φ are the h hyper-parameters, the scales of the
+noise and of other effects. One of them, σ, is the standard deviation of white noise. β are the p
+parameters: compliances, their changes with force, and geometric errors. Shared nuisances are
+effects that are modelled but not of interest, and that are common to several tests. Draws are
+random draws from the posterior. r is the index of a test.
 """
 
 from __future__ import annotations
@@ -53,31 +53,30 @@ __all__ = [
     "failing_checks",
 ]
 
-# Limit of p-values for a shift of the circles' centre in proportion to force. A shift is reported
-# if its p-value, times the number of p-values (Bonferroni), is below this limit. There is one
+# Significance level for a shift of the circles' centre with force. A shift is reported if its
+# p-value, multiplied by the number of p-values (Bonferroni), is below this level. There is one
 # p-value for each of the two axes of every plane.
 SHIFTED = 0.01
 # Largest number of random draws from the posterior from which posterior predictive checks are
 # computed.
 _DRAWS = 500
-# Limit of the p-values of posterior predictive checks. A check fails if its p-value, times the
-# number of all checks (Bonferroni), is below this limit.
+# Significance level of posterior predictive checks. A check fails if its p-value, multiplied by the
+# number of all checks (Bonferroni), is below this level.
 _FAILS = 0.01
-# Smallest p-value of a posterior predictive check. Checks are ranked by the logarithms of their
-# p-values; a smaller p-value is replaced by this number, so that its logarithm is finite. This
-# number is also the smallest standard error by which a slope over force is divided, to avoid a
-# division by zero.
+# Smallest p-value of a posterior predictive check. Checks are ranked by the logarithm of the
+# p-value, which must be finite; a smaller p-value is therefore replaced by this number. This number
+# also serves as the smallest standard error of a slope over force, to avoid a division by zero.
 _SMALLEST_P = 1e-300
 # Largest number of readings of a test from which the autocorrelation of its noise is computed.
 _LONGEST_STRETCH = 100_000
-# Share of the readings' sum of squares up to which the sum of squares of residuals counts as
-# rounding errors. The residuals remain after a fit of the Fourier orders 0 to 12 to a test's
-# readings.
+# Residuals of a fit of the Fourier orders 0 to 12 to a test's readings count as rounding errors if
+# their sum of squares is at most this fraction of the readings' sum of squares.
 _ROUNDING = 1e-24
-# Smallest number of tests in a plane for a check whether the circles' centre shifts with force.
+# Smallest number of tests in a plane with which a shift of the circles' centre with force is
+# checked.
 _FEWEST_TESTS = 4
-# Smallest number of different forces in a plane for a check whether the circles' centre shifts with
-# force.
+# Smallest number of different forces in a plane with which a shift of the circles' centre with
+# force is checked.
 _FEWEST_FORCES = 3
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.
@@ -89,8 +88,8 @@ class CheckKind(StrEnum):
 
     ORDER = "order"  #: residual of the readings at one Fourier order, 0 to 12
     NOISE = "noise"  #: scatter of the readings that Fourier orders 0 to 12 do not explain
-    #: correlation of successive residuals, which remain of the readings after a fit of the Fourier
-    #: orders 0 to 12
+    #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
+    #: readings
     AUTOCORRELATION = "autocorrelation"
 
 
@@ -112,24 +111,23 @@ class Check:
 class TestChecks(Result):
     """Posterior predictive p-values of one test.
 
-    The residual is what remains of the readings if the effects of the machine and of shared
-    nuisances are subtracted. Shared nuisances are effects that are modelled but not of interest and
-    that several tests have in common, such as ball form. ``orders_p`` holds a p-value for each
-    Fourier order: the probability, averaged over the posterior, that a new circle has a larger
-    residual at this order than the measured circle. The p-values ``noise_p`` and
-    ``autocorrelation_p`` are two-sided. These two p-values and ``autocorrelation`` are None if the
-    test has at most 25 readings.
+    The residual is the measured circle minus the effects of the machine and of shared nuisances.
+    Shared nuisances are effects that are modelled but not of interest and that are common to
+    several tests, such as ball form. ``orders_p`` holds a p-value for each Fourier order: the
+    probability, averaged over the posterior, that a new circle has a larger residual at this order
+    than the measured circle. The p-values ``noise_p`` and ``autocorrelation_p`` are two-sided.
+    ``autocorrelation`` and these two p-values are None if the test has at most 25 readings.
     """
 
     __test__ = False
 
     #: p-value of the residual at each Fourier order; the keys are the orders from 0 to 12
     orders_p: dict[int, float]
-    #: p-value of the sum of squares of the residuals that remain after a fit of the Fourier orders
-    #: 0 to 12, if the noise is the white noise of the model
+    #: p-value, under the model's white noise, of the sum of squares of the residuals after a fit of
+    #: the Fourier orders 0 to 12 to the readings
     noise_p: float | None
-    #: correlation of successive residuals, which remain of the readings after a fit of the Fourier
-    #: orders 0 to 12
+    #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
+    #: readings
     autocorrelation: float | None
     autocorrelation_p: float | None  #: p-value of ``autocorrelation`` under white noise
 
@@ -161,7 +159,7 @@ def _surprise(check: Check) -> float:
 def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
     """Return the posterior predictive checks that fail.
 
-    A check fails if its p-value, times the number of checks (Bonferroni), is below 1 %.
+    A check fails if its p-value, multiplied by the number of checks (Bonferroni), is below 1 %.
     """
     return tuple(check for check in checks if check.p * len(checks) < _FAILS)
 
@@ -171,20 +169,22 @@ def effects_of_failures(
 ) -> tuple[dict[str, float], float]:
     """Return the effects of failing checks on parameters and on their credible intervals.
 
-    The first result is a dict, whose keys are the names of the tests that fail the check of a
-    Fourier order. The value of a test is the largest change of any parameter when the test is left
-    out, in units of the parameter's posterior standard deviation. The dict is empty if no check of
-    a Fourier order fails, if the campaign has one test only, or if the prior is flat.
+    A check fails if its p-value, multiplied by the number of checks, is below 1 %. The result is a
+    tuple of two items:
 
-    The second result is the largest share by which the credible interval of a parameter grows if
-    the tests that fail a check of noise or autocorrelation are noisier than modelled. Their noise
-    is assumed to be as strong as their readings show at the Fourier orders 13 to 16. The share is 0
-    if no check of noise or autocorrelation fails.
+    - the shifts of parameters. This is a dict whose keys are the names of the tests that fail the
+      check of a Fourier order. The value for a test is the largest change of any parameter when the
+      test is left out, in units of the parameter's posterior standard deviation. The dict is empty
+      if no check of a Fourier order fails, if the campaign has only one test, or if the prior is
+      flat;
+    - the widening of credible intervals. This is the largest relative increase in the width of a
+      credible interval if the tests that fail a check of noise or autocorrelation are noisier than
+      modelled. The noise of these tests is estimated from their readings at the Fourier orders 13
+      to 16. The widening is 0 if no check of noise or autocorrelation fails.
 
-    A check fails if its p-value, times the number of checks, is below 1 %. Both results are
-    computed at one value ``phi`` of the h hyper-parameters (scales of the noise and of other
-    effects), shape (h,). ``checks`` holds the p-values of each test; its keys are the names of the
-    tests. ``bound`` is the model, applied to its campaign.
+    Both items are computed at one value ``phi`` of the h hyper-parameters (scales of the noise and
+    of other effects), shape (h,). ``checks`` holds the p-values of each test; its keys are the
+    names of the tests. ``bound`` is the model, applied to its campaign.
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -214,15 +214,15 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 
 
 def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
-    """Return the largest share by which an interval widens if some tests are noisier than modelled.
+    """Return the largest relative widening of intervals if some tests are noisier than modelled.
 
-    The intervals are the credible intervals of the parameters. A share of 0.1 means that an
-    interval is 10 % wider. ``tests`` are the names of the tests that are noisier. For these tests,
-    the noise variance is estimated from the readings at the Fourier orders 13 to 16; if this
-    estimate is smaller than the noise variance σ² of the model, σ² is used. For all other tests,
-    the noise variance is σ². The wider intervals are computed with σ² replaced by the mean noise
-    variance of all tests. ``phi``, shape (h,), is one value of the h hyper-parameters (scales of
-    the noise and of other effects). ``bound`` is the model, applied to its campaign.
+    The intervals are the credible intervals of the parameters. A result of 0.1 means that the width
+    of an interval increases by 10 %. ``tests`` are the names of the noisier tests. Their noise
+    variance is estimated from their readings at the Fourier orders 13 to 16, but is at least the
+    noise variance σ² of the model. The noise variance of all other tests is σ². The wider intervals
+    are computed with σ² replaced by the mean noise variance of all tests. ``phi``, shape (h,), is
+    one value of the h hyper-parameters (scales of the noise and of other effects). ``bound`` is the
+    model, applied to its campaign.
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
@@ -240,10 +240,10 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
 def _power_beyond(bound: BoundModel) -> Array:
     """Return the variance of white noise that explains each test's readings at orders 13 to 16.
 
-    The orders are Fourier orders. The variances are in mm², shape (tests,). Tests of the same
-    plane, radius and direction of travel form a group. The mean of the Fourier coefficients over
-    the group is first subtracted, because deviations that the machine repeats in all tests of a
-    group are not noise. ``bound`` is the model, applied to its campaign.
+    The orders are Fourier orders. The variances are in mm², shape (tests,). The mean Fourier
+    coefficients of all tests with the same plane, radius and direction of travel are first
+    subtracted, because deviations that the machine repeats in all these tests are not noise.
+    ``bound`` is the model, applied to its campaign.
     """
     setting = bound.setting
     waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])
@@ -277,12 +277,12 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """Return p-values of the machine axes along which the circles' centre shifts with force.
 
     The shift that the parameters ``beta``, shape (p,), explain is first subtracted from the
-    centres. For each plane and each of its two axes, a p-value is then computed by Student's t-test
-    of the slope of the centre (Fourier coefficients of order 1) over force. Only planes with at
-    least four tests and at least three different forces are checked. An axis is reported if its
-    smallest p-value in any plane, times the number of all p-values (Bonferroni), is below 1 %. The
-    keys of the result are the reported axes; the values are the smallest p-values of these axes.
-    ``bound`` is the model, applied to its campaign.
+    centres. The centre along an axis is a Fourier coefficient of order 1. For each plane and each
+    of its two axes, Student's t-test of the slope of the centre over force gives a p-value. Only
+    planes with at least four tests and at least three different forces are checked. An axis is
+    reported if its smallest p-value in any plane, multiplied by the number of all p-values
+    (Bonferroni), is below 1 %. The keys of the result are the reported axes; the values are the
+    smallest p-values of these axes. ``bound`` is the model, applied to its campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
@@ -435,13 +435,13 @@ def average_checks(
 def autocorrelation(test: CircularTest) -> tuple[float, float]:
     """Return the lag-one autocorrelation of a test's residuals and the p-value of that correlation.
 
-    The residuals are what remains of the readings, in order of angle, after a fit of the Fourier
-    orders 0 to 12. The p-value is two-sided, under the hypothesis of white noise. For n readings of
-    white noise the autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. The
-    matrix M, shape (n, n), removes the Fourier orders 0 to 12 from the readings; S, shape (n, n),
-    shifts the readings by one reading. If a test has more than 100 000 readings, only the first 100
-    000 readings in order of angle are used. If the residuals are rounding errors only, the
-    autocorrelation is 0 and its p-value is 1.
+    The Fourier orders 0 to 12 are fitted to the readings in order of angle; the residuals are the
+    readings minus this fit. The p-value is two-sided, under the hypothesis of white noise. For n
+    readings of white noise, the autocorrelation has the mean tr(M S) / tr(M) and a variance of
+    about 1/n. The matrix M, shape (n, n), removes the Fourier orders 0 to 12 from the readings; the
+    matrix S, shape (n, n), shifts the readings by one reading. At most the first 100 000 readings
+    in order of angle are used. If the residuals are only rounding errors, the autocorrelation is 0
+    and its p-value is 1.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]

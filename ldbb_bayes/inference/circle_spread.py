@@ -2,10 +2,11 @@
 
 The noise factor λ of a circle multiplies the circle's set-up shift (of zero and centre) and its
 discrepancy (unexplained deviations). The prior of λ, λ² ~ InvGamma(a, a) with a = 3/2, has heavy
-tails, so that one unusual measured circle hardly changes the compliances. But most circles of one
-machine scatter alike. If λ of a new circle were drawn from this prior, the predicted band of the
-new circle's readings would be too wide. The shape a is therefore learnt from the R measured
-circles. A few values of a are considered, with prior probabilities p(a). Each posterior draw of the
+tails, so that one unusual measured circle hardly changes the compliances. Most circles of one
+machine, however, scatter by a similar amount. If λ of a new circle were drawn from this prior, the
+predicted band of the new circle's readings would be too wide. The shape a is therefore learnt from
+the R measured circles. A few values of a are considered, with prior probabilities p(a). Each
+posterior draw of the noise factors λ_1 … λ_R of the measured circles gives the probabilities
 noise factors λ_1 … λ_R of the measured circles gives the probabilities
 
     p(a | λ_1 … λ_R) ∝ p(a) Π InvGamma(λ_r²; a, a).
@@ -28,12 +29,12 @@ from ldbb_bayes.results import Array
 __all__ = ["draw_new_noise_factors", "shape_probabilities"]
 
 # Values of the shape a that are considered for the density InvGamma(a, a) of the squared noise
-# factor λ² of a circle. The first value is the shape in the model's prior. A large a means that
-# circles scatter alike.
+# factor λ² of a circle. The first value is the shape in the model's prior. With a large a, the
+# noise factors of all circles are similar.
 _SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
 # Prior probability of the first shape in ``_SHAPES``; the other shapes have equal prior
 # probabilities. The first shape gives heavy tails. Its probability is large, so that a few circles
-# that scatter alike cannot rule out that the next circle is unusual.
+# with a similar scatter cannot rule out that the next circle is unusual.
 _FIRST_PROBABILITY = 0.5
 
 

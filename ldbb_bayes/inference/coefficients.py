@@ -1,19 +1,19 @@
-"""Prediction of circles, as basis coefficients, from posterior draws of the parameters of a model.
+"""Fourier coefficients of circles, predicted from posterior draws of a model's parameters.
 
-The 25 basis coefficients of a circle are its harmonics of the orders 0 to 12. β are the p
-parameters: compliances, their changes with force, and geometric errors. φ are the h
-hyper-parameters, the scales of the noise and of other effects. y are the readings. Nuisances are
-effects that are modelled but not of interest: shared nuisances are common to several tests, private
-nuisances belong to a single circle. There are three kinds of prediction:
+A circle is described by 25 Fourier coefficients of the orders 0 to 12. β are the p parameters:
+compliances, their changes with force, and geometric errors. φ are the h hyper-parameters, the
+scales of the noise and of other effects. y are the readings. Nuisances are effects that are
+modelled but not of interest: shared nuisances are common to several tests, private nuisances belong
+to a single circle. There are three kinds of prediction:
 
-- machine: H β plus the nominal deflection of the work ball's mount; the deflection is left out if
-  the readings are already compensated for it. The matrix H holds the change of every circle per
-  unit of each parameter;
+- machine: the effects H β of the parameters, where the matrix H holds the change of every circle
+  per unit of each parameter. The nominal deflection of the work ball's mount is added, unless the
+  readings are already compensated for this deflection;
 - shared: the machine plus the effects of ball form, bar length, deflection of the mount, and force
   error. The quality of a fit (root-mean-square residual and fitness, Eq. 34-35 of the paper) is
   computed from this prediction;
 - new circle: the shared prediction plus set-up shift (of zero and centre), discrepancy (unexplained
-  deviations of the orders 2 to 12) and white noise, all drawn anew.
+  deviations of the orders 2 to 12) and white noise, which are drawn at random for the new circle.
 """
 
 from __future__ import annotations
@@ -129,23 +129,23 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
 def shared_terms(
     columns: Iterable[Columns | BasisNoise], *, private: bool = False
 ) -> list[Columns]:
-    """Return the columns of shared nuisances; if ``private`` is True, of private nuisances.
+    """Return the effects of shared nuisances or, if ``private`` is True, of private nuisances.
 
     Nuisances are effects that are modelled but not of interest. Shared nuisances are common to
-    several tests; private nuisances belong to a single test. A column holds the effect of one
-    nuisance coefficient on the readings of every test. ``columns`` holds the columns of all
-    nuisances of a model. Noise of the Fourier coefficients themselves (`BasisNoise`) is left out.
+    several tests; private nuisances belong to a single test. ``columns`` describes all nuisances of
+    a model: how the readings of every test change per unit of each nuisance coefficient. Noise that
+    acts on the Fourier coefficients directly (`BasisNoise`) is left out of the result.
     """
     return [term for term in columns if isinstance(term, Columns) and term.private == private]
 
 
 def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
-    """Return the effect of a unit of each of q nuisance coefficients on every test [mm].
+    """Return the change of every test's readings per unit of each of q nuisance coefficients [mm].
 
-    Nuisances are effects that are modelled but not of interest. The q coefficients are those that
-    tests share or, if ``private`` is True, those that belong to a single test. The result, shape
-    (tests, 25, q), holds the change of the 25 Fourier coefficients of each test per unit of each
-    nuisance coefficient. ``bound`` is the model, applied to its campaign.
+    Nuisances are effects that are modelled but not of interest. The q coefficients are common to
+    several tests or, if ``private`` is True, belong to a single test. The result, shape (tests, 25,
+    q), holds the changes of the 25 Fourier coefficients of each test. ``bound`` is the model,
+    applied to its campaign.
     """
     columns = [np.zeros((len(bound.test_names), SIZE, 0))]
     columns += [term.values for term in shared_terms(bound.nuisance_columns, private=private)]
@@ -155,11 +155,11 @@ def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
 def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     """Return random draws of the q nuisance coefficients that tests share, shape (draws, q).
 
-    Nuisances are effects that are modelled but not of interest, such as ball form. All q
-    coefficients are drawn once for each draw of the p parameters ``beta``, shape (draws, p), and h
-    hyper-parameters ``phi``, shape (draws, h). They are drawn conditional on the readings and on
-    the parameters and hyper-parameters of the draw. ``bound`` is the model, applied to its
-    campaign.
+    Nuisances are effects that are modelled but not of interest, such as ball form. ``beta``, shape
+    (draws, p), and ``phi``, shape (draws, h), hold draws of the p parameters and of the h
+    hyper-parameters. For each of these draws, all q coefficients are drawn once, conditional on the
+    readings and on the parameters and hyper-parameters of the draw. ``bound`` is the model, applied
+    to its campaign.
     """
     draws = []
     for start in range(0, len(phi), CHUNK):
@@ -175,12 +175,13 @@ def compliance_curves(
     """Return the compliances C(F) at n bar forces F, shape (draws, n, compliances).
 
     ``force_N``, shape (n,), holds the forces [N]. C(F) is computed from the compliance at the
-    reference force and from its change with force, for each draw of the p parameters ``beta``,
-    shape (draws, p), and h hyper-parameters ``phi``, shape (draws, h). The direct compliance of a
-    machine axis is the deflection of the axis divided by the bar force along the axis. If the model
-    has the term `JointLoad` (joints that yield to their own load), direct compliances include what
-    this term adds. The coefficients of the term are drawn at random given the parameters, the
-    hyper-parameters and the readings. ``bound`` is the model, applied to its campaign.
+    reference force and from its change with force. There is one curve for each draw of the p
+    parameters ``beta``, shape (draws, p), and of the h hyper-parameters ``phi``, shape (draws, h).
+    The direct compliance of a machine axis is the deflection of the axis divided by the bar force
+    along the axis. If the model has the term `JointLoad` (joints that deflect under their own
+    load), the direct compliances include the contribution of this term. The coefficients of the
+    term are then drawn at random, conditional on the parameters, the hyper-parameters and the
+    readings. ``bound`` is the model, applied to its campaign.
     """
     return elastic_draws(ModelDraws(bound, phi, beta), (), force_N, rng).compliances
 
@@ -190,17 +191,17 @@ def elastic_draws(
 ) -> ElasticDraws:
     """Return posterior draws of compliances and of the elastic deflection around circles.
 
-    If the model has the term `JointLoad` (joints that yield to their own load), both compliances
-    and deflections include what this term adds. The coefficients of the term are drawn at random
-    given the parameters, the hyper-parameters and the readings. The same draws of these
-    coefficients are used for compliances and for deflections.
+    If the model has the term `JointLoad` (joints that deflect under their own load), compliances
+    and deflections both include the contribution of this term. The coefficients of the term are
+    drawn at random, conditional on the parameters, the hyper-parameters and the readings.
+    Compliances and deflections are computed from the same draws of these coefficients.
 
     Parameters
     ----------
     draws
         Posterior draws of a model.
     circles
-        Indices of tests whose circles are used.
+        Indices of the tests for whose circles the deflection is returned.
     force_N
         The n forces F of the bar, shape (n,), none of them zero [N]. Forces other than those tested
         are allowed.
@@ -220,12 +221,12 @@ def elastic_draws(
 def elastic_draws_with(
     shared: Array, draws: ModelDraws, circles: Sequence[int], force_N: Array
 ) -> ElasticDraws:
-    """Return the same as `elastic_draws`, but from given coefficients of shared nuisances.
+    """Return the same as `elastic_draws`, from known coefficients of the shared nuisances.
 
-    Shared nuisances are effects that are modelled but not of interest and that several tests have
-    in common. ``shared``, shape (draws, q), holds q coefficients of these nuisances for each draw.
-    These coefficients are not used if the model has no term `JointLoad` (joints that yield to their
-    own load). The other arguments are the same as in `elastic_draws`.
+    Shared nuisances are effects that are modelled but not of interest and that are common to
+    several tests. ``shared``, shape (draws, q), holds q coefficients of these nuisances for each
+    draw. The coefficients are used only if the model has the term `JointLoad` (joints that deflect
+    under their own load). The other arguments are the same as in `elastic_draws`.
     """
     bound = draws.bound
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])
@@ -270,11 +271,11 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
     """Return the Fourier coefficients that draws predict for each measured circle [mm].
 
     The prediction has no random scatter. It includes the effects of the machine, of ball form, of
-    bar length, of the deflection of the mount, and of force error. Nuisances, that is, effects that
-    are modelled but not of interest, are set to their means given the readings, the p parameters
-    ``beta``, shape (draws, p), and the h hyper-parameters ``phi``, shape (draws, h). The result
-    holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25). ``bound`` is the
-    model, applied to its campaign.
+    bar length, of the deflection of the mount, and of force error. Nuisances are effects that are
+    modelled but not of interest. They are set to their means conditional on the readings, on the p
+    parameters ``beta``, shape (draws, p), and on the h hyper-parameters ``phi``, shape (draws, h).
+    The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
+    ``bound`` is the model, applied to its campaign.
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean
@@ -291,14 +292,15 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
 def new_circle_coefficients(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> Array:
-    """Return random draws of one new circle for each test, under the test's conditions [mm].
+    """Return random draws of a new circle under the conditions of each test [mm].
 
     The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25), without
-    white noise. ``rng`` generates the random numbers. Nuisances (effects that are modelled but not
-    of interest) that tests share are drawn from their posterior given the p parameters ``beta``,
-    shape (draws, p), and h hyper-parameters ``phi``, shape (draws, h). Effects on one circle only
-    are drawn anew: random force error, set-up shift (of zero and centre) and discrepancy
-    (unexplained deviations). ``bound`` is the model, applied to its campaign.
+    white noise. Nuisances are effects that are modelled but not of interest. Nuisances that are
+    common to several tests are drawn from their posterior, conditional on the p parameters
+    ``beta``, shape (draws, p), and on the h hyper-parameters ``phi``, shape (draws, h). Effects on
+    one circle only are drawn independently of the measured circle: random force error, set-up shift
+    (of zero and centre) and discrepancy (unexplained deviations). ``rng`` generates the random
+    numbers. ``bound`` is the model, applied to its campaign.
     """
     shared = draw_shared_coefficients(bound, phi, beta, rng)
     circles = [draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))]

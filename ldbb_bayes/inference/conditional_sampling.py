@@ -18,8 +18,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["conditional_draws", "draw_parameters_given", "no_physical_draw"]
 
-# Largest number of times that a random draw of the parameters is repeated if the rejection sampler
-# gave up or rounding made a compliance negative.
+# Largest number of times that a random draw of the parameters is repeated. A draw is repeated if
+# the rejection sampler gave up, or if rounding made a compliance negative.
 _REPEATS = 20
 
 
@@ -90,10 +90,10 @@ def draw_parameters_given(
 ) -> Array:
     """Return one random draw of the p parameters per value of the hyper-parameters, shape (w, p).
 
-    The parameters are compliances, their changes with force, and geometric errors. They are drawn
-    given the readings and each of w values of the hyper-parameters (scales of the noise and of
-    other effects), which ``free`` holds. The arguments are the same as in `conditional_draws`.
-    Draws that are not exact are repeated.
+    The parameters are compliances, their changes with force, and geometric errors. ``free`` holds w
+    values of the hyper-parameters (scales of the noise and of other effects). For each value, the
+    parameters are drawn conditional on this value and on the readings. Draws that are not exact are
+    repeated. The arguments are the same as in `conditional_draws`.
 
     Raises
     ------

@@ -1,13 +1,13 @@
-"""Proposal for importance sampling, with means and widths that depend on other coordinates.
+"""Proposal for importance sampling in which means and widths depend on other coordinates.
 
 A proposal is the density from which points are drawn. The points are values of the
 hyper-parameters, the scales of the noise and of other effects. If a scale that is common to all
 circles is near zero, the readings determine the other scales less well, and the densities of the
 other scales are wider. A correlation cannot express such a change of width. In the proposal, mean
 and width of a coordinate therefore depend on other coordinates. Let u be the h coordinates of a
-point, chosen so that they are not correlated with each other. The mean m and the logarithm of the
-width s of a coordinate are polynomials of degree two in the coordinates that come before this
-coordinate, and only in the first k of them. Then
+point, chosen so that they are not correlated with each other. The mean m and the log width ln s of
+a coordinate are polynomials of degree two. Their variables are those of the first k coordinates
+that have a smaller index than the coordinate itself. Then
 
     z = (u − m) / s − offset
 
@@ -55,7 +55,7 @@ class IndependentPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """Coefficients by which means and widths of h coordinates u depend on the first k coordinates.
+    """Coefficients that state how means and widths of h coordinates u depend on the first k of u.
 
     The rows of ``mean`` and of ``log_width`` hold the coefficients of the constant 1, of the first
     k coordinates, and of the squares of these coordinates. A coordinate depends only on coordinates

@@ -1,10 +1,10 @@
-"""Densities of the readings of tests that are left out, in the form that ArviZ needs.
+"""Predictive densities of the readings of tests that are left out, in the form that ArviZ needs.
 
 y_r are the readings of test r, y_−r those of all other tests. φ are the h hyper-parameters, the
-scales of the noise and of other effects; λ_r, one of the hyper-parameters, is the factor by which
-set-up shift and discrepancy of circle r are multiplied. β are the p parameters: compliances, their
-changes with force, and geometric errors. Truncation restricts β to compliances that are not
-negative. k̂ is the Pareto shape of the tail of importance weights.
+scales of the noise and of other effects. One of them, λ_r, multiplies two random effects on circle
+r: its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). β are the p
+parameters: compliances, their changes with force, and geometric errors. Truncation restricts β to
+compliances that are not negative. k̂ is the Pareto shape of the tail of importance weights.
 """
 
 from __future__ import annotations
@@ -40,18 +40,19 @@ _TOLERANCE = 1e-2
 # one. The densities are those of a test's readings at all posterior draws. Their inverses are
 # importance weights of the draws, and k̂ states how heavy the tail of these weights is.
 _LARGE_K = 0.4
-# Pareto shape k̂ that the inverse densities of a test's readings have after tempering. In
-# tempering, the densities are raised to a power below one: this value divided by their k̂ before
-# tempering.
+# Pareto shape k̂ that the inverse densities of a test's readings have after tempering. Tempering
+# raises the densities to a power below one. The power is this value divided by the Pareto shape
+# before tempering.
 _TEMPERED_K = 0.2
 # Largest Pareto shape k̂ from which the power for tempering is computed; a larger k̂ is replaced by
-# this value. Tempering raises densities to a power below one if their inverses have a heavy tail.
+# this value. Densities whose inverses have a heavy tail are tempered, that is, raised to a power
+# below one.
 _LARGEST_K = 2.0
 
 
 @one_blas_thread
 def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1) -> xr.DataTree:
-    """Return a posterior with two added groups, which ArviZ needs to check and compare models.
+    """Return a posterior with the two groups added that ArviZ needs to check and compare models.
 
     Parameters
     ----------
@@ -77,25 +78,28 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     Notes
     -----
     ``posterior_predictive.reading_mm`` (chain, draw, reading) holds the readings of a new circle
-    for every test. If the model has factors λ_r that multiply set-up shift and discrepancy of
-    circle r, the new circle of test r has the factor of the measured circle r. The measured
-    readings are ``observed_data.reading_mm``. ``per_test`` of ``posterior_predictive`` and of
-    ``observed_data`` is the range of the readings of each test [mm], which ``arviz_stats.loo_pit``
-    needs.
+    for every test. If the model has factors λ_r, which multiply set-up shift (of zero and centre)
+    and discrepancy (unexplained deviations) of circle r, the new circle of test r has the same
+    factor as the measured circle r. The measured readings are ``observed_data.reading_mm``.
+    ``per_test`` of ``posterior_predictive`` and of ``observed_data`` is the range of the readings
+    of each test [mm], which ``arviz_stats.loo_pit`` needs.
 
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
+    readings of test r, given the readings of all other tests and the hyper-parameters φ (scales of
     readings of test r, given the readings of all other tests and the hyper-parameters φ (scales of
     the noise and of other effects). All unknowns on which the readings depend linearly are
     integrated out. If the model does not allow negative compliances, the integral is only over
     values without negative compliances. If the model has a factor λ_r, this factor is integrated
-    out as well. The harmonic mean of p(y_r | y_−r, φ) over the draws is the density of the readings
-    of a circle left out (Bürkner, Gabry and Vehtari 2021), so that ``arviz.loo`` estimates what
-    `compare` computes. The Pareto shape k̂ of the draws' weights, 1 / p(y_r | y_−r, φ), is usually
-    low, because the density of the hyper-parameters other than λ_r changes little if circle r is
-    left out. If k̂ exceeds 0.4, p(y_r | y_−r, φ) is raised to a power below one and scaled so that
-    its harmonic mean is the exact density. The sum of ``per_test`` over the tests is not the log
-    likelihood of all readings; ``Fit.sensitivity`` states how sensitive the posterior is to that
-    log likelihood.
+    out as well. The harmonic mean of p(y_r | y_−r, φ) over the draws is the predictive density of
+    the readings of circle r if this circle is left out (Bürkner, Gabry and Vehtari 2021). For this
+    reason ``arviz.loo`` estimates the same quantity that `compare` computes.
+
+    The weight of a draw is 1 / p(y_r | y_−r, φ). The Pareto shape k̂ of the weights is usually low,
+    because leaving out circle r changes the density of the hyper-parameters other than λ_r only
+    little. If k̂ exceeds 0.4, p(y_r | y_−r, φ) is raised to a power below one and scaled so that its
+    harmonic mean is the exact density. The sum of ``per_test`` over the tests is not the log
+    likelihood of all readings; ``Fit.sensitivity`` states how sensitive the posterior is to the log
+    likelihood of all readings.
 
     Examples
     --------
@@ -234,12 +238,11 @@ def _without_test(bound: BoundModel, name: str) -> BoundModel:
 def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> Array:
     """Return the log density of readings with one hyper-parameter integrated out, shape (w,).
 
-    The hyper-parameter with the name ``circle_scale`` is the factor of two random effects on one
-    circle: its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). The
-    integral is taken under the prior of this factor. The result is ln p(y | φ), where y are the
-    readings and φ the hyper-parameters (scales of the noise and of other effects) that are not
-    integrated out. ``phi``, shape (w, h), holds w values of all h hyper-parameters. ``bound`` is
-    the model, applied to its campaign.
+    The hyper-parameter with the name ``circle_scale`` multiplies two random effects on one circle:
+    its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). It is
+    integrated out under its prior. The result is ln p(y | φ), where y are the readings and φ the
+    other hyper-parameters (scales of the noise and of other effects). ``phi``, shape (w, h), holds
+    w values of all h hyper-parameters. ``bound`` is the model, applied to its campaign.
     """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)
@@ -255,12 +258,11 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     """Return the log densities of the tests' readings, tempered where weights have a heavy tail.
 
     ``log_density``, shape (w, tests), is the log density of the readings of each test given all
-    other tests. The log density is given at w draws of the hyper-parameters (scales of the noise
-    and of other effects). The inverse densities of a test are the importance weights of the draws
-    if the test is left out. If the Pareto shape k̂ of these weights is above 0.4, the densities of
-    the test's readings are raised to a power below one (tempered), and scaled so that their
-    harmonic mean over the draws is the exact density. ``bound`` is the model, applied to its
-    campaign.
+    other tests, at w draws of the hyper-parameters (scales of the noise and of other effects). If a
+    test is left out, the inverses of its w densities are the importance weights of the draws. If
+    the Pareto shape k̂ of these weights is above 0.4, the densities are tempered: they are raised to
+    a power below one, and scaled so that their harmonic mean over the draws is the exact density.
+    ``bound`` is the model, applied to its campaign.
     """
     large_k_by_test = {}
     for r in range(len(bound.test_names)):
@@ -294,9 +296,9 @@ def _log_evidence(bound: BoundModel, phi: Array) -> Array:
     """Return ln p(y | φ) of the readings y at w values of the hyper-parameters φ, shape (w,).
 
     φ are the h scales of the noise and of other effects; ``phi``, shape (w, h), holds w values of
-    them. If the model requires that no compliance is negative, the result is the logarithm of the
-    joint density, given φ, of y and of this condition. The joint density is not divided by the
-    prior probability of the condition. ``bound`` is the model, applied to its campaign.
+    them. If the model allows no negative compliances, the result is ln p(y, T | φ), where T is the
+    condition that no compliance is negative. This density is not divided by the prior probability
+    of T. ``bound`` is the model, applied to its campaign.
     """
     if not bound.truncation.active:
         return bound.log_evidence(phi)

@@ -29,12 +29,12 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
-# Temperature with which the hyper-parameters of a sampler's starting points are drawn: in the
-# density drawn from, which is close to their posterior, all standard deviations are multiplied by
-# the square root of this number.
+# Temperature with which the hyper-parameters of a sampler's starting points are drawn. They are
+# drawn from a density close to their posterior, with all standard deviations multiplied by the
+# square root of this number.
 _START_TEMPERATURE = 1.5
-# Number of random points that are drawn for each starting point of a sampler. More than one point
-# is drawn, because points with a negative compliance are dropped.
+# Number of random points that are drawn for each starting point of a sampler. It is larger than one
+# because points with a negative compliance are dropped.
 _DRAWS_PER_START = 2
 # Smallest distance of a cumulative prior probability from 0 and from 1. Probabilities nearer to 0
 # or 1 are moved to this distance, so that quantiles of the prior are finite.
@@ -42,7 +42,7 @@ _SMALLEST_PROBABILITY = 1e-15
 
 
 def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
-    """Return the log density of the posterior, for samplers and optimisers of your own.
+    """Return the log density of the posterior, for use with other samplers and optimisers.
 
     Parameters
     ----------
@@ -135,12 +135,12 @@ class LogDensity(Shown):
 
     @property
     def scale(self) -> Array:
-        """Return the typical size of each of the d coordinates under the prior, shape (d,).
+        """Return the typical magnitude of each of the d coordinates under the prior, shape (d,).
 
-        The coordinates are the parameters, then the hyper-parameters. The size of a parameter is
-        its prior standard deviation. The size of a hyper-parameter is the scale of its prior if the
-        hyper-parameter is a length, and one otherwise. An optimiser needs the sizes under the
-        posterior instead: give it the spread of the points that `initial` returns.
+        The coordinates are the parameters, then the hyper-parameters. The value for a parameter is
+        its prior standard deviation. The value for a hyper-parameter is the scale of its prior if
+        the hyper-parameter is a length, and one otherwise. An optimiser needs the magnitudes under
+        the posterior instead: give it the spread of the points that `initial` returns.
         """
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
@@ -278,8 +278,8 @@ class LogDensity(Shown):
         log_density = np.full(len(points), -np.inf)
         if inside.any():
             log_density[inside] = density(beta[inside], phi[inside])
-        # If the density is asked for at one point only, the array of densities has no dimensions;
-        # the empty index converts it to a number.
+        # For a single point, the array of densities has no dimensions; the empty index converts
+        # this array to a number.
         of_points: Array = log_density.reshape(values.shape[:-1])[()]
         return of_points
 
@@ -303,7 +303,7 @@ class JointDensity:
     """Log posterior density in the coordinates in which the walkers of a sampler move.
 
     The first p coordinates are (β − centre) / scale for the p parameters β, where ``centre`` holds
-    the least-squares estimates and ``scale`` the typical sizes of the parameters. The other h
+    the least-squares estimates and ``scale`` the typical magnitudes of the parameters. The other h
     coordinates are the hyper-parameters φ transformed to be unbounded, mostly ln(φ − lower bound).
     The density is not divided by the evidence. The Jacobian of the transformation is included
     except for a constant.
@@ -347,8 +347,8 @@ class LinearRedraw:
 
     The sampler proposes the draws as the next points of its walkers. φ is drawn from a density
     fitted to p(φ | y), where y are the readings. β is drawn from its exact Gaussian density given φ
-    and y. If compliances must not be negative, β is drawn from a density that is shifted towards
-    compliances that are not negative; importance weights correct for this shift.
+    and y. If the model does not allow negative compliances, β is drawn from a density that is
+    shifted towards non-negative compliances; importance weights correct for this shift.
     """
 
     density: JointDensity

@@ -1,14 +1,15 @@
 """Integral of a density g, computed from ratios g / f at a few nodes; f is a similar density.
 
-The integral ∫ f was computed before, as a sum over n weighted nodes φ_i (points) in h dimensions.
-If E_f is the mean under the density f, then
+The integral ∫ f is known from an earlier calculation, as a sum over n weighted nodes φ_i (points)
+in h dimensions. If E_f is the mean under the density f, then
 
     ∫ g = ∫ f · E_f[g / f].
 
-The ratio g / f is smooth and varies little. A small share of the n nodes is therefore drawn (at
-most 192, then 576, then 4608 nodes), by systematic sampling with unequal probabilities, and ln(g /
-f) is evaluated only at the nodes drawn. A polynomial q(φ) is fitted to the values of ln(g / f); its
-degree is two, or one if there are many dimensions. The density f e^q is known at all nodes, and
+The ratio g / f is smooth and varies little. It is therefore evaluated only at a small random sample
+of the n nodes: at most 192 nodes, then 576, then 4608, until the error is small enough. The nodes
+are drawn by systematic sampling with unequal probabilities. A polynomial q(φ) is fitted to the
+values of ln(g / f); its degree is two, or one if there are many dimensions. The density f e^q is
+known at all nodes, and
 
     ∫ g = ∫ f e^q · E[g / (f e^q)],
 
@@ -42,32 +43,32 @@ _LARGEST_SAMPLE = 4608
 # node, every 8th node, and all its nodes. The density is evaluated at the nodes of one sample after
 # the other, until the error is small enough.
 _STEPS = (24, 8, 1)
-# Smallest number of all nodes (points) of an integral for which a sample of them is used, as a
-# multiple of the number of nodes in the sample.
+# A sample of the nodes (points) of an integral is used only if the integral has at least this many
+# times as many nodes as the sample.
 _NODES_PER_SAMPLE = 2
-# Largest number of coefficients of a polynomial that is fitted, as a share of the number of nodes
-# (points) in the sample.
+# Largest number of coefficients of a polynomial that is fitted, as a fraction of the number of
+# nodes (points) in the sample.
 _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
-# Power of the weights to which the probability of drawing a node (weighted point) is proportional,
-# for half of the nodes in a sample. Nodes in the tails, where the ratio of the densities is
-# largest, are thus drawn too. For the other half, the probability is proportional to the weights
-# themselves.
+# Power of the weights in the probability of drawing a node (weighted point). The probability is the
+# mean of two probabilities: one is proportional to the weight of the node, the other to this power
+# of the weight. Nodes in the tails, where the ratio of the densities is largest, are thus drawn
+# too.
 _TAIL_POWER = 0.5
 # Singular values of the matrix of polynomials at the sampled points count as zero if they are below
 # this share of the largest singular value; the polynomials are then linearly dependent.
 _DEPENDENT = 1e-10
-# Largest standard deviation of the ratios g / f of two densities, as a share of their mean, with
-# which the mean is trusted. If the ratios at the nodes (points) scatter more, a sample of a few
-# hundred nodes may miss the largest ratios.
+# The mean of the ratios of two densities is trusted only if the standard deviation of the ratios is
+# at most this fraction of the mean. If the ratios at the nodes (points) scatter more, a sample of a
+# few hundred nodes may miss the largest ratios.
 _LARGEST_SCATTER = 0.4
-# Largest value of ln(ratio / mean of the ratios) with which the mean of the ratios of two densities
-# is trusted. The square of a larger ratio might overflow.
+# The mean of the ratios of two densities is trusted only if ln(ratio / mean) is at most this value
+# for every ratio. The square of a larger ratio might overflow.
 _LARGEST_LOG_RATIO = 50.0
 # Ratios of two densities are assumed to have no heavy tail if none of them exceeds their mean by
 # more than this multiple of the mean. Otherwise the tail is examined.
 _LARGEST_PLAIN_RESIDUAL = 1.0
-# Error that is stated for the mean of the ratios of two densities, as a multiple of its standard
-# error.
+# Factor by which the standard error of the mean of the ratios of two densities is multiplied to
+# obtain the error that is reported.
 _STANDARD_ERRORS = 3.5
 
 
@@ -75,12 +76,12 @@ class LogValues(NamedTuple):
     """Logarithm of a density at k nodes (points), and its numerical error [nat], shapes (k,).
 
     The density may also be noisy, with random errors of mean zero that are independent between
-    nodes. This noise adds to the scatter of the ratios from which an integral is computed. The
-    error of the mean of the ratios therefore includes the noise.
+    nodes. The noise adds to the scatter of the ratios. The error of the mean of the ratios is
+    computed from this scatter and therefore includes the noise.
     """
 
     log_density: Array
-    #: numerical error of ``log_density`` at each node [nat]; such errors may be common to all
+    #: numerical error of ``log_density`` at each node [nat]; numerical errors may be common to all
     #: nodes, and need not cancel in a mean over nodes
     error: Array
 
@@ -110,8 +111,8 @@ class _Sample:
     """
 
     nodes: Index  #: indices of the m nodes among all n nodes, shape (m,)
-    #: weight of each of the m nodes in the integral, divided by the probability with which the node
-    #: is picked, times the number of times that the node was picked, shape (m,)
+    #: count × weight / probability of each of the m nodes, shape (m,): how often the node was
+    #: picked, times its weight in the integral, divided by the probability of picking it
     weight: Array
     integral: Integral  #: integral of the density f, with all its n nodes
     degree: int  #: degree of the polynomial that is fitted, 1 or 2
@@ -261,8 +262,8 @@ class RatioSampler:
         Returns
         -------
         RatioIntegral or None
-            The integral, or None if no sample of the nodes reaches the tolerance. In the latter
-            case g should be evaluated at all nodes, or the integral of g should be computed from
+            The integral, or None if no sample of the nodes reaches the tolerance. If the result is
+            None, g should be evaluated at all nodes, or the integral of g should be computed from
             new nodes.
         """
         log_density = np.full(len(self._integral.free), np.nan)
@@ -293,8 +294,9 @@ class RatioSampler:
 def _probabilities(weight: Array) -> Array:
     """Return the probability of each of n nodes (weighted points) to be picked, shape (n,).
 
-    ``weight``, shape (n,), holds the weights of the nodes, which sum to one. Half of the
-    probability is in proportion to the weights, the other half to their square roots.
+    ``weight``, shape (n,), holds the weights of the nodes, which sum to one. The result is the mean
+    of two probabilities: one is proportional to the weight of the node, the other to the square
+    root of the weight.
     """
     tempered = weight**_TAIL_POWER
     return 0.5 * weight + 0.5 * tempered / tempered.sum()

@@ -37,8 +37,7 @@ _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
 # to the largest fifth of the weights, and this fifth must consist of at least five weights.
 _FEWEST_WEIGHTS = 25
-# Limit of the range of the logarithms of importance weights. With a smaller range, the weights
-# count as equal.
+# Importance weights count as equal if the range of their logarithms is below this value.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
 # Effective sample size of importance weights above which their tail can be judged.
 _FEWEST_EFFECTIVE = 10.0
@@ -82,15 +81,17 @@ def power_sensitivity(
     """Return how sensitive the posterior of each parameter is to each factor of the density.
 
     The factors of the posterior density are, for example, the prior and the likelihood. Each factor
-    is raised to a power near one (power-scaling, Kallioinen et al. 2023). The sensitivity is the
-    distance (cumulative Jensen-Shannon) by which the posterior of the parameter then moves, scaled
-    to a doubling of the power. A parameter counts as sensitive if its sensitivity is above 0.05.
-    The sensitivity to a constant factor is 0. ``draws`` holds the posterior draws of each
-    parameter; its keys are the names of the parameters. ``log_densities`` holds the logarithm of
-    each factor at these draws; its keys are the names of the factors. All arrays have the shape
-    (chains, draws). The first key of the result is the parameter, the second key the factor. The
-    posterior in which a factor has another power is represented by the same draws with weights.
-    These weights are so even that they need no smoothing.
+    is raised to a power near one (power-scaling, Kallioinen et al. 2023), which changes the
+    posterior of the parameter. The sensitivity is the cumulative Jensen-Shannon distance between
+    the posteriors before and after the change, scaled to a doubling of the power. A parameter
+    counts as sensitive if its sensitivity is above 0.05. The sensitivity to a factor that is the
+    same at all draws is 0.
+
+    ``draws`` holds the posterior draws of each parameter; its keys are the names of the parameters.
+    ``log_densities`` holds the logarithm of each factor at these draws; its keys are the names of
+    the factors. All arrays have the shape (chains, draws). The first key of the result is the
+    parameter, the second key the factor. The changed posterior is represented by the same draws
+    with weights. The weights are so nearly equal that they need no smoothing.
     """
     from arviz_stats.base import array_stats
 
@@ -116,11 +117,11 @@ def power_sensitivity(
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
     """Return weights with which draws represent a posterior that has one factor raised to a power.
 
-    The draws are from the posterior density, which is a product of factors such as prior and
-    likelihood. With the weights, the draws represent the density in which one factor is raised to
-    ``power``. ``log_density``, shape (chains, draws), is the logarithm of this factor at the draws.
-    The result has one column for each draw and one row for each of ``parameters`` parameters; all
-    rows are equal, because the weights are the same for all parameters.
+    The draws come from the posterior density, which is a product of factors such as prior and
+    likelihood. ``log_density``, shape (chains, draws), is the logarithm of one factor at the draws.
+    The weighted draws represent the density in which this factor is raised to ``power``. The result
+    has one column for each draw and one row for each of ``parameters`` parameters; all rows are
+    equal, because the weights are the same for all parameters.
     """
     log_weight = (power - 1.0) * (log_density - log_density.mean())
     return np.broadcast_to(np.exp(log_weight).ravel(), (parameters, log_weight.size))
@@ -135,8 +136,8 @@ class SmoothedWeights(NamedTuple):
     weights: Array  #: smoothed importance weights of n draws, which sum to one, shape (n,)
     #: shape k̂ of the Pareto distribution fitted to the largest importance weights
     pareto_k: float
-    #: largest Pareto shape k̂ with which the importance weights can be trusted; it depends on the
-    #: number n of draws
+    #: largest Pareto shape k̂ with which the importance weights can be trusted; this limit depends
+    #: on the number n of draws
     largest_pareto_k: float
 
 
@@ -144,9 +145,10 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     """Return Pareto-smoothed importance weights (Vehtari et al. 2024).
 
     ``log_ratio``, shape (n,), is the log importance weight of n independent draws, up to a
-    constant: ln(density to represent / density drawn from). The shape k̂ of the Pareto distribution
-    fitted to the largest weights is infinite if the effective sample size of the weights is 10 or
-    less, or if the tail of the weights cannot be judged. k̂ is −inf if all weights are equal.
+    constant: ln(target density / density from which the draws come). The shape k̂ of the Pareto
+    distribution fitted to the largest weights is infinite if the effective sample size of the
+    weights is 10 or less, or if the tail of the weights cannot be judged. k̂ is −inf if all weights
+    are equal.
     """
     good_k = min(_LARGEST_GOOD_K, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < _EQUAL_LOG_RATIOS:

@@ -1,8 +1,8 @@
 """Log evidence of a model by quadrature over the hyper-parameters, and Bayes factors.
 
 The evidence is the density of the readings y under the model. The hyper-parameters are the scales
-of the noise and of other effects; all other unknowns enter the readings linearly and are integrated
-out exactly. Truncation T restricts compliances to values that are not negative.
+of the noise and of other effects. The readings depend linearly on all other unknowns, which are
+integrated out exactly. Truncation T restricts compliances to values that are not negative.
 """
 
 from __future__ import annotations
@@ -35,9 +35,10 @@ __all__ = [
 # must therefore be due to rounding errors and is refused.
 _LARGEST_LOG_PROBABILITY = 0.1
 
-# Limit of the log probability that no compliance is negative. A mean over a few values of the
-# hyper-parameters is used if its logarithm is above this limit. Values that were not picked then
-# change the mean little, because no value gives a probability above one.
+# Limit for the log probability that no compliance is negative. The probability is first computed as
+# a mean over a sample of the values of the hyper-parameters. This mean is used if its logarithm is
+# above this limit. Values that are not in the sample then change the mean little, because no value
+# gives a probability above one.
 _LEAST_COARSE_LOG_PROBABILITY = -2.0
 
 
@@ -133,10 +134,10 @@ def require_models(models: Mapping[str, HybridModel]) -> None:
 
 
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:
-    """Raise an `InputError` if a model has no evidence for the readings of a campaign.
+    """Raise an `InputError` if the evidence of a model for a campaign's readings is undefined.
 
-    The evidence is undefined if the prior of the model is flat, if the campaign is a plan (a
-    campaign without readings), or if all readings are zero.
+    The evidence is undefined if the prior of the model is flat, or if the campaign is a plan (a
+    campaign without readings). An error is also raised if all readings are zero.
     """
     require_model(model)
     require(
@@ -200,13 +201,13 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
     """Return the log posterior probability that no compliance is negative, and its error [nat].
 
-    The probability P is computed under the posterior that allows negative compliances. First, the
-    probability given a value of the hyper-parameters (scales of the noise and of other effects) is
-    averaged over at least 256 such values. This average is taken as P if its error is at most
-    ``tolerance`` and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate
-    the average. P is then computed as a ratio of two integrals over the hyper-parameters: the
-    integral of the posterior density with the condition that no compliance is negative, divided by
-    the integral without this condition.
+    The probability P is computed under the posterior that allows negative compliances. First, at
+    least 256 values of the hyper-parameters (scales of the noise and of other effects) are used:
+    the probability is computed for each of these values, and averaged. The average is returned as P
+    if its error is at most ``tolerance`` and ln P is above −2. Otherwise a few values of the
+    hyper-parameters may dominate the average. P is then computed as a ratio of two integrals over
+    the hyper-parameters: the integral of the posterior density with the condition that no
+    compliance is negative, divided by the integral without this condition.
 
     Parameters
     ----------

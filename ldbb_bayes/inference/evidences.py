@@ -31,7 +31,7 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["Evidences", "leave_one_out", "left_out_log_densities"]
 
 # Error allowed in a log evidence [nat] that only serves to decide whether a model is rejected. If
-# the tolerance of the `Evidences` object is larger, it is used instead.
+# the tolerance of the `Evidences` object is larger, that tolerance is used instead.
 _ROUGH_TOLERANCE = 0.1
 # Smallest number of tests of a campaign for which the nodes (weighted values of the
 # hyper-parameters) without one test are computed from the nodes for all tests. With fewer tests,
@@ -47,8 +47,8 @@ class Evidences(Shown):
     """Nodes and evidences of models for the readings of one campaign, each computed only once.
 
     Nodes are weighted points that represent the posterior of the hyper-parameters, the scales of
-    the noise and of other effects. `compare` and `average` take an object of this class, so that
-    neither computes again what the other has computed.
+    the noise and of other effects. If `compare` and `average` are given the same object of this
+    class, each of them reuses the nodes that the other has computed.
 
     Parameters
     ----------
@@ -107,11 +107,11 @@ class Evidences(Shown):
         """Return the quadrature nodes of each model, in the order of the models.
 
         The evidence of a model follows from its nodes, which are weighted values of its
-        hyper-parameters (scales of the noise and of other effects). Nodes of equal models are
-        computed once. The nodes of several models come from one calculation if the models differ
-        only in three ways: how compliances change with force, which rival explanations of such a
-        change they contain (for example joints that yield to their own load), and whether
-        compliances may be negative. They are then derived from the nodes of the largest of these
+        hyper-parameters (scales of the noise and of other effects). The nodes of equal models are
+        computed only once. Models are related if they differ only in the following three ways: how
+        compliances change with force, which alternative explanations of a change with force they
+        contain (for example joints that deflect under their own load), and whether compliances may
+        be negative. The nodes of related models are derived from the nodes of the largest of these
         models.
         """
         keys = [model_to_toml(model) for model in models]
@@ -123,7 +123,7 @@ class Evidences(Shown):
         return [self._nodes[key] for key in keys]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model; only coarse nodes if all models are rejected.
+        """Return the nodes of each model, or only coarse nodes if all models are rejected.
 
         Nodes are weighted values of the hyper-parameters, from which the log evidence of a model
         follows. If the nodes of all the models have been computed before, they are returned.
@@ -142,19 +142,20 @@ class Evidences(Shown):
         return rough
 
     def apart(self, tolerance: float | None = None) -> Evidences:
-        """Return a new, still empty ``Evidences`` object of the same readings.
+        """Return a new ``Evidences`` object for the same readings, without any nodes yet.
 
-        The new object starts its search for the mode of a model's posterior at the mode that this
-        object has found for a model with the same hyper-parameters, if there is one. ``tolerance``
-        is the error allowed in every log evidence [nat]; if it is None, the tolerance of this
-        object is used.
+        The posterior mode of a model's hyper-parameters (scales of the noise and of other effects)
+        is found by a search. In the new object, the search starts at the mode that this object has
+        found for a model with the same hyper-parameters, if there is one. ``tolerance`` is the
+        error allowed in every log evidence [nat]; if it is None, the tolerance of this object is
+        used.
         """
         return self._with_modes(tolerance or self.tolerance, self._keep_tests, self._modes)
 
     def without_test(
         self, test: str, tests: Sequence[str], modes: Mapping[tuple[Hyper, ...], Array]
     ) -> Evidences:
-        """Return a new, still empty ``Evidences`` object of the readings without one test.
+        """Return a new ``Evidences`` object for the readings without one test, without nodes yet.
 
         ``test`` is the name of the test left out, ``tests`` are the names of all tests. ``modes``
         holds modes (maxima) of posteriors of the hyper-parameters (scales of the noise and of other
@@ -217,10 +218,10 @@ class Evidences(Shown):
 def _largest_first(model: HybridModel) -> list[int]:
     """Return a sort key that puts larger models before smaller ones.
 
-    A model is larger if its compliances are polynomials of a higher degree in the force. Among
-    models of equal degree, the model with fewer parameters fixed at zero is larger. Among models
-    for which this number is equal too, the model with more rival explanations (effects that look
-    like a change of compliance with force) is larger.
+    A model is larger if its compliances are polynomials of a higher degree in the force. Of two
+    models with equal degree, the one with fewer parameters fixed at zero is larger. If this number
+    is equal too, the model with more alternative explanations is larger. Alternative explanations
+    are effects that look like a change of compliance with force.
     """
     return [-model.degree, len(model.fixed), -len(model.rivals)]
 
@@ -228,10 +229,10 @@ def _largest_first(model: HybridModel) -> list[int]:
 def _family(model: HybridModel) -> str:
     """Return a description, as TOML text, of what a model has in common with related models.
 
-    The text describes the model with constant compliances, without rival explanations (effects that
-    look like a change of compliance with force), and without the condition that compliances are not
-    negative. Models for which this text is equal can share the calculation of their nodes (weighted
-    values of the hyper-parameters).
+    The text describes a simplified model: with constant compliances, without alternative
+    explanations (effects that look like a change of compliance with force), and without the
+    condition that compliances are not negative. Models with the same text can share the calculation
+    of their nodes (weighted values of the hyper-parameters).
     """
     constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
     return model_to_toml(constant.with_rivals())
@@ -255,7 +256,7 @@ def leave_one_out(
     tolerance : float
         Error allowed in every log evidence [nat].
     progress : callable
-        Function called without arguments after each model, for every test left out.
+        Function called without arguments after each model, for each test that is left out.
 
     Returns
     -------

@@ -39,13 +39,12 @@ __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 # prior. The sensitivity states how much the posterior moves if the prior density is raised to a
 # power near one (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
-# Largest change of a parameter, in units of its standard uncertainty, that does not matter. A
-# failing posterior predictive check of a Fourier order matters if some parameter changes more when
-# the test is left out.
+# Change of a parameter, in units of its standard uncertainty, above which a failing posterior
+# predictive check of a Fourier order matters. The change is the largest of any parameter when the
+# test is left out.
 _LARGEST_SHIFT = 0.5
-# Largest widening of a parameter's interval, as a share of its width, that does not matter. A
-# failing posterior predictive check of noise matters if the noise found in the readings widens some
-# interval more.
+# Relative widening of a parameter's credible interval above which a failing posterior predictive
+# check of noise matters. The widening is computed with the noise that is found in the readings.
 _LARGEST_WIDENING = 0.1
 # Number of posterior draws from which the root-mean-square residual and the fitness of each test
 # (see `FitQuality`) are computed.
@@ -55,17 +54,15 @@ _CHECKED_DRAWS = 500
 # Limit of the logarithm of the posterior probability that no compliance is negative. Below this
 # limit, the readings contradict this condition.
 _IMPROBABLE = float(np.log(1e-3))
-# Probability of a prior quantile. The posterior median of a hyper-parameter (scale of the noise or
-# of another effect) is expected to lie below this quantile of its prior; a fit warns of a larger
-# median.
+# Probability of a prior quantile. A fit warns if the posterior median of a hyper-parameter (scale
+# of the noise or of another effect) is above this quantile of its prior.
 _EXPECTED_HYPER = 0.999
-# Largest distance of a parameter's posterior mean from the prior mean that the user stated; a fit
-# warns of a larger distance. The unit is the standard deviation that this distance has if the prior
-# is right.
+# Distance of a parameter's posterior mean from the prior mean that the user stated, above which a
+# fit warns. The unit is the standard deviation that this distance has if the prior is right.
 _LARGEST_PRIOR_DISTANCE = 3.0
 # Smallest variance assumed for the distance between prior mean and posterior mean of a parameter,
-# as a share of the prior variance. The distance is divided by the root of its variance; this limit
-# avoids a division by zero.
+# as a fraction of the prior variance. The distance is divided by the square root of its variance;
+# this limit avoids a division by zero.
 _SMALLEST_VARIANCE_SHARE = 0.05
 
 
@@ -95,20 +92,23 @@ class ConcernKind(StrEnum):
 class Concern(Result):
     """Warning that a fit gives, with two numbers, ``value`` and ``limit``, that state the reason.
 
-    For each ``kind``, the list states first what ``value`` is, then what ``limit`` is:
+    The meaning of the two numbers depends on ``kind``:
 
-    - NOT_CONVERGED: number of steps after which the sampler gave up; effective sample size that was
-      asked for.
-    - TRUNCATION: log posterior probability that no compliance is negative; smallest value expected.
-    - FORCES: number of different forces of the campaign; number needed to check the degree of the
-      compliances as polynomials in the force.
-    - HYPER: posterior median of the hyper-parameter ``name`` [mm]; quantile of its prior at 99.9 %.
-    - CENTRE: p-value of the hypothesis that the circles' centre does not shift along the machine
-      axis ``name`` in proportion to force; limit below which this p-value, times the number of
-      all such p-values (one for each axis of each plane), causes the warning.
-    - PRIOR: distance of the posterior mean of the parameter ``name`` from the prior mean that the
-      user stated; the largest distance expected. Both are in units of the standard deviation that
-      this distance has if the prior is right.
+    - NOT_CONVERGED: ``value`` is the number of steps after which the sampler gave up, ``limit`` the
+      effective sample size that was asked for.
+    - TRUNCATION: ``value`` is the log posterior probability that no compliance is negative,
+      ``limit`` the smallest log probability expected.
+    - FORCES: ``value`` is the number of different forces of the campaign, ``limit`` the number
+      needed to check the degree of the compliances as polynomials in the force.
+    - HYPER: ``value`` is the posterior median of the hyper-parameter ``name`` [mm], ``limit`` the
+      quantile of its prior at 99.9 %.
+    - CENTRE: ``value`` is the p-value of the hypothesis that the circles' centre does not shift
+      along the machine axis ``name`` with force. There is one such p-value for each axis of each
+      plane. The warning is given if ``value``, multiplied by the number of these p-values, is below
+      ``limit``.
+    - PRIOR: ``value`` is the distance of the posterior mean of the parameter ``name`` from the
+      prior mean that the user stated, ``limit`` the largest distance expected. Both are in units of
+      the standard deviation that this distance has if the prior is right.
     """
 
     kind: ConcernKind
@@ -132,7 +132,7 @@ class Fit(Result):
     #: error of ``log_prob_truncation`` [nat]
     log_prob_truncation_error: Finite
     #: logarithm of the prior probability that no compliance is negative, computed before the prior
-    #: is restricted to this condition; zero if the model does not restrict it
+    #: is restricted to this condition; zero if the model allows negative compliances
     log_prob_truncation_prior: float
     #: largest difference between the readings that the linearised model predicts and the readings
     #: that the exact geometry predicts, both at the posterior mean of the parameters [µm]
@@ -150,9 +150,9 @@ class Fit(Result):
     #: check of a Fourier order. The dict is empty if no test fails this check, if the prior is
     #: flat, or if the campaign has one test only.
     shift: dict[str, float]
-    #: largest share by which the credible interval of a parameter grows if the noise is as strong
-    #: as the readings show at the Fourier orders 13 to 16. The share is zero if no posterior
-    #: predictive check of the noise or of its autocorrelation fails.
+    #: largest relative increase in the width of a parameter's credible interval if the noise is as
+    #: strong as the readings show at the Fourier orders 13 to 16; zero if no posterior predictive
+    #: check of the noise or of its autocorrelation fails
     widening: float
 
     @property
@@ -164,7 +164,8 @@ class Fit(Result):
     def unexpected(self) -> tuple[Check, ...]:
         """Return the posterior predictive checks that fail, the smallest p-value first.
 
-        A check fails if its p-value times the number of all checks (Bonferroni) is below 1 %.
+        A check fails if its p-value, multiplied by the number of all checks (Bonferroni), is below
+        1 %.
         """
         return failing_checks(self.checks)
 
@@ -172,11 +173,11 @@ class Fit(Result):
     def misfits(self) -> tuple[Check, ...]:
         """Return the failing posterior predictive checks that matter for the credible intervals.
 
-        A failing check of a Fourier order matters if leaving out its test changes some parameter by
-        more than half the parameter's standard uncertainty. The check also matters if this change
-        is not known, because the prior is flat or the campaign has one test only. A failing check
-        of noise or of its autocorrelation matters if the noise that the readings show would widen
-        some interval by more than a tenth.
+        A failing check of a Fourier order matters if leaving out the test changes some parameter by
+        more than half of the parameter's standard uncertainty. The check also matters if this
+        change is not known, because the prior is flat or the campaign has only one test. A failing
+        check of noise or of its autocorrelation matters if some credible interval would be more
+        than 10 % wider with the noise that the readings show.
         """
         return tuple(check for check in self.unexpected if self._moves_intervals(check))
 
@@ -187,7 +188,7 @@ class Fit(Result):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of all warnings (concerns) and of the checks in `misfits`, each once.
+        """Return the kinds of all warnings (concerns) and of the checks in `misfits`, once each.
 
         A kind is the text of a ``ConcernKind`` or ``CheckKind``, such as "truncation" or "noise".
         """
@@ -249,7 +250,7 @@ def assess_fit(
     Parameters
     ----------
     bound : BoundModel
-        Model, applied to the campaign, that has the parameters of all models averaged.
+        Model, applied to the campaign, that has the parameters of all averaged models.
     draws_by_model : sequence of ModelDraws
         The posterior draws in ``groups``, separately for each model.
     groups : mapping
@@ -263,12 +264,12 @@ def assess_fit(
     rng : Generator
         Generator of the random draws of new circles.
     prior_level : float or array
-        Expected value, under the prior, of the log prior density of the parameters. For a single
-        model, any number may be given, because a constant does not change the sensitivity. For an
-        average over models, it is an array, shape (chains, draws), which holds for each draw the
-        value for the model of this draw. The expected value is subtracted from the log prior
-        density. A difference of this value between models is thus not mistaken for sensitivity to
-        the prior.
+        Expected value, under the prior, of the log prior density of the parameters. This value is
+        subtracted from the log prior density, so that a difference between the expected values of
+        several models is not mistaken for sensitivity to the prior. For an average over models,
+        give an array, shape (chains, draws), with the expected value for the model of each draw.
+        For a single model, any number may be given, because a constant does not change the
+        sensitivity.
 
     Returns
     -------
@@ -420,7 +421,7 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
 
 
 def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
-    """Yield a warning for each parameter whose posterior mean is far from its stated prior mean.
+    """Yield a warning for each parameter whose posterior mean is far from the stated prior mean.
 
     Only parameters for which the user stated a prior are examined. ``beta``, shape (n, p), holds n
     posterior draws of the p parameters in internal units (mm, N, rad). ``bound`` is the model,

@@ -18,11 +18,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["CurveDraws", "ForceCurves", "force_curves", "prior_changes"]
 
-# Smallest force at which a compliance C(F) is computed [N]; it replaces a reference force of zero.
-# C(F) is a deflection divided by the force F, which therefore must not be zero.
+# Smallest force at which a compliance C(F) is computed [N]. C(F) is a deflection divided by the
+# force F, which must not be zero; a reference force of zero is therefore replaced by this force.
 _SMALLEST_FORCE_N = 1e-9
-# Name of the term `JointLoad` (joints that yield to their own load) among the rival explanations of
-# a model, which are effects that look like a change of compliance with force.
+# Name of the term `JointLoad` (joints that deflect under their own load) among the alternative
+# explanations of a model. Alternative explanations are effects that look like a change of
+# compliance with force.
 _JOINT_LOAD = "joint load"
 
 
@@ -56,11 +57,11 @@ def force_curves(posterior: xr.DataTree) -> ForceCurves:
     """Return posterior draws of every compliance C(F) that may change with force.
 
     C(F) is computed from the compliance at the reference force and its slopes (changes with force).
-    Direct compliances also contain what the term `JointLoad` (joints that yield to their own load)
-    adds; see `curves_of`. A compliance may change with force if it has a slope or if `JointLoad`
-    adds to it. The result holds no compliances if all tests have the same force. For an average
-    over models, a draw has the same value at all forces if the compliance is constant in the model
-    of the draw.
+    Direct compliances also contain the contribution of the term `JointLoad` (joints that deflect
+    under their own load); see `curves_of`. A compliance may change with force if it has a slope or
+    a contribution of `JointLoad`. The result holds no compliances if all tests have the same force.
+    For an average over models, each draw comes from one model; if the compliance is constant in
+    this model, the draw has the same value at all forces.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
@@ -85,9 +86,9 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
     The change is C(F_max) − C(F_min), from the smallest force tested to the largest. The keys are
     the names of the compliances, as in `force_curves`. For an average over models, the prior draws
     come from all models, including the models with constant compliances. The effect of the term
-    `JointLoad` (joints that yield to their own load) is included only in some draws, picked at
-    random. Their share is the share of the averaged models that have this term. The result is empty
-    if the prior is flat or if all tests have the same force.
+    `JointLoad` (joints that deflect under their own load) is then included only in a random
+    fraction of the draws, which is equal to the fraction of the models that have this term. The
+    result is empty if the prior is flat or if all tests have the same force.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
@@ -113,7 +114,7 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
 
 
 def _share_with_joint_load(posterior: xr.DataTree) -> float:
-    """Return the share of the averaged models that have the term `JointLoad`.
+    """Return the fraction of the averaged models that have the term `JointLoad`.
 
     If the posterior is of a single model, the result is 1.
     """
@@ -124,12 +125,12 @@ def _share_with_joint_load(posterior: xr.DataTree) -> float:
 
 
 def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, float]:
-    """Return the prior standard deviation of what `JointLoad` adds to the change of compliances.
+    """Return the prior standard deviation of the effect of `JointLoad` on changes of compliances.
 
-    `JointLoad` is the term of a model for joints that yield to their own load. There is one
-    standard deviation for the direct compliance along each machine axis; the keys of the result are
-    the letters of the axes. The change is from the smallest force tested to the largest; ``ends_N``
-    holds these two forces [N]. ``bound`` is the model, applied to its campaign.
+    `JointLoad` is the term of a model for joints that deflect under their own load. It changes the
+    direct compliance along each machine axis. The changes are from the smallest force tested to the
+    largest; ``ends_N`` holds these two forces [N]. The keys of the result are the letters of the
+    axes, the values the standard deviations. ``bound`` is the model, applied to its campaign.
     """
     columns_by_axis = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
     sd_by_axis: dict[str, float] = {}
@@ -145,7 +146,7 @@ def _changing_compliances(bound: BoundModel) -> set[str]:
     """Return the names of the compliances that may change with the force of the bar.
 
     A compliance may change with force if it has a slope, or if the term `JointLoad` (joints that
-    yield to their own load) adds to it.
+    deflect under their own load) contributes to it.
     """
     changing = {parameter.compliance for parameter in bound.parameters if parameter.degree > 0}
     of_joints = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))

@@ -1,11 +1,12 @@
 """Integrals in many dimensions by importance sampling with an adapted proposal.
 
-Points are drawn from a proposal, a density much like the density f to integrate. The weight of a
-point is f divided by the proposal; the mean of the weights is the integral of f over h dimensions.
-Points are quasi-random: a Sobol sequence, randomised independently several times (scrambles). The
-proposal is a mixture of split Student-t distributions, whose two sides differ (Geweke, Econometrica
-57, 1317-1339, 1989). Points are drawn in several rounds. After the first round, the proposal is
-fitted to the weighted points of all earlier rounds before new points are drawn from it.
+Points are drawn from a proposal, a density similar to the density f to be integrated. The weight of
+a point is f divided by the proposal; the mean of the weights is the integral of f over h
+dimensions. The points are quasi-random: they come from several Sobol sequences, each randomised
+independently (scrambled). The proposal is a mixture of split Student-t distributions, whose two
+sides differ (Geweke, Econometrica 57, 1317-1339, 1989). Points are drawn in several rounds. After
+the first round, the proposal is fitted to the weighted points of all earlier rounds before new
+points are drawn from it.
 
 The weights of a round are computed with the proposal from which the points of this round were
 drawn. With a proposal that was fitted to the same points, ln ∫ f would be too small, by 0.1 nat in
@@ -31,37 +32,40 @@ _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0
 # Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between the
 # randomised sequences gives the error of an integral.
 _SCRAMBLES = 8
-# Two lower limits of the number of points that each randomised Sobol sequence (of quasi-random
-# points) gives in the first round of sampling: ``_FEWEST_POINTS``, and ``_POINTS_PER_DIMENSION``
-# times the number of dimensions. The larger limit, rounded up to a power of two, is used.
+# Lower limits of the number of points that each randomised Sobol sequence (of quasi-random points)
+# gives in the first round of sampling. The first limit is ``_FEWEST_POINTS``, the second is
+# ``_POINTS_PER_DIMENSION`` times the number of dimensions. The larger limit, rounded up to a power
+# of two, is the number of points.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Factor by which the number of points with which a round of importance sampling starts grows from
-# round to round, as long as the number of points that is allowed is not exceeded.
+# Factor between the numbers of points with which successive rounds of importance sampling start.
+# The number of points stops growing when the largest number allowed is reached.
 _GROWTH = 4
-# Width and share of components that are added to a proposal (the mixture from which points are
-# drawn), so that points in the tails do not get very large weights. Beside every component, a
-# further component is added that is wider by the factor ``_WIDE``. All wider components together
-# receive the share ``_WIDE_SHARE`` of the points.
+# Width and share of the wide components of a proposal, which is the mixture from which points are
+# drawn. For every component, a component that is wider by the factor ``_WIDE`` is added, so that
+# points in the tails do not get very large weights. All wide components together receive the share
+# ``_WIDE_SHARE`` of the points.
 _WIDE = 1.5
 _WIDE_SHARE = 0.1
 # Largest number of rounds of importance sampling, each of which draws new points.
 _ROUNDS = 5
-# Share of its number of points that the effective sample size of a round's weights must exceed if
-# the round of sampling is to be extended by more points. Otherwise the proposal (the density drawn
-# from) is fitted anew.
+# A round of sampling is extended by more points only if the effective sample size of its weights
+# exceeds this fraction of its number of points. Otherwise the proposal, which is the density from
+# which points are drawn, is fitted anew.
 _EFFICIENT = 0.4
-# A round of sampling is extended further, instead of fitting its proposal (the density drawn from)
-# anew, if the effective sample size of its weights exceeds this share of its number of points. The
-# weights are then so even that a new proposal would hardly be better.
+# If the effective sample size of a round's weights exceeds this fraction of its number of points,
+# the round is extended further, even if it already has many points. The weights are then so nearly
+# equal that a new fit of the proposal (the density from which points are drawn) would hardly
+# improve them.
 _VERY_EFFICIENT = 0.7
 # A round of sampling with few points is not extended if its error exceeds this multiple of the
-# tolerance. It is then cheaper to fit the proposal (the density drawn from) anew to all points so
-# far, and to begin another round.
+# tolerance. Fitting the proposal (the density from which points are drawn) to all points so far and
+# beginning another round is then cheaper.
 _REACHABLE = 2.0
-# Effective sample size that weights must reach before a proposal (the density drawn from) is fitted
-# to weighted points: in h dimensions, this number times h + 1, or a third of the number of points
-# if this is smaller. To reach it, weights are evened out by raising them to a power below one.
+# Effective sample size that weights must reach before a proposal (the density from which points are
+# drawn) is fitted to weighted points. In h dimensions, the required size is this number times h +
+# 1, or a third of the number of points if that is smaller. Weights that do not reach this size are
+# first evened out by raising them to a power below one.
 _FITTED_PER_DIMENSION = 40.0
 # Factor and limit of the power to which weights are raised in order to even them out. The power
 # starts at one, and is multiplied by ``_EVENING`` until the effective sample size of the weights
@@ -81,16 +85,16 @@ def importance_sample(
 ) -> Integral:
     """Return the integral ∫ f of a density, computed from quasi-random points in several rounds.
 
-    In each round, points are drawn from a proposal, a density much like f. The weight of a point is
-    f divided by the proposal. The proposal of the first round is fitted to f along directions
-    through every mode. The proposal of a later round is fitted to the points of all rounds before.
-    If the weights of a round are even enough, its number of points is doubled. The integral
+    In each round, points are drawn from a proposal, a density similar to f. The weight of a point
+    is f divided by the proposal. The proposal of the first round is fitted to f along directions
+    through every mode. The proposal of a later round is fitted to the points of all earlier rounds.
+    If the weights of a round are nearly equal, its number of points is doubled. The integral
     returned is from the earliest round that reaches the tolerance with weights that can be trusted.
     The first round is never returned. If no round reaches the tolerance, the round with the
-    smallest error is returned; ``trusted`` of the result states whether the weights of the round
-    can be trusted. If they cannot be trusted, the rounds are repeated with other seeds, because a
-    round may miss a tail of f by chance. If no seed gives weights that can be trusted, the result
-    of the first seed is returned.
+    smallest error is returned; ``trusted`` of the result states whether its weights can be trusted.
+    If they cannot be trusted, the rounds are repeated with other seeds, because a round may miss a
+    tail of f by chance. If no seed gives weights that can be trusted, the result of the first seed
+    is returned.
 
     Parameters
     ----------
@@ -135,8 +139,8 @@ def _best_of_rounds(
 
     The best round is the round with the smallest error. A round with weights that cannot be trusted
     is returned only if no round has weights that can be trusted. The first round only serves to fit
-    the proposal (the density drawn from) and is never returned. The arguments are the same as in
-    `importance_sample`.
+    the proposal, which is the density from which points are drawn, and is never returned. The
+    arguments are the same as in `importance_sample`.
     """
     rng = np.random.default_rng(seed)
     components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)
@@ -218,10 +222,11 @@ def _extend_sample(
     size: int,
     earlier: Integral | None,
 ) -> Integral:
-    """Return a sample of weighted points: new points, and the points of ``earlier`` if given.
+    """Return a sample of weighted points: new points, and the points of ``earlier`` if any.
 
     ``size`` points are drawn from ``proposal`` with each of the randomised quasi-random sequences
-    ``engines``. ``log_density`` is the logarithm of the density to integrate.
+    ``engines``. ``log_density`` is the logarithm of the density to be integrated. ``earlier`` is a
+    sample from the same proposal, or None.
     """
     uniform = np.concatenate([engine.random(size) for engine in engines])
     free = proposal.transform(uniform)
@@ -257,11 +262,11 @@ def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT
 
 
 def _add_wider(fitted: Mixture) -> Mixture:
-    """Return a mixture with an additional, wider component beside every component.
+    """Return a mixture with one additional, wider component for every component.
 
-    Where a fitted mixture falls off faster than the density to integrate, a few points have large
-    weights. Wider components keep weights small there (defensive mixture, Hesterberg, Technometrics
-    37 (1995) 185).
+    Where a fitted mixture falls off faster than the density to be integrated, a few points have
+    large weights. Wider components keep the weights small there (defensive mixture, Hesterberg,
+    Technometrics 37 (1995) 185).
     """
     wider = fitted.widen(_WIDE)
     share = np.concatenate([(1.0 - _WIDE_SHARE) * fitted.share, _WIDE_SHARE * wider.share])

@@ -1,4 +1,4 @@
-"""Independent random draws from the posterior by rejection from a fitted proposal.
+"""Independent random draws from the posterior by rejection sampling with a fitted proposal.
 
 y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
 are the p parameters: compliances, their changes with force, and geometric errors. Truncation T
@@ -21,16 +21,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# Number of blocks of proposed draws, for every 256 draws that are asked for (rounded up), after
-# which the rejection sampler gives up.
+# The rejection sampler proposes draws in blocks of 256. It gives up after this number of blocks for
+# every 256 draws that are asked for (rounded up).
 _MOST_ROUNDS = 50
-# Limit of the posterior probability that no compliance is negative. Below this limit, too many
-# draws would be lost if draws with negative compliances were rejected. The parameters are then
-# drawn from a density that is shifted towards compliances that are not negative.
+# Posterior probability that no compliance is negative, below which too many draws would be lost if
+# draws with negative compliances were rejected. The parameters are then drawn from a density that
+# is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# Number of draws of the parameters without negative compliances that is expected for each value of
-# the hyper-parameters. The number of draws made for each value is chosen so that, on average, so
-# many of them have no negative compliance.
+# Expected number of draws without negative compliances for each value of the hyper-parameters. So
+# many draws of the parameters are made for each value that, on average, this number of draws has no
+# negative compliance.
 _EXPECTED_INSIDE = 4.0
 # Height of the envelope of rejection sampling. A draw from the proposal is accepted with the
 # probability posterior density / envelope. The envelope is this number times the proposal, after
@@ -57,8 +57,8 @@ class JointDraws(NamedTuple):
     #: random draws of the p parameters (compliances, their changes with force, geometric errors) in
     #: mm, N and rad, shape (size, p)
     beta: Array
-    #: number of random draws that were accepted; at least ``size``, because the last block may give
-    #: more draws than are needed
+    #: number of random draws that were accepted; at least ``size``. Draws are proposed in blocks,
+    #: and the last block may give more draws than are needed.
     accepted: int
     proposed: int  #: number of random draws that were proposed
 
@@ -121,13 +121,14 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
 def _propose_tilted(
     posterior: HyperPosterior, proposal: Integral, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draw one block of hyper-parameters φ and parameters β, and return the accepted draws.
+    """Draw 256 pairs of hyper-parameters φ and parameters β, and return the accepted pairs.
 
-    The block has 256 draws. φ is drawn from ``proposal`` and accepted in proportion to its weight.
-    The weight is the posterior density of φ under the condition that no compliance is negative,
-    divided by the proposal. β is drawn given φ from a density shifted towards compliances that are
-    not negative. The results are φ, in unbounded coordinates, and β of the accepted draws. For h
-    hyper-parameters and p parameters, the shapes are (accepted, h) and (accepted, p).
+    φ is drawn from ``proposal`` and accepted in proportion to its weight. The weight is the
+    posterior density of φ under the condition that no compliance is negative, divided by the
+    proposal. β is drawn given φ from a density shifted towards compliances that are not negative.
+    The result is a tuple of two arrays: the accepted values of φ in unbounded coordinates, shape
+    (accepted, h), and the accepted values of β, shape (accepted, p). h is the number of
+    hyper-parameters, p the number of parameters.
     """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
@@ -139,15 +140,15 @@ def _propose_tilted(
 def _propose_untruncated(
     posterior: HyperPosterior, proposal: Integral, share_inside: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draw one block of hyper-parameters φ and parameters β, and return the accepted draws.
+    """Draw 256 pairs of hyper-parameters φ and parameters β, and return the accepted pairs.
 
-    The block has 256 draws. φ is drawn from ``proposal``, and several β are drawn for each φ as if
-    compliances might be negative. φ is accepted with a probability proportional to its weight, the
-    posterior density divided by the proposal. If compliances must not be negative, the weight is
-    multiplied by the share of these draws of β that have no negative compliance; ``share_inside``
-    is an estimate of this share. Return the accepted values of the h hyper-parameters φ in
-    unbounded coordinates, shape (accepted, h). Also return, for each of them, one draw of the p
-    parameters β without negative compliances, shape (accepted, p).
+    φ is drawn from ``proposal``. For each φ, several β are drawn as if compliances might be
+    negative. φ is accepted with a probability proportional to its weight, the posterior density
+    divided by the proposal. If compliances must not be negative, the weight is multiplied by the
+    share of these β that have no negative compliance; ``share_inside`` is an estimate of this
+    share. The result is a tuple of two arrays: the accepted values of the h hyper-parameters φ in
+    unbounded coordinates, shape (accepted, h), and for each of them one draw of the p parameters β
+    without negative compliances, shape (accepted, p).
     """
     tries = 1
     if posterior.truncated:
@@ -191,11 +192,11 @@ def _draw_standard(
     """Return random draws of the parameters in standard coordinates, and how many are usable.
 
     In standard coordinates the Gaussian density of the p parameters given the hyper-parameters is
-    N(0, I). For each of w values of the hyper-parameters, ``tries`` draws are made from this
-    density, shape (w, tries, p). If ``truncated``, only draws without a negative compliance are
-    usable. For each value of the hyper-parameters, usable draws come first. The second result,
-    shape (w,), holds the number of usable draws for each value. ``conditional`` holds the Gaussian
-    densities.
+    N(0, I). ``conditional`` holds the Gaussian densities for w values of the hyper-parameters. For
+    each value, ``tries`` draws are made. If ``truncated`` is True, only draws without a negative
+    compliance are usable. The result is a tuple of two arrays: the draws, shape (w, tries, p), with
+    the usable draws first, and the number of usable draws for each value of the hyper-parameters,
+    shape (w,).
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows

@@ -2,7 +2,7 @@
 
 The nodes are either a lattice or a random sample. A lattice consists of two regular grids, the
 second moved by half a step in every direction. A sample is drawn from a proposal, which is a
-density much like f, by means of several randomised quasi-random sequences.
+density similar to f, by means of several randomised quasi-random sequences.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ CHUNK = 256
 # Largest Pareto shape k̂ with which importance weights can be trusted. k̂ is the shape of the
 # Pareto distribution fitted to the largest weights. Vehtari et al. (2024) allow 0.7.
 LARGEST_PARETO_K = 0.6
-# Error that is stated for an integral from a random sample, as a multiple of its standard error.
-# The standard error is computed from the scatter between independently randomised quasi-random
-# sequences.
+# Factor by which the standard error of an integral from a random sample is multiplied to obtain its
+# reported error. The standard error is computed from the scatter between independently randomised
+# quasi-random sequences.
 _STANDARD_ERRORS = 2.0
-# Smallest error of an integral from a sample of quasi-random points, as a share of the standard
+# Smallest error of an integral from a sample of quasi-random points, as a fraction of the standard
 # error that plain random points would give.
 _OF_PLAIN_ERROR = 0.5
 # Pareto shape k̂ of the weights of a random sample above which the error of an integral from the
@@ -50,20 +50,20 @@ _HEAVY_TAIL_K = 0.4
 # If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
 # the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
-# Upper limit that is assumed for the part of an integral beyond the outermost nodes of a lattice,
-# as a multiple of the part that these nodes contribute.
+# The part of an integral beyond the outermost nodes of a lattice is assumed to be at most this
+# multiple of the part that these nodes contribute.
 _BEYOND_EDGE = 3.0
-# Error of the log integral from a lattice, as a share of the difference between the log integrals
-# from the lattice's two grids. The log integral from the lattice is the logarithm of the mean of
-# the integrals from the two grids.
+# Error of the log integral from a lattice, as a fraction of the difference between the log
+# integrals from the lattice's two grids. The log integral from the lattice is the logarithm of the
+# mean of the integrals from the two grids.
 _MEAN_OF_TWO = 0.25
 # Largest difference d between the log integrals from a lattice's two grids [nat] up to which the
 # error of the log integral is in proportion to d: ``_MEAN_OF_TWO`` times d. For a larger d, the
 # error is d², but at least the error at this limit.
 _LARGEST_LINEAR = 0.02
-# Smallest difference between the log integrals from a lattice's two grids, as a share of the
-# difference before the step (the distance between the points) was last shortened. A smaller
-# difference may be due to chance and is replaced by this limit.
+# Smallest difference between the log integrals from a lattice's two grids that is used to compute
+# an error, as a fraction of the difference before the spacing of the points was last reduced. A
+# smaller difference may be due to chance and is replaced by this limit.
 _DECLINE = 0.35
 # Smallest share of an integral that is assumed for each of a lattice's two grids. A smaller share
 # is replaced by this number, so that its logarithm is finite.
@@ -79,8 +79,8 @@ class ProposalDensity(Protocol):
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return ``size`` random draws in h dimensions, shape (size, h).
 
-        The widths of the density drawn from are first multiplied by the square root of
-        ``temperature``. ``rng`` generates the random numbers.
+        The widths of the density are first multiplied by the square root of ``temperature``.
+        ``rng`` generates the random numbers.
         """
 
 
@@ -89,13 +89,13 @@ class Integral:
     """Integral ∫ f of a density f in h dimensions as a sum over n weighted nodes."""
 
     free: Array  #: coordinates of the n nodes in h dimensions, shape (n, h)
-    log_density: Array  #: logarithm of the density f to integrate at the n nodes, shape (n,)
+    log_density: Array  #: logarithm of the integrated density f at the n nodes, shape (n,)
     #: logarithm of the volume that each of the n nodes represents, so that the integral is the sum
     #: of density times volume, shape (n,)
     log_volume: Array
-    #: index of the group to which each of the n nodes belongs, shape (n,): a grid of a lattice, or
-    #: a randomised sequence of a sample. The nodes of each group alone give an estimate of the
-    #: integral.
+    #: index of the grid of a lattice, or of the randomised sequence of a sample, to which each of
+    #: the n nodes belongs, shape (n,). The nodes of a single grid or sequence give an estimate of
+    #: the integral.
     estimate: Index
     #: whether each of the n nodes is one of the outermost nodes of a lattice, beyond which the
     #: density was not evaluated, shape (n,)
@@ -103,15 +103,15 @@ class Integral:
     #: density from which the nodes of a sample were drawn at random; None for the nodes of a
     #: lattice
     proposal: ProposalDensity | None
-    #: upper limit of the share of the integral in nodes of small weight, at which the density was
+    #: upper limit of the share of the integral in nodes of small weight at which the density was
     #: not evaluated
     left_out: float = 0.0
-    #: difference between the values of ln ∫ f from the two grids of a coarser lattice [nat]: the
-    #: lattice before the distance between its nodes was last shortened. Zero for a sample, and for
-    #: a lattice in which this distance was not shortened
+    #: difference between the values of ln ∫ f from the two grids of a lattice [nat], before the
+    #: spacing of its nodes was last reduced; zero for a sample, and for a lattice whose spacing was
+    #: not reduced
     coarser_difference: float = 0.0
-    #: error of ln ∫ f [nat] that arises because the density was evaluated at some nodes (points)
-    #: only, and its values at the other nodes were inferred (`density_ratio`); zero if it was
+    #: error of ln ∫ f [nat] that arises if the density was evaluated only at some nodes (points),
+    #: and its values at the other nodes were inferred (`density_ratio`); zero if the density was
     #: evaluated at all nodes
     ratio_error: float = 0.0
 
@@ -165,8 +165,8 @@ class Integral:
         The error is the sum of two parts: the error of the mean of the two grids (see
         `_LARGEST_LINEAR`), and the share of the integral that may lie beyond the outermost nodes
         (points). The first part follows from the difference between the log integrals from the two
-        grids. The difference used is at least 0.35 of the difference before the distance between
-        the nodes was last shortened, because a small difference may be due to chance.
+        grids. A small difference may be due to chance. The difference is therefore taken to be at
+        least 0.35 times its value before the spacing of the nodes was last reduced.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
         of_mean = max(difference**2, _MEAN_OF_TWO * min(difference, _LARGEST_LINEAR))
@@ -285,10 +285,10 @@ class Integral:
 
 
 def in_chunks(log_density: Callable[..., Array], points: Array, size: int = CHUNK) -> Array:
-    """Return a log density at n points, shape (n,), evaluated in blocks of at most ``size`` points.
+    """Return a log density at n points, shape (n,), evaluated for at most ``size`` points at once.
 
-    ``points`` is an array of length n. ``log_density`` is a function that takes a block of rows of
-    ``points`` and returns one number for each row.
+    ``points`` is an array of length n. ``log_density`` is a function that takes some of the points
+    and returns one number for each of them.
     """
     chunks = np.array_split(points, max(1, -(-len(points) // size)))
     return np.concatenate([log_density(chunk) for chunk in chunks])

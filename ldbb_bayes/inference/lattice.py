@@ -24,14 +24,14 @@ from ldbb_bayes.results import Array
 
 __all__ = ["grow_lattice"]
 
-# Smallest error allowed in the logarithm of an integral [nat] for which a coarse lattice is used;
-# for a smaller error, a fine lattice is used.
+# A coarse lattice is used if the error allowed in the logarithm of an integral [nat] is at least
+# this value; for a smaller error, a fine lattice is used.
 _LOOSE_TOLERANCE = 1e-2
 # Step (spacing of the points) with which a coarse lattice starts, in units of the standard
 # deviation of the Gaussian that is fitted to the density at its highest mode.
 _LOOSE_STEP = 2.0
-# Step (spacing of the points) with which a fine lattice starts, as a share of the step that would
-# suffice, within the tolerance, for the integral of a Gaussian density.
+# Step (spacing of the points) with which a fine lattice starts, as a fraction of the step that
+# would suffice, within the tolerance, for the integral of a Gaussian density.
 _STEP_MARGIN = 0.93
 # Depth to which a coarse lattice extends [nat]: points are added until the log density at the
 # outermost points is lower than the highest log density by this number.
@@ -40,9 +40,9 @@ _LOOSE_DEPTH = 9.0
 # outermost points is lower than the highest log density by this number plus ln(1 / tolerance). The
 # tolerance is the error allowed in the log integral.
 _DEPTH = 5.5
-# Difference of log density [nat] by which a lattice is extended if too much of the integral lies
-# beyond its outermost points. The lattice is then computed again, and the log density at the new
-# outermost points is lower by this number than at the old ones.
+# Decrease of the log density [nat] by which a lattice is extended if too much of the integral lies
+# beyond its outermost points. The lattice is then computed again; at its new outermost points, the
+# log density is lower by this number than at the old ones.
 _DEEPER = 3.0
 # Factor by which the spacing of a lattice's points is multiplied if the lattice does not reach the
 # tolerance. The lattice is then computed again.
@@ -187,13 +187,14 @@ def _grow_grid(
 ) -> _Grid:
     """Return one grid of a lattice, to which nodes are added around the modes of a density.
 
-    Nodes next to other nodes are added until all nodes added last are negligible, or until the grid
-    has more than ``max_nodes`` nodes. A node is negligible if ``log_density`` at the node is lower
-    than the highest log density by ``depth`` [nat] or more. The grid has h dimensions; its steps
-    are the columns of ``cell``, shape (h, h). ``starts`` are the modes of the density relative to
-    ``centre``, in multiples of the steps. ``offset`` is the part of a step, 0 or 0.5, by which the
-    grid is moved from ``centre`` in every direction. ``edge`` of the result marks the negligible
-    nodes, and also the nodes added last if the grid has more than ``max_nodes`` nodes.
+    Neighbours of existing nodes are added until all nodes added last are negligible, or until the
+    grid has more than ``max_nodes`` nodes. A node is negligible if ``log_density`` at the node is
+    lower than the highest log density by ``depth`` [nat] or more. The grid has h dimensions; its
+    steps are the columns of ``cell``, shape (h, h). ``starts`` are the modes of the density
+    relative to ``centre``, in multiples of the steps. ``offset`` is the fraction of a step, 0 or
+    0.5, by which the grid is moved from ``centre`` in every direction. ``edge`` of the result marks
+    the negligible nodes. If the grid has more than ``max_nodes`` nodes, ``edge`` also marks the
+    nodes added last.
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])
@@ -220,13 +221,13 @@ def _grow_grid(
 
 
 def _first_front(starts: Sequence[Array], offset: float) -> Array:
-    """Return the n grid points next to given points, from which a grid starts to grow.
+    """Return the grid points nearest to given points, from which a grid starts to grow.
 
-    ``starts`` holds the given points in h dimensions. These points, and the grid points returned,
-    shape (n, h), are in multiples of the grid's steps. ``offset`` is the part of a step by which
-    the grid is moved; the positions returned do not include ``offset``. If ``offset`` is zero, the
-    grid point nearest to each given point is returned. If ``offset`` is 0.5, the 2^h grid points
-    around each given point are returned.
+    ``starts`` holds the given points in h dimensions. These points, and the n grid points returned,
+    shape (n, h), are in multiples of the grid's steps. ``offset`` is the fraction of a step by
+    which the grid is moved; the positions returned do not include ``offset``. If ``offset`` is
+    zero, the grid point nearest to each given point is returned. If ``offset`` is 0.5, the 2^h grid
+    points around each given point are returned.
     """
     along_axis = [0.0]
     if offset:

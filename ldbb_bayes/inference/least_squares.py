@@ -23,8 +23,8 @@ from ldbb_bayes.results import Array, ByRow, Numbers, Result, readable
 
 __all__ = ["LeastSquares", "fit_least_squares"]
 
-# Share of the largest singular value below which the smallest singular value means that a matrix is
-# singular. The matrix holds the derivatives of the readings with respect to the parameters.
+# A matrix counts as singular if its smallest singular value is below this fraction of its largest
+# singular value. The matrix holds the derivatives of the readings with respect to the parameters.
 _SINGULAR = 1e-10
 
 
@@ -46,7 +46,7 @@ class LeastSquares(Result):
     #: table of the parameters with the columns unit, estimate and u, in internal units (mm, N,
     #: rad). u is the standard uncertainty from the scatter of the residuals, taken as white noise.
     #: All estimates and u are NaN if the readings do not determine all parameters, or if there are
-    #: no more readings than parameters.
+    #: at most as many readings as parameters.
     table: ByRow
     #: root-mean-square residual over all readings and of each test [µm], and fitness of each test
     #: [%] (Eq. 34-35 of the paper)
@@ -146,9 +146,9 @@ def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
     The uncertainties are the square roots of the diagonal of s² (JᵀJ)⁻¹, in internal units (mm, N,
     rad). The Jacobian J, shape (readings, p), holds the derivatives of the readings with respect to
     the parameters; s² is the sum of squares of the residuals divided by the number of readings
-    minus p. The uncertainty is NaN if J is singular or if there are no more readings than
-    parameters. ``bound`` is the model, applied to its campaign; ``quality`` holds the residuals of
-    the fit.
+    minus p. The uncertainty is NaN if J is singular or if there are at most p readings. ``bound``
+    is the model, applied to its campaign; ``quality`` holds the root-mean-square residual of the
+    fit.
     """
     readings = sum(reduced.readings for reduced in bound.reduced)
     sum_of_squares = readings * (quality.rmse_um * 1e-3) ** 2

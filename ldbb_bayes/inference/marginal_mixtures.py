@@ -7,11 +7,11 @@ mixture of Gaussians, one for every draw of φ. From seed to seed, the quantiles
 scatter less than the quantiles of the draws of β (Rao-Blackwell theorem).
 
 If truncation is active, β is restricted to A β ≥ 0, where the elements of A β are the compliances
-that must not be negative. The density of a parameter β_j is then no longer Gaussian. But it is
-known under a further condition: that all combinations of parameters that are independent of β_j
-have the values that they have in the draw of β. β can then move only along the column V_j of V, and
-β_j has the density N(m_j, V_jj) between the two values beyond which an element of A β would be
-negative. These truncated Gaussians are the components of the mixture.
+that must not be negative. The density of a parameter β_j is then no longer Gaussian. It is known,
+however, if all combinations of parameters that are independent of β_j are fixed at the values that
+they have in the draw of β. β can then move only along the column V_j of V, and β_j has the density
+N(m_j, V_jj) between the two values beyond which an element of A β would be negative. These
+truncated Gaussians are the components of the mixture.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ __all__ = ["MarginalMixtures", "marginal_mixtures"]
 # Largest number of posterior draws from which marginal densities of the parameters are computed.
 # Each draw gives one component of the mixture that represents the density of a parameter.
 _COMPONENTS = 8192
-# Number of bisections in the search for a quantile. So many bisections determine the quantile to
-# less than 1e-12 of the range of the draws.
+# Number of bisections in the search for a quantile. This number determines the quantile to less
+# than 1e-12 of the range of the draws.
 _BISECTIONS = 42
-# Number of batches of successive draws from whose scatter the standard error of a quantile is
-# computed. Each draw gives one component of the mixture. Batches are used, because successive draws
-# may be correlated.
+# Number of batches of successive draws that are used to compute the standard error of a quantile
+# from the scatter between the batches. Successive draws may be correlated; batches allow for this.
+# Each draw gives one component of the mixture.
 _BATCHES = 16
 
 
@@ -155,8 +155,8 @@ def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> Ma
     truncation = model.bound.truncation
     if truncation.active:
         # ``rate``, shape (w, rows, p), holds the change of each restricted compliance (an element
-        # of A β) per unit of a parameter, if all parameters move along this parameter's column of
-        # the covariance.
+        # of A β) per unit of a parameter, if all parameters change together in proportion to this
+        # parameter's column of the covariance.
         compliances = of_model @ truncation.rows.T
         covariance = conditional.spread(truncation.rows) @ np.swapaxes(spread, 1, 2)
         rate = covariance / sd[:, None] ** 2

@@ -1,9 +1,9 @@
 """Sampling from a density by ensembles of walkers until there are enough random draws.
 
 A walker is a point that moves at random through the d coordinates; the points that it visits are
-the draws. The sampler is emcee. Steps are run in blocks. After each block the effective sample size
-(ESS) and R-hat of the draws are assessed. A redraw replaces the point of a walker by an independent
-point.
+the draws. The sampler is emcee. Steps are run in blocks. After each block, the effective sample
+size (ESS) and R-hat of the draws are assessed. Besides walking, a walker may be moved to a new
+point that is drawn independently of its present point; this is called a redraw.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ __all__ = [
     "run_ensembles",
 ]
 
-# Number of the sampler's blocks of steps that have the same length. The blocks after them are twice
-# as long.
+# Number of successive blocks of the sampler's steps that have the same length. Thereafter the
+# length of a block doubles.
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# Number of doublings after which the sampler's blocks of steps store no more draws than before. The
-# length of the blocks doubles several times. At the first doublings, as many as this number, a
-# block also stores twice as many draws. At every later doubling, the number of steps from one
-# stored draw to the next doubles instead.
+# Number of doublings of the block length at which a block also stores twice as many draws. The
+# sampler runs its steps in blocks, whose length doubles several times. At every later doubling, a
+# block stores as many draws as before, and the number of steps from one stored draw to the next
+# doubles instead.
 _DOUBLINGS_STORED = 2
 # Share of the moves by differential evolution in which walkers can jump between modes. In such a
 # move, the step of a walker is a factor times the difference between the points of two other
@@ -49,7 +49,7 @@ _JUMP_SHARE = 0.1
 # Share of the walkers' moves that propose independent points, if there is a source of such points.
 # The points are drawn from a density near the posterior.
 _REDRAW_SHARE = 0.9
-# Largest number of draws kept of each ensemble of walkers, unless the required effective sample
+# Largest number of draws kept from each ensemble of walkers, unless the required effective sample
 # size needs more.
 _MOST_DRAWS = 25_000
 # Number of independent points that are drawn together. They are kept in a stock, from which they
@@ -60,7 +60,7 @@ _STOCK = 512
 class BlockPlan(NamedTuple):
     """Length of a block of steps of the sampler, and which of the steps are stored as draws."""
 
-    draws: int  #: number of draws that the block of steps stores of each walker
+    draws: int  #: number of draws that the block of steps stores for each walker
     thin: int  #: number of steps of the sampler from one stored draw to the next
 
 
@@ -85,7 +85,7 @@ class StoppingRule(Shown):
 
     #: effective sample size to reach for the mean and for the tails of every parameter
     ess: float = 1000.0
-    rhat: float = 1.01  #: largest R-hat allowed of any parameter
+    rhat: float = 1.01  #: largest R-hat allowed for any parameter
     #: largest number of steps of each ensemble of walkers, after which sampling stops in any case;
     #: for independent draws, the largest number of draws of each chain
     max_steps: int = 20_000
@@ -94,7 +94,7 @@ class StoppingRule(Shown):
     block: int = 20
     #: share of the stored draws that is discarded as burn-in, from the start of the run
     discard: float = 0.25
-    #: number of autocorrelation times over which the draws that are kept must extend; without this
+    #: number of autocorrelation times that the draws after burn-in must span; without this
     #: condition, an ensemble that has hardly moved could pass as converged
     lengths: float = 6.0
 
@@ -175,30 +175,33 @@ class EnsembleRun:
 class WeightedPoints(NamedTuple):
     """Independent random points in d dimensions with their importance weights.
 
-    The points are drawn from a density (the proposal) that is near the density to sample (the
-    target).
+    The points are drawn from a proposal, which is a density similar to the target density. The
+    target density is the density from which the sampler is to draw.
     """
 
     points: Array  #: coordinates of the random points, shape (size, d)
-    #: ln(density to sample / density drawn from) at each point, up to a constant, shape (size,)
+    #: ln(target density / proposal density) at each point, up to a constant, shape (size,)
     log_weight: Array
-    log_target: Array  #: logarithm of the density to sample at each point, shape (size,)
+    log_target: Array  #: logarithm of the target density at each point, shape (size,)
 
 
 class Redraw(Protocol):
-    """Source of independent random points, drawn from a density near the density to sample."""
+    """Source of independent random points, drawn from a density similar to the target density.
+
+    The target density is the density from which the sampler is to draw.
+    """
 
     def draw(self, size: int, random: np.random.RandomState) -> WeightedPoints:
         """Return ``size`` independent random points with their importance weights.
 
-        The weight of a point is the density to sample divided by the density drawn from.
+        The weight of a point is the target density divided by the density of the source.
         """
 
     def log_weight(self, points: Array) -> Array:
         """Return the log importance weights of n points, shape (n,).
 
-        The weight of a point is the density to sample divided by the density from which `draw`
-        draws. ``points``, shape (n, d), holds n points in d dimensions.
+        The weight of a point is the target density divided by the density from which `draw` draws.
+        ``points``, shape (n, d), holds n points in d dimensions.
         """
 
 
@@ -366,11 +369,11 @@ class _StoredBlock(NamedTuple):
 def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
     """Return the draws of a run after burn-in, evenly thinned, shape (ensembles, draws, d).
 
-    ``blocks`` hold the stored draws of d coordinates, in order of time. Later blocks store a
-    smaller share of the steps. The share ``discard`` of ``rule`` is discarded from the start of the
-    run as burn-in. In the result, the draws of one walker follow each other. The number of steps
-    from one draw to the next is the same as in the last block, or larger if there are very many
-    draws.
+    ``blocks`` hold the stored draws of d coordinates, in order of time. In later blocks, a smaller
+    share of the steps is stored. The share ``discard`` of ``rule`` is discarded from the start of
+    the run as burn-in. In the result, the draws of one walker follow each other. The number of
+    steps from one draw to the next is the same as in the last block, or larger if there are very
+    many draws.
     """
     steps_between_draws = blocks[-1].thin
     evenly_spaced = []
@@ -391,9 +394,9 @@ def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Arra
 class RedrawMove:
     """Move of emcee that proposes an independent point to every walker (Tierney 1994).
 
-    The weight of a point is the density to sample divided by the density from which independent
-    points are drawn. A proposed point is accepted with the probability min(1, weight of the
-    proposed point / weight of the walker's present point).
+    The weight of a point is the target density, from which the sampler is to draw, divided by the
+    density from which independent points are drawn. A proposed point is accepted with the
+    probability min(1, weight of the proposed point / weight of the walker's present point).
     """
 
     def __init__(self, redraw: Redraw) -> None:
@@ -408,8 +411,9 @@ class RedrawMove:
         """Return the walkers after this move, and whether each walker accepted its proposal.
 
         ``model`` and ``state`` are the objects that emcee passes to a move: ``model`` holds the
-        random numbers, ``state`` the coordinates and log densities of all walkers. The first result
-        has the form of ``state``. The second result has the shape (walkers,).
+        generator of random numbers, ``state`` the coordinates and log densities of all walkers. The
+        walkers are returned as an object of the same type as ``state``. The acceptances are
+        returned as an array of shape (walkers,).
         """
         walkers = len(state.coords)
         log_weight = self._log_weight_of(state.coords)

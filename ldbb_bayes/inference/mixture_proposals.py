@@ -2,8 +2,8 @@
 
 A proposal is the density from which points are drawn. A split t is a Student-t distribution with
 different scales and degrees of freedom on its two sides (Geweke, Econometrica 57, 1317-1339, 1989).
-A component of a mixture in h dimensions is a product of h split t distributions, each along a
-direction of its own.
+A component of a mixture in h dimensions is a product of h split t distributions, each along its own
+direction.
 """
 
 from __future__ import annotations
@@ -47,14 +47,17 @@ _EM_STEPS = 3
 # the coordinate z of `SplitT`.
 _SMALLEST_SCALE = 0.05
 _LARGEST_SCALE = 20.0
-# Factor by which a proposal (the density drawn from) is made wider than its fit to the points: for
-# importance sampling, a proposal that is too narrow is worse than a proposal that is too wide.
+# Factor by which a proposal (the density from which points are drawn) is made wider than its fit to
+# the points: for importance sampling, a proposal that is too narrow is worse than a proposal that
+# is too wide.
 _WIDER = 1.05
-# Largest number of weighted points to which the tails of a proposal (the density drawn from) are
-# fitted. If there are more points, this number of points is picked in proportion to the weights.
+# Largest number of weighted points to which the tails of a proposal (the density from which points
+# are drawn) are fitted. If there are more points, this number of points is picked in proportion to
+# the weights.
 _FITTED_POINTS = 1024
-# Smallest share of a component in a mixture. A component to which a smaller share of the points'
-# weight belongs gets this share, and is not fitted to the points again.
+# Smallest share of a component in a mixture. If the weights of the points that belong to a
+# component sum to less than this share, the component is not fitted to the points again, and gets
+# this share.
 _SMALLEST_SHARE = 0.02
 
 
