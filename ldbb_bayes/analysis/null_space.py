@@ -1,4 +1,4 @@
-"""Sparse basis of the combinations of coefficients that no reading can resolve.
+"""Sparse basis of the combinations of coefficients whose effects on the readings cancel.
 
 Coefficients are the parameters of interest and the nuisance coefficients (effects that are modelled
 but not of interest). In each combination of the basis, one coefficient has the value one; it is
@@ -14,22 +14,23 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EXACT_SHARE", "NullSpace"]
 
-# A combination of coefficients counts as unresolved only if it changes no reading by more than this
-# share of the largest change that its pivot (the coefficient with the value one) causes alone.
+# A combination of coefficients counts as one whose effects cancel only if it changes no reading by
+# more than this share of the largest change that its pivot (the coefficient with the value one)
+# causes alone.
 EXACT_SHARE = 0.05
-# Shares that decide which coefficients are dropped from an unresolved combination. A coefficient is
-# dropped if its effect on the readings is at most a share of the largest effect of any coefficient
-# in the combination. The shares are tried in turn, until one is found with which the remaining
-# combination still changes no reading noticeably.
+# Limits that decide which coefficients are dropped from a combination whose effects cancel. A
+# coefficient is dropped if its effect on the readings is at most this share of the largest effect
+# of any coefficient in the combination. The limits are tried in this order, until the remaining
+# combination changes no reading noticeably.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
-# A combination from which coefficients of small effect are dropped may change a reading by at most
-# this share of the limit below which a change cannot be seen.
+# After coefficients with small effects have been dropped from a combination, the combination may
+# change a reading by at most this share of the smallest visible change.
 _SPARSE_LIMIT_SHARE = 0.5
-# Pivots are chosen one after the other by the lengths of the rows of a matrix. The columns of the
-# matrix are an orthonormal basis of the null space, and each row belongs to one coefficient. Before
-# each choice, the directions of the rows chosen earlier are projected out of all rows. A preferred
-# coefficient becomes a pivot before other coefficients only if its row is then longer than this
-# number.
+# Shortest length of a matrix row for which a preferred coefficient is chosen as pivot before other
+# coefficients. The columns of the matrix are an orthonormal basis of the null space, and each row
+# belongs to one coefficient. Pivots are chosen one after the other by the lengths of the rows.
+# Before each choice, the directions of the rows that have already been chosen are projected out of
+# all rows.
 _LEAST_PIVOT_LENGTH = 0.05
 # When the effect of one coefficient on the readings is fitted by the effects of other coefficients,
 # singular values below this share of the largest count as zero.
@@ -64,13 +65,14 @@ class NullSpace:
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
 
     def sparse_basis(self) -> list[tuple[int, Array]]:
-        """Return the basis as pairs of pivot and vector; pairs with a nuisance as pivot come first.
+        """Return the pivot and the vector of each combination in the basis.
 
-        A vector, shape (m,), is a combination of the m coefficients that no reading resolves. The
-        pivot of the vector is the index of the coefficient that has the value one and whose effect
-        the other coefficients cancel. Combinations of parameters alone are found first, then
-        combinations of one nuisance with parameters that are not pivots, then all other
-        combinations. A nuisance is left out if its effect alone changes no reading noticeably.
+        Combinations whose pivot is a nuisance coefficient come first. A vector, shape (m,), holds
+        the values of the m coefficients in a combination that changes no reading. The pivot is the
+        index of the coefficient that has the value one and whose effect the other coefficients
+        cancel. The search begins with combinations of parameters alone. Combinations of one
+        nuisance with parameters that are not pivots follow, and then all other combinations. A
+        nuisance is left out if its effect alone changes no reading noticeably.
         """
         columns = np.arange(len(self.largest))
         is_parameter = columns < self.parameters
@@ -88,14 +90,14 @@ class NullSpace:
     def _independent_vectors(
         self, columns: NDArray[np.intp], *, preferred: NDArray[np.bool_]
     ) -> dict[int, Array]:
-        """Return a basis of the unresolved combinations of some coefficients, one vector per pivot.
+        """Return a basis of the combinations of some coefficients that change no reading.
 
-        The keys are indices of pivots. ``columns`` are the indices of the coefficients. Each vector
-        of the basis has the value one at its pivot, and zero at all other pivots. In a vector, the
-        coefficients that are not pivots cancel the effect of the pivot on the readings.
-        ``preferred`` has one entry for each index in ``columns``; it is true for coefficients that
-        should be pivots where possible. A pivot whose effect cannot be cancelled well enough is
-        left out.
+        ``columns`` are the indices of the coefficients. The basis has one vector for each pivot;
+        the keys of the result are the indices of the pivots. Each vector has the value one at its
+        pivot, and zero at all other pivots. The coefficients that are not pivots cancel the effect
+        of the pivot on the readings. ``preferred`` has one entry for each index in ``columns``; it
+        is true for coefficients that should be pivots if possible. A pivot is left out if its
+        effect cannot be cancelled well enough.
         """
         pivots = columns[_choose_pivots(self._orthonormal_basis(columns), preferred)]
         return self._imitations(pivots, np.setdiff1d(columns, pivots))
@@ -116,13 +118,12 @@ class NullSpace:
     def _imitations(
         self, targets: NDArray[np.intp], imitators: NDArray[np.intp]
     ) -> dict[int, Array]:
-        """Return combinations of target coefficients and imitators that change no reading.
+        """Return combinations in which other coefficients cancel the effect of a target.
 
-        ``targets`` and ``imitators`` are indices of coefficients; imitators are the coefficients
-        that may cancel the effect of a target. The result has one combination for each target. In
-        this combination, the target has the value one, and the values of the imitators cancel the
-        target's effect on the readings. Targets whose effect the imitators cannot cancel are left
-        out.
+        ``targets`` are the indices of the target coefficients, and ``imitators`` are the indices of
+        the coefficients that may cancel the effect of a target on the readings. The result has one
+        combination for each target: the target has the value one, and the imitators have the values
+        that cancel its effect. A target is left out if the imitators cannot cancel its effect.
         """
         # The imitators (coefficients that may cancel the effect of a target) are the same for all
         # targets. The matrix of their effects is therefore factored only once.
@@ -140,12 +141,13 @@ class NullSpace:
         return imitations
 
     def _checked_imitation(self, target: int, solved: Array) -> Array | None:
-        """Return a combination in which imitators cancel a target's effect on the readings.
+        """Return a combination in which few coefficients cancel the effect of a target coefficient.
 
-        The imitators are the coefficients of the combination other than the target. ``target`` is
-        the index of the target coefficient. ``solved``, shape (m,), is the combination with all
-        imitators. Imitators with the smallest effects are left out of the result if the remaining
-        imitators suffice. Return None if ``solved`` does not cancel the effect of the target.
+        ``target`` is the index of the target coefficient. ``solved``, shape (m,), is the
+        combination in which all other coefficients (the imitators) help to cancel the effect of the
+        target on the readings. The result is the same combination without the imitators that have
+        the smallest effects, if the remaining imitators suffice. Return None if ``solved`` does not
+        cancel the effect of the target.
         """
         effect = self.largest * np.abs(solved)
         exact_limit = EXACT_SHARE * effect[target]

@@ -1,23 +1,27 @@
-"""Origins of the sources of uncertainty: measured here, stated or assumed.
+"""Origins of the sources of uncertainty: measured in this campaign, stated or assumed.
 
-Every source in the budget of a parameter has one of three origins. A source is *stated* if a
-certificate, or a prior that the user gave, states its size. A source is *measured here* if the
-readings of this campaign alone, with a flat prior of the source, determine the effect of the source
-with a standard uncertainty of less than half of the effect's prior standard deviation. A source
-that is neither stated nor measured here is *assumed*.
+Every source in the uncertainty budget of a parameter has one of three origins:
+
+- *stated*, if a certificate, or a prior that the user gave, states the standard uncertainty of the
+  source;
+- *measured here*, if the readings of this campaign alone determine the effect of the source well
+  enough: with a flat prior of the effect, its standard uncertainty is less than half of its prior
+  standard deviation;
+- *assumed*, if neither is the case.
 
 The origin is determined for each coefficient separately, at the Fourier order of the coefficient.
-For example, the readings may show a form error of the balls at the orders 5 to 12, and the prior of
-the form error may extend this knowledge to the orders 2 and 3. At the orders 2 and 3, the form
-error is still not measured here. When an origin is determined, the priors of the parameters of
-interest (compliances, their changes with force, and geometric errors) are made flat, too. If they
-were not, the narrow prior of a squareness error would count as a measurement of a form error that
+For example, the readings may determine a form error of the balls at the orders 5 to 12. The prior
+of the form error may extend this knowledge to the orders 2 and 3. At these two orders, the form
+error still does not count as measured. When an origin is determined, the priors of the parameters
+of interest (compliances, their changes with force, and geometric errors) are made flat, too.
+Otherwise, the narrow prior of a squareness error would count as a measurement of a form error that
 changes the readings in the same way. All other effects keep their priors.
 
-Scatter differs from reading to reading, or from circle to circle, and has no coefficients that
-several circles share. Reading noise, set-up shift and discrepancy are kinds of scatter that are
-measured here, because their sizes are hyper-parameters that the readings determine. Scatter of a
-fixed size, such as the random error of the force, is stated or assumed.
+Scatter differs from reading to reading, or from circle to circle, and is not described by
+coefficients that several circles have in common. Reading noise, set-up shift and discrepancy are
+kinds of scatter that count as measured here, because the readings determine the hyper-parameters
+that are their standard deviations. Scatter with a fixed standard deviation, such as the random
+error of the force, is stated or assumed.
 """
 
 from __future__ import annotations
@@ -37,8 +41,8 @@ from ldbb_bayes.model.terms.columns import NOISE, OWN
 __all__ = ["MAJORITY", "Origin", "edition_terms", "is_prior_stated", "is_size_stated", "origins"]
 
 # Sources cause most of a parameter's variance if their total share of the variance is above this
-# number. If these sources were known exactly, the standard uncertainty of the parameter would be
-# smaller by about 30 % or more.
+# number. If these sources were known exactly, the standard uncertainty of the parameter would
+# decrease by about 30 % or more.
 MAJORITY = 0.5
 # An effect counts as measured here if its standard uncertainty from the readings alone, with a flat
 # prior of the effect, is below this share of the effect's prior standard deviation.
@@ -46,24 +50,24 @@ MEASURED_SD_RATIO = 0.5
 
 
 class Origin(StrEnum):
-    """Where the size of a source of uncertainty comes from."""
+    """Where the standard uncertainty of a source comes from."""
 
-    MEASURED = "measured here"  #: the readings of this campaign determine the size of the source
-    #: a certificate, or a prior that the user gave, states the size of the source
+    MEASURED = "measured here"  #: the readings of this campaign determine the standard uncertainty
+    #: a certificate, or a prior that the user gave, states the standard uncertainty
     STATED = "stated"
-    ASSUMED = "assumed"  #: nobody measured the source; the default prior gives its size
+    ASSUMED = "assumed"  #: the default prior states the standard uncertainty
 
 
 def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str], Origin]:
     """Return the origin of each source of uncertainty of a model's parameters.
 
-    The size of a source is measured by the readings of this campaign, stated by the user, or
-    assumed by the model.
+    The standard uncertainty of a source is measured by the readings of this campaign, stated by a
+    certificate or by the user, or assumed by the model.
 
     The keys are the same as in `Information.shares`. A key has two parts: the name of a coefficient
     or noise, and the name of the model term to which the coefficient or noise belongs. In this
-    function, the priors of the parameters (key ``(OWN, OWN)``) count as assumed; `is_prior_stated`
-    returns for one parameter whether the user gave its prior.
+    function, the priors of the parameters (key ``(OWN, OWN)``) count as assumed. Use
+    `is_prior_stated` to find out whether the user gave the prior of a parameter.
 
     Parameters
     ----------
@@ -91,14 +95,14 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
 
 
 def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
-    """Return whether the size of a nuisance coefficient is stated.
+    """Return whether the standard uncertainty of a nuisance coefficient is stated.
 
     ``term`` is the model term to which the coefficient belongs. Return False if ``term`` is None,
-    which means that the model has no such term. The size is stated if a certificate states it, if
-    the user has changed the prior sd of the coefficient, or if the model has the term only because
-    the user has added it with ``with_term``. Other settings of the term do not state the size: for
-    example, if the user removes the curvature from a mount's deflection, the size of the deflection
-    is still not stated.
+    which means that the model has no such term. The standard uncertainty is stated in three cases:
+    a certificate states it, the user has changed the prior sd of the coefficient, or the model has
+    the term only because the user has added it with ``with_term``. Changes of other settings do not
+    count. For example, the user may remove the curvature from a mount's deflection. The standard
+    uncertainty of the deflection is then still not stated.
     """
     if term is None:
         return False
@@ -106,10 +110,10 @@ def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bo
 
 
 def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
-    """Return whether the prior sd of a coefficient differs from the package's own value.
+    """Return whether the user has changed the prior sd of a coefficient.
 
-    ``term`` is the model term to which the coefficient belongs. Return True, too, for every term
-    that a model has only if the user adds the term.
+    ``term`` is the model term to which the coefficient belongs. Also return True if a model has
+    this term only when the user adds it.
     """
     if type(term).on_demand:
         return True
@@ -121,11 +125,11 @@ def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
 
 
 def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
-    """Return a model term in which the user's numbers are replaced by the package's own numbers.
+    """Return a model term with the package's default numbers instead of the user's numbers.
 
-    The package's numbers are those of the model's preset. If the preset does not have the term,
-    they are the defaults of the term's class. Settings that are texts, such as the covariate of a
-    drift, are kept, because they state which effect is modelled, and not how large the effect is.
+    The default numbers are those of the model's preset. If the preset does not have the term, they
+    are the defaults of the term's class. Settings that are texts, such as the covariate of a drift,
+    are kept, because they state which effect is modelled, and not how large the effect is.
     """
     usual = edition_terms(bound).get(type(term), type(term)())
     kinds_of_effect = {name: value for name, value in vars(term).items() if isinstance(value, str)}
@@ -134,11 +138,15 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 
 
 def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object, ...] | None:
-    """Return the three values from which the prior sd of a coefficient is computed.
+    """Return the three values that determine the prior sd of a coefficient.
 
-    The first value is a number. The second value states which hyper-parameters multiply this number
-    to give the prior sd; if there are none, the number is the prior sd. The third value is the part
-    of the prior sd that no hyper-parameter multiplies, because the user or a certificate states it.
+    The result is (number, sources, stated):
+
+    - ``number`` is the prior sd, or a factor of it if there are ``sources``;
+    - ``sources`` states which hyper-parameters the number is multiplied by;
+    - ``stated`` is the part of the prior sd that is not multiplied by hyper-parameters, because the
+      user or a certificate states it.
+
     Return None if the term has no coefficient of this name.
     """
     for columns in term.columns(bound.setting):
@@ -152,8 +160,8 @@ def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object
 def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
     """Return whether the user gave the prior of a parameter of interest.
 
-    The user gave the prior if the model's `Prior` has a mean or an sd for this very parameter, or
-    if a setting of the `Prior` on which the parameter's sd depends differs from the preset.
+    This is the case if the model's `Prior` has a mean or an sd for this parameter by name, or if a
+    setting of the `Prior` that determines the parameter's sd differs from the preset.
     """
     prior = bound.model.prior
     if parameter in prior.overrides or parameter in prior.means:
@@ -164,19 +172,18 @@ def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
 
 
 def edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
-    """Return the nuisance terms of the preset from which a model was made.
+    """Return the nuisance terms of the preset from which a model was made, with default values.
 
     The keys are the classes of the terms. A nuisance is an effect that is modelled but not of
-    interest. The terms have the package's own values, even where the user has changed these values
-    in the model.
+    interest. Changes that the user has made in the model are ignored.
     """
     return {type(term): term for term in _edition(bound).nuisances}
 
 
 def _edition(bound: BoundModel) -> HybridModel:
-    """Return the preset's model, with the package's own values, from which a model was made.
+    """Return the model of the preset from which a model was made, with default values.
 
-    For the preset ``paper``, whose model has no nuisances, the model of the preset ``first`` is
+    The preset ``paper`` has no nuisances. For this preset, the model of the preset ``first`` is
     returned.
     """
     return _edition_of(bound.model.preset, bound.model.degree)
@@ -198,7 +205,7 @@ def _term_named(bound: BoundModel, owner: str) -> Term | None:
 
 
 def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
-    """Return the origin of a scatter between readings or circles: measured here, stated or assumed.
+    """Return whether scatter between readings or circles is measured here, stated or assumed.
 
     ``name`` is the class name of the model term that causes the scatter, or the name of the reading
     noise.

@@ -2,15 +2,15 @@
 
 Each test r is compared with replicates: circles simulated from p(y_r | y_−r), the distribution of
 its readings y_r given the readings y_−r of the other tests. If there are several models, each model
-simulates a share of the replicates equal to its posterior probability given the other tests. For
-each Fourier order, the p-value of a test is the share of replicates that deviate at least as much
-as the test. A test has 13 p-values, one for each Fourier order from 0 to 12. The smallest of 13
-p-values is often small by chance alone. The smallest p-value of the test is therefore compared with
-the smallest p-values of the replicates.
+simulates a share of the replicates equal to its posterior probability given the other tests. A test
+has 13 p-values, one for each Fourier order from 0 to 12. Each p-value is the share of replicates
+that deviate at least as much as the test in this order. The smallest of 13 p-values is often small
+by chance alone. The smallest p-value of the test is therefore compared with the smallest p-values
+of the replicates.
 
 Holm's method bounds the family-wise error: the probability that any test is flagged although all
-tests agree. A flagged test is taken out before the remaining tests are judged again, because the
-flagged test would make the tests at neighbouring forces seem to deviate.
+tests agree. A flagged test is removed before the remaining tests are compared again. Otherwise, it
+would make the tests at neighbouring forces seem to deviate.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ FALSE_ALARMS = 0.02
 # Least number of replicates (simulated circles) that each test is compared with.
 _REPLICATES = 20_000
 # In a campaign of n tests, each test is compared with at least n times this number of replicates
-# (simulated circles). With more tests, Holm's method flags only smaller p-values, and smaller
-# p-values need more replicates.
+# (simulated circles). More tests need more replicates, because Holm's method then flags only tests
+# with smaller p-values.
 _REPLICATES_PER_TEST = 400
 # Number of replicates (simulated circles) from each posterior draw when a test is first compared
 # with its replicates.
@@ -56,8 +56,8 @@ _SMALL_P_VALUE = 0.05
 # its replicates a second time.
 _MORE_REPLICATES = 2
 # Number of replicates (simulated circles) from each posterior draw when a test is compared with its
-# replicates a second time. The number is small, because replicates from one draw deviate together,
-# and a small p-value is reliable only with many draws.
+# replicates a second time. The number is small, because replicates from the same draw are
+# correlated, and a small p-value is reliable only with many draws.
 _CIRCLES_PER_DRAW_AGAIN = 2
 
 
@@ -78,9 +78,9 @@ class JudgedTest:
     #: whether the test is flagged as not in agreement with the other tests. A test is flagged if
     #: its family-wise p-value is below 2 % and more than half of the tests remain unflagged.
     flag: bool
-    #: deviation of the test in the Fourier order in which it deviates most, stated as −ln of the
-    #: probability of a larger deviation. Among tests with equal p-values, the test with the largest
-    #: ``distance`` is flagged first.
+    #: −ln of the probability of a larger deviation, in the Fourier order in which the test deviates
+    #: most. Among tests with equal p-values, the test with the largest ``distance`` is flagged
+    #: first.
     distance: float
 
 
@@ -219,8 +219,8 @@ def judge_tests(
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
     """Return the quadrature nodes of the first model's posterior.
 
-    Nodes are weighted values of the hyper-parameters. The first model serves to look up properties
-    of the campaign, which are the same in all models.
+    Nodes are weighted values of the hyper-parameters. Callers read properties of the campaign from
+    the nodes. These properties are the same in all models.
     """
     return next(iter(nodes_by_model.values()))
 
@@ -288,7 +288,7 @@ def _replicates(
 ) -> Array:
     """Return replicates (simulated circles) of the test ``name``.
 
-    Each replicate is given by its 25 Fourier coefficients. The result has the shape (n, 25) [mm];
+    Each replicate is described by 25 Fourier coefficients. The result has the shape (n, 25) [mm];
     the number n of replicates is about ``size``. From each posterior draw, ``circles_per_draw``
     replicates are simulated. The number of replicates from each model is in proportion to the
     posterior probability of the model given the other tests. ``nodes_by_model`` and
@@ -315,8 +315,9 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
     """Return the comparison of one test's circle with its replicates (simulated circles).
 
     The p-value is the probability that another circle of the same machine would deviate from the
-    mean of the replicates at least as much as the test, in any Fourier order. It is not adjusted
-    for the number of tests: in the result, the family-wise p-value is 1, and the flag is false.
+    mean of the replicates at least as much as the test, in any Fourier order. The p-value is not
+    adjusted for the number of tests: in the result, the family-wise p-value is 1, and the flag is
+    false.
 
     Parameters
     ----------
@@ -343,11 +344,11 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # The p-value follows from the number of replicates (simulated circles) that have a large
-    # deviation in at least one Fourier order. For each order, ``nearer_counts`` holds the number of
-    # replicates that deviate less than the observed circle; ``most_nearer`` is the largest of these
-    # numbers. The ``most_nearer`` smallest deviations of the replicates in each order count as
-    # small, and all others as large.
+    # The p-value is the share of replicates (simulated circles) that have a large deviation in at
+    # least one Fourier order. For each order, ``nearer_counts`` holds the number of replicates that
+    # deviate less than the observed circle; ``most_nearer`` is the largest of these numbers. In
+    # each order, a replicate's deviation is large unless it is among the ``most_nearer`` smallest
+    # deviations of the replicates.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

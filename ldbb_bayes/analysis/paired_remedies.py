@@ -1,8 +1,8 @@
-"""Pairs of remedies for parameters that stay confounded after one remedy.
+"""Second remedies for parameters that remain confounded after the first remedy.
 
 A remedy for a large uncertainty is a change of the plan, such as more circles, or a certificate of
-the instrument. A parameter is confounded if effects whose size nobody measured or stated cause more
-than half of its variance.
+the instrument. A parameter is confounded if effects whose standard uncertainty is assumed cause
+more than half of its variance.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ __all__ = ["PairedRemedy", "paired_remedies"]
 # Second remedies (changes of the plan or certificates) are compared by a ratio: the parameter's
 # standard uncertainty with the first and the second remedy, divided by its standard uncertainty
 # without any remedy. If the ratios of two second remedies differ by less than this share of the
-# smaller ratio, the cheaper of the two is taken.
+# smaller ratio, the cheaper of the two is chosen.
 _EQUAL_RATIOS = 0.02
 
 
 @dataclass(frozen=True)
 class PairedRemedy(Result):
-    """Two remedies together for a parameter that stays confounded after the first remedy alone.
+    """Two remedies for a parameter that remains confounded after the first remedy alone.
 
     A remedy is a change of the plan, such as more circles, or a certificate of the instrument. A
     parameter is confounded if assumed effects cause more than half of its variance.
     """
 
-    #: first remedy (a change of the plan or a certificate): the parameter's cheapest remedy when
-    #: each remedy is considered alone
+    #: first remedy (a change of the plan or a certificate): the cheapest single remedy for the
+    #: parameter
     first: CureStep
     #: second remedy (a change of the plan or a certificate): the remedy that reduces the
     #: parameter's standard uncertainty most when it is added to the first remedy
@@ -53,12 +53,12 @@ def paired_remedies(
     sd: Mapping[str, float],
     confounded: Collection[str],
 ) -> dict[str, PairedRemedy]:
-    """Return a pair of remedies for every parameter that stays confounded after one remedy.
+    """Return two remedies for every parameter that remains confounded after one remedy.
 
     A remedy is a change of the plan, such as more circles, or a certificate of the instrument. The
-    first remedy is the parameter's cheapest remedy from `remedies`. The second remedy is the remedy
-    that makes the standard uncertainty of the parameter smallest when it is added to the first. A
-    pair is returned only if the standard uncertainty with both remedies is less than 90 % of the
+    first remedy is the parameter's cheapest remedy from `remedies`. The second remedy is the one
+    that minimises the standard uncertainty of the parameter when it is added to the first. The two
+    remedies are returned only if the standard uncertainty with both is less than 90 % of the
     standard uncertainty with the first remedy alone.
 
     Parameters
@@ -76,8 +76,8 @@ def paired_remedies(
     Returns
     -------
     dict of PairedRemedy
-        Pairs of remedies; the keys are names of parameters. Parameters without a useful pair are
-        left out.
+        First and second remedy for each parameter; the keys are names of parameters. A parameter is
+        left out if no second remedy reduces its standard uncertainty enough.
     """
     pairs = {}
     for name in confounded:
@@ -95,11 +95,11 @@ def paired_remedies(
 def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> PairedRemedy | None:
     """Return the first remedy for a parameter together with the best second remedy.
 
-    A remedy is a change of the plan or a certificate. The best second remedy is the remedy that
-    makes the parameter's standard uncertainty smallest when it is added to the first. ``name`` is
-    the name of the parameter, and ``sd`` its standard uncertainty without any remedy. Return None
-    if no second remedy reduces the standard uncertainty to less than 90 % of its value with the
-    first remedy alone.
+    A remedy is a change of the plan or a certificate. The best second remedy is the one that
+    minimises the parameter's standard uncertainty when it is added to the first. ``name`` is the
+    name of the parameter, and ``sd`` its standard uncertainty without any remedy. Return None if no
+    second remedy reduces the standard uncertainty to less than 90 % of the standard uncertainty
+    with the first remedy alone.
     """
     before = tried.sd_with()[name]
     ratio_of: dict[CureStep, float] = {}

@@ -76,10 +76,11 @@ def decompose_deviation(
         geometric errors. Offsets of the tool ball are separate sources, and are not included in the
         sums. Columns are plane, radius_mm, force_N and source; and, in µm, maximum, minimum,
         peak_to_peak, sd, ci_low and ci_high. The columns maximum and minimum hold the largest and
-        the smallest value, along the circle, of the posterior mean of the contribution. The
-        posterior of the peak-to-peak value has the median peak_to_peak, the standard deviation sd
-        and the credible interval from ci_low to ci_high. Because the contribution is uncertain, the
-        peak-to-peak values of the posterior draws are too large; this excess is removed.
+        the smallest value, along the circle, of the posterior mean of the contribution. The columns
+        peak_to_peak, sd, ci_low and ci_high describe the posterior distribution of the peak-to-peak
+        value: its median, its standard deviation and the ends of its credible interval. Because the
+        contribution is uncertain, the peak-to-peak values of the posterior draws are too large; the
+        mean of this excess is removed.
 
     Raises
     ------
@@ -128,8 +129,8 @@ def contribution_paths(
     The circle is that of the test with index ``r``, and the force is ``force_N``. Each contribution
     has the shape (draws, 360) [µm], for the angles 0°, 1° … 359°. ``beta``, shape (draws, p), are
     posterior draws of the p parameters. The sources are the same as in `decompose_deviation`. If
-    ``only`` is not empty, only the sources named in ``only`` are returned. Sources without any
-    effect are left out.
+    ``only`` is not empty, the result contains only the sources named in ``only``. Sources that do
+    not change the readings are left out.
     """
     turn = basis(ANGLE_RAD).T * 1e3
     paths = {}

@@ -8,8 +8,8 @@ all unknowns, the steps are:
 1. A true θ' is drawn from the posterior p(θ | y).
 2. Readings y' of a repetition of the same tests are simulated from θ'.
 3. The posterior p(θ | y, y') given the measured and the simulated readings together is computed. If
-   this posterior is computed correctly, θ' is a draw from it as well, and the ranks of θ' among
-   other draws from it are uniformly distributed.
+  this posterior is computed correctly, θ' is also a draw from this posterior, and the ranks of θ'
+  among other draws from this posterior are uniformly distributed.
 
 Bar, balls, mount and force device are the same in the measured and the simulated campaign; set-up
 shift, discrepancy, random force error and white noise are drawn anew for the simulated campaign.
@@ -60,7 +60,7 @@ def calibrate_posterior(
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Validation:
-    """Return the ranks of true values among posterior draws of campaigns enlarged by simulation.
+    """Return the ranks of true values among posterior draws of simulated, enlarged campaigns.
 
     In every replicate, true values of the parameters and of the hyper-parameters (the scales of the
     noise and of other effects) are drawn from the posterior. A repetition of the tests is simulated
@@ -141,9 +141,9 @@ class _EnlargedCampaigns(NamedTuple):
     """Settings of all replicates (simulated campaigns): model, measured campaign and true values.
 
     ``beta``, shape (replicates, p), and ``phi``, shape (replicates, h), are posterior draws of the
-    parameters and of the hyper-parameters; one draw of each gives the true values of a replicate.
-    ``draws`` is the number of posterior draws of the enlarged campaign among which the true values
-    are ranked.
+    parameters and of the hyper-parameters. The true values of a replicate are one draw of ``beta``
+    and one draw of ``phi``. ``draws`` is the number of posterior draws of the enlarged campaign
+    among which the true values are ranked.
     """
 
     model: HybridModel
@@ -157,9 +157,10 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
     """Return the ranks of the true values in one replicate (simulated campaign).
 
     The true values are one posterior draw of the measured campaign. Readings are simulated from
-    them, the campaign is enlarged by these readings, and the true values are ranked among posterior
-    draws of the enlarged campaign. ``seed`` is the seed of the random numbers; its last spawn key
-    is the index of the replicate. Return an error message if no posterior draws can be made.
+    these values, and the campaign is enlarged by the simulated readings. The true values are then
+    ranked among posterior draws of the enlarged campaign. ``seed`` is the seed of the random
+    numbers; its last spawn key is the index of the replicate. Return an error message if no
+    posterior draws can be made.
     """
     i = seed.spawn_key[-1]
     simulation_seed, sampling_seed = seed.spawn(2)
@@ -184,10 +185,10 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 def _with_times(campaign: Campaign) -> Campaign:
     """Return a campaign with times of its tests, so that a repetition can have the same times.
 
-    If the campaign states no times, so that drift would be computed from the order of the tests,
-    each test gets a time that follows from its place in the list. A repetition of the tests then
-    has the same times as the tests themselves. Drift is therefore measured from the same mean time
-    with and without the repetition. Any other campaign is returned unchanged.
+    If a campaign states no times, drift is computed from the order of the tests. In this case, each
+    test gets a time in proportion to its position in the list. A repetition of the tests then has
+    the same times as the tests themselves, so that drift is measured from the same mean time with
+    and without the repetition. Any other campaign is returned unchanged.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign
@@ -200,8 +201,8 @@ def _with_times(campaign: Campaign) -> Campaign:
 def _enlarge(campaign: Campaign, truth: ModelDraws, rng: np.random.Generator) -> Campaign:
     """Return a campaign enlarged by a simulated repetition of its tests.
 
-    The repetition is simulated from the true values ``truth``: one draw of the model's parameters
-    and hyper-parameters.
+    ``truth`` is one draw of the model's parameters and hyper-parameters. The repetition is
+    simulated with these values as the true values.
     """
     plan = campaign.plan()
     tests = list(campaign.tests)

@@ -2,11 +2,11 @@
 
 A rank is the number of posterior draws below the true value in a simulated campaign. The method is
 that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and
-Computing 32:32 (2022). The band consists of one interval for each k, in which the number of ranks
-up to k should lie; if the ranks are uniform, this number has a binomial distribution. All intervals
-have the same probability. This probability is chosen so that the empirical distribution of uniform
-ranks stays inside all intervals with the probability of the band. The probability of staying inside
-all intervals is computed exactly.
+Computing 32:32 (2022). For each k, the band has one interval in which the number of ranks up to k
+should lie. If the ranks are uniform, this number has a binomial distribution. The number lies
+inside the interval with the same probability for every k. This probability is chosen so that the
+empirical distribution of uniform ranks stays inside all intervals with the probability of the band.
+The probability of staying inside all intervals is computed exactly.
 """
 
 from __future__ import annotations
@@ -92,9 +92,9 @@ def _simultaneous_coverage(replicates: int, level: Array, lower: Array, upper: A
     """Return the probability that the numbers of ranks below several levels are within limits.
 
     There are ``replicates`` ranks, scaled to 0 … 1 and uniformly distributed. ``level`` holds
-    increasing values between 0 and 1. At each of these levels, the number of ranks below the level
-    must lie between the entries of ``lower`` and ``upper`` for this level. From level to level, the
-    numbers form a Markov chain with binomial transition probabilities.
+    increasing values between 0 and 1. ``lower`` and ``upper`` hold, for each level, the limits of
+    the number of ranks below this level. From level to level, the numbers of ranks form a Markov
+    chain with binomial transition probabilities.
     """
     previous_level = 0.0
     previous_counts = np.zeros(1, dtype=int)

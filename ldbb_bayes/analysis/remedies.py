@@ -1,4 +1,4 @@
-"""The cheapest remedy for a large uncertainty of each parameter, and the uncertainty after it.
+"""The cheapest remedy for a large uncertainty of each parameter, and the remaining uncertainty.
 
 A remedy is a change of the plan (another order of the circles, the other direction of travel,
 turned balls, more circles, a second radius) or a certificate of the instrument. Each remedy is
@@ -8,12 +8,12 @@ hyper-parameters φ (the scales of the noise and of other effects) keep their va
 (`HyperPrior.carried`).
 
 A change of a plan that adds circles adds up to as many circles as the plan has. The uncertainty
-would also become smaller if all readings were taken twice under the same conditions. Circles in
-another order, in the other direction of travel, with turned balls or at another radius are
-therefore a remedy only if they reduce the uncertainty more than taking all readings twice does.
-More circles under the same conditions are advised only if sources that the readings measure, such
-as scatter between readings and circles, cause most of the variance. An effect whose size is assumed
-is the same in every circle, and does not average out.
+would also decrease if all readings were taken twice under the same conditions. Circles in another
+order, in the other direction of travel, with turned balls or at another radius are therefore a
+remedy only if they reduce the uncertainty more than taking all readings twice does. More circles
+under the same conditions are recommended only if sources that the readings measure, such as scatter
+between readings and circles, cause most of the variance. An effect whose standard uncertainty is
+assumed is the same in every circle, and does not average out.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ _BETTER_THAN_REPETITION = 0.9
 
 @dataclass(frozen=True)
 class Remedy(Result):
-    """The cheapest remedy for a large uncertainty of a parameter, and the uncertainty after it."""
+    """The cheapest remedy for a large uncertainty of a parameter, and the remaining uncertainty."""
 
     kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
     #: name of the certificate (a key of ``CERTIFICATES``, such as "mount ± 2 %") if the remedy for
     #: a large uncertainty is a certificate; empty if the remedy is a change of the plan
     certificate: str
-    circles: int  #: number of circles that the remedy (a change of the plan or a certificate) adds
+    circles: int  #: number of circles that the remedy adds; 0 for a certificate
     #: standard uncertainty of the parameter that remains after the remedy, in internal units
     sd: float
     ratio: float  #: ``sd`` divided by the standard uncertainty without the remedy
@@ -64,8 +64,9 @@ class Remedy(Result):
 class _Trial:
     """One remedy (a change of the plan or a certificate) that was tried.
 
-    ``ratio``, shape (p,), holds for each of the p parameters and changes with force its standard
-    uncertainty with the remedy, divided by its standard uncertainty without the remedy.
+    ``ratio``, shape (p,), holds one ratio for each parameter and each change of a compliance with
+    force, p ratios in all: the standard uncertainty with the remedy, divided by the standard
+    uncertainty without the remedy.
     """
 
     kind: RemedyKind
@@ -92,11 +93,11 @@ def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, R
     tried
         The campaign, with the standard uncertainties of its parameters after each remedy.
     sd
-        Standard uncertainties of the p parameters and changes with force without any remedy, shape
-        (p,), in internal units.
+        Standard uncertainties without any remedy, shape (p,), in internal units. There is one for
+        each parameter and one for each change of a compliance with force, p in all.
     measured_share
-        Shares, shape (p,), of the variances of these p quantities that come from sources measured
-        here, such as scatter between readings and circles.
+        For each of these p quantities, the share of its variance that comes from sources measured
+        in this campaign, such as scatter between readings and circles, shape (p,).
     """
     bound = tried.bound
     once = tried.sd_with()
@@ -126,8 +127,8 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
     under other conditions must also be better than taking all readings twice under the same
     conditions; ``repetition`` is the standard uncertainty from all readings taken twice, divided by
     the present standard uncertainty. More circles under the same conditions help only if most of
-    the variance comes from sources that are measured here; ``measured_share`` is the share of these
-    sources in the variance.
+    the variance comes from sources that are measured in this campaign; ``measured_share`` is the
+    share of these sources in the variance.
     """
     ratio = float(trial.ratio[i])
     if not ratio < NARROWER:
@@ -142,11 +143,11 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
 def _cheapest(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
     """Return the first sufficient remedy for parameter i, or the best remedy if none is sufficient.
 
-    A remedy is a change of the plan or a certificate. ``helpful`` are the remedies that reduce the
-    standard uncertainty noticeably, the cheapest first. Return None if ``helpful`` is empty. A
-    remedy is sufficient if it removes at least half of the variance. The best remedy is the one
-    with the smallest remaining standard uncertainty. ``sd`` is the standard uncertainty of the
-    parameter without any remedy.
+    A remedy is a change of the plan or a certificate. It is sufficient if it removes at least half
+    of the variance. The best remedy is the one with the smallest remaining standard uncertainty.
+    ``helpful`` are the remedies that reduce the standard uncertainty noticeably, the cheapest
+    first. Return None if ``helpful`` is empty. ``sd`` is the standard uncertainty of the parameter
+    without any remedy.
     """
     if not helpful:
         return None

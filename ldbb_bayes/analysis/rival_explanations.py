@@ -1,9 +1,9 @@
 """Comparison of slopes with rival explanations of why compliance seems to change with force.
 
 The readings may not grow in proportion to force for several reasons: compliances change with force
-(slopes), joints yield to their own load, or the mount or the force device is nonlinear. Every
-combination of these explanations is a model. All models have the same prior probability, and the
-evidences of the models determine their posterior probabilities.
+(slopes), the deflection of the joints is nonlinear, or the mount or the force device is nonlinear.
+Every combination of these explanations is a model. All models have the same prior probability, and
+the evidences of the models determine their posterior probabilities.
 """
 
 from __future__ import annotations
@@ -60,10 +60,10 @@ class Explanations:
     def instead(self) -> tuple[str, ...]:
         """Names of the rival explanations that make slopes unnecessary; empty if there are none.
 
-        Slopes are changes of compliance with force. Rival explanations make slopes unnecessary if
-        the readings support slopes in the models without rival explanations, but not on the average
-        over all combinations of rival explanations. The rival explanations named are those in the
-        most probable combination without slopes.
+        Slopes are changes of compliance with force. Rival explanations make slopes unnecessary
+        under two conditions: the readings support slopes in the models without rival explanations,
+        and they do not support slopes on average over all combinations of rival explanations. The
+        names are those of the rival explanations in the most probable combination without slopes.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)
@@ -129,9 +129,9 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # The models are in the order of `subsets`. The first row of these arrays is therefore for the
-    # models with slopes, the second row for the models without slopes, and the last column for the
-    # models without rival explanations.
+    # The models are in the order of `subsets`. In the following arrays, the first row is therefore
+    # for the models with slopes, and the second row for the models without slopes. The last column
+    # is for the models without rival explanations.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)
     rival_combinations = log_evidence_by_slopes.shape[1]
@@ -156,8 +156,8 @@ def _compare_slopes(
 
     Slopes are changes of compliance with force. ``label`` states how rival explanations are
     treated. ``error`` is the error of the log Bayes factor [nat]. ``log_evidence_by_slopes`` holds
-    the log evidence with slopes, then the log evidence without slopes. In ``pair``, the model
-    without slopes comes first.
+    two numbers: the log evidence with slopes, and the log evidence without slopes. In ``pair``, the
+    model without slopes comes first.
     """
     with_slopes, without_slopes = log_evidence_by_slopes.tolist()
     constant_name, linear_name = pair

@@ -17,7 +17,7 @@ __all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptio
 # Function that takes a model and returns a copy of the model with another assumption, for example
 # about how circles differ from one another.
 Change = Callable[[HybridModel], HybridModel]
-# Label of the assumption that circles differ from one another by white noise only, and that
+# Label of the assumption that white noise is the only difference between circles, and that
 # compliances may be negative.
 WHITE_NOISE = "white noise only, no truncation"
 # Label of the case in which the models are unchanged.
@@ -25,7 +25,7 @@ _UNCHANGED = "as in the model"
 
 
 class _Alternative(NamedTuple):
-    """Assumption about how circles differ from one another, expressed by changing a model term."""
+    """Assumption about how circles differ, expressed as a change of one model term."""
 
     label: str
     kind: type[Term]  #: class of the model term that is replaced or left out
@@ -70,10 +70,9 @@ class Assumed:
 def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
     """Return assumptions about how circles may differ from one another; the keys are labels.
 
-    Each assumption is a function that takes a model and returns the model changed. The first
-    function leaves the model unchanged, each following function changes one model term, and the
-    last function leaves only white noise. A change of a term is omitted if it alters none of
-    ``models``.
+    Each assumption is a function that takes a model and returns a changed copy. The first function
+    leaves the model unchanged, and the last function leaves only white noise. Every other function
+    changes one model term. A function is omitted if it changes none of ``models``.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:
@@ -97,7 +96,7 @@ def _leave_unchanged(model: HybridModel) -> HybridModel:
 
 
 def _change_to(alternative: _Alternative) -> Change:
-    """Return the function that changes a model to an alternative assumption."""
+    """Return the function that changes a model so that it makes another assumption."""
 
     def change(model: HybridModel) -> HybridModel:
         if alternative.term is None:
@@ -114,11 +113,10 @@ def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return, for each assumption, the two models ``pair`` changed to this assumption.
+    """Return, for each assumption, the two models of ``pair`` changed to make this assumption.
 
-    The keys are labels of assumptions. ``changes`` are the assumptions as
-    `discrepancy_assumptions` returns them. An assumption is left out if it makes the two models
-    equal.
+    The keys are labels of assumptions. ``changes`` are the assumptions as `discrepancy_assumptions`
+    returns them. An assumption is left out if the two models are equal after the change.
     """
     pair = tuple(pair)
     pairs = {}

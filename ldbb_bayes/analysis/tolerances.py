@@ -36,7 +36,7 @@ PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
 # bar, and the ratio of the two. Each value states which limit, the upper or the lower, is meant if
 # the tolerance is one number without a sign.
 STIFFNESS_QUANTITIES = {"k_min": _LOWER, "k_max": _LOWER, "k_ratio": _UPPER}
-# Internal units of these stiffnesses; the ratio has no unit.
+# Internal units of the stiffnesses in ``STIFFNESS_QUANTITIES``; the ratio has no unit.
 _STIFFNESS_UNITS = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": ""}
 # Regular expressions for names of quantities that cannot be negative. ``_DIRECT_COMPLIANCE``
 # matches direct compliances (deflection in the direction of the force, or tilt about the axis of
@@ -46,12 +46,12 @@ _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(
     _DIRECT_COMPLIANCE.pattern + r"|stiffness_.|(G|k_min|k_max|k_ratio)(_..)?"
 )
-# A compliance may be stated at forces from ``_LEAST_FORCE_SHARE`` times the smallest force tested
-# to ``_LARGEST_FORCE_SHARE`` times the largest force tested.
+# A tolerance for a compliance may apply to forces from ``_LEAST_FORCE_SHARE`` times the smallest
+# force tested to ``_LARGEST_FORCE_SHARE`` times the largest force tested.
 _LEAST_FORCE_SHARE = 0.1
 _LARGEST_FORCE_SHARE = 1.5
-# Limits, upper or lower or both, that a sign before the number of a tolerance states, such as ≤ for
-# an upper limit.
+# Meaning of the sign before the number of a tolerance: the number is the upper limit (≤), the lower
+# limit (≥) or both limits (±).
 _SIDES_BY_SIGN = {"±": _BOTH, "≤": _UPPER, "<=": _UPPER, "≥": _LOWER, ">=": _LOWER}
 _SIGN = re.compile(r"\s*(±|≤|<=|≥|>=)?")
 _NUMBER = re.compile(r"^\s*[+−-]?[\d.]+(e[+-]?\d+)?", re.IGNORECASE)
@@ -114,7 +114,7 @@ class Quantity:
 
 
 def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[str, Quantity]:
-    """Return the quantities that may have a tolerance; the keys are their names.
+    """Return the quantities that may have a tolerance; the keys are the names of the quantities.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def name_in_plane(name: str, plane: str, planes: Collection[str]) -> str:
 
 
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
-    """Return the quantities of a bound model that may have a tolerance; the keys are their names.
+    """Return the quantities of a bound model that may have a tolerance, by name.
 
     The quantities are the model's parameters; stiffnesses of single axes, such as ``stiffness_X``;
     in each plane, the least and the greatest stiffness along the bar and the ratio of the two; and
@@ -167,14 +167,14 @@ def tolerances_in(
 ) -> dict[str, Tolerance]:
     """Read tolerances from texts with a unit, check their names and limits, and return them.
 
-    ``given`` are the tolerances as stated by the user, and ``known`` are all quantities that may
-    have a tolerance. The keys of both, and of the result, are names of quantities.
+    ``given`` are the tolerances as the user stated them, and ``known`` are all quantities that may
+    have a tolerance. The keys of ``given``, of ``known`` and of the result are names of quantities.
 
     For a direct compliance, G, F_max and a ratio, a single number such as ``60 nm/N`` is the upper
-    limit. For a stiffness and F_min, a single number is the lower limit. For any other quantity, it
-    is both limits (±). A sign before the number takes precedence over these rules: ``≤`` states an
-    upper limit, ``≥`` a lower limit and ``±`` both. A range such as ``−20..40 µrad`` or
-    ``−20…40 µrad`` also states both limits.
+    limit. For a stiffness and F_min, a single number is the lower limit. For any other quantity,
+    the limits are plus and minus this number. A sign before the number takes precedence over these
+    rules: ``≤`` states an upper limit, ``≥`` a lower limit and ``±`` both. A range such as
+    ``−20..40 µrad`` or ``−20…40 µrad`` also states both limits.
     """
     require(
         isinstance(given, Mapping),
@@ -208,7 +208,7 @@ def tolerances_in(
 
 
 def check_force(campaign: Campaign, force_N: float | None) -> None:
-    """Raise an `InputError` if a force is too far from the tested forces to state a compliance.
+    """Raise an `InputError` if a force is too far outside the range of the tested forces.
 
     ``force_N`` [N] must lie between a tenth of the smallest force tested and 1.5 times the largest
     force tested. None is allowed; it stands for the model's reference force.

@@ -1,10 +1,11 @@
-"""Trial of remedies for large uncertainties: uncertainties are computed for a changed campaign.
+"""Uncertainties that a campaign would have with remedies for large uncertainties.
 
 A remedy is a change of the plan (another order of the circles, the other direction of travel,
 turned balls, more circles, a second radius) or a certificate of the instrument. The model is bound
 to the changed plan, or to the campaign with the certificate. The hyper-parameters φ (the scales of
-the noise and of other effects) keep their values (`HyperPrior.carried`). Effects that depend on an
-estimate of the machine are computed with the estimate from the unchanged campaign or its pilot.
+the noise and of other effects) keep their values (`HyperPrior.carried`). Some effects depend on an
+estimate of the machine's compliances. These effects are computed with the estimate from the
+unchanged campaign or its pilot.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 
-# Angle by which both balls are turned in the circles that the remedy with turned balls adds [°]. A
-# second angle is not needed, because this angle turns the phase of a ball's form error by 90° at
+# Angle [°] by which both balls are turned in the added circles, if the remedy is to turn the balls.
+# A second angle is not needed, because this angle turns the phase of a ball's form error by 90° at
 # order 2, by 135° at order 3 and by 180° at order 4.
 _TURN_DEG = 45.0
-# Number of random orders of the circles that are drawn. The order whose positions are least
-# correlated with the forces of the circles is taken.
+# Number of random orders of the circles. The order is chosen for which the positions of the circles
+# are least correlated with their forces.
 _ORDERS_TRIED = 200
 
 
@@ -66,7 +67,7 @@ class TriedCures:
     """A campaign, and the uncertainties of its parameters after one remedy or several remedies.
 
     A remedy for a large uncertainty is a change of the plan or a certificate of the instrument.
-    Results that have been computed are kept and not computed again.
+    Results are stored, so that they are computed only once.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ class TriedCures:
         return tuple(steps)
 
     def bound_with(self, *steps: CureStep) -> BoundModel | None:
-        """Return the model bound to the campaign as changed by the remedies ``steps``.
+        """Return the model bound to the campaign that results from the remedies ``steps``.
 
         A remedy is a change of the plan or a certificate of the instrument. The remedies are
         applied one after the other. Return None if a remedy cannot be applied after the earlier
@@ -128,8 +129,8 @@ class TriedCures:
         """Return the names of the parameters that are confounded after the remedies ``steps``.
 
         A remedy is a change of the plan or a certificate of the instrument. A parameter is
-        confounded if effects whose size is assumed cause more than half of its variance. The result
-        is empty if the remedies cannot be applied one after the other.
+        confounded if effects whose standard uncertainty is assumed cause more than half of its
+        variance. The result is empty if the remedies cannot be applied one after the other.
         """
         if steps not in self._confounded_with:
             names = set()
@@ -159,7 +160,7 @@ class TriedCures:
 
 
 def _with_cure(bound: BoundModel, step: CureStep) -> BoundModel | None:
-    """Return the model bound to the campaign or plan as changed by one remedy.
+    """Return the model bound to the campaign or plan that results from one remedy.
 
     A remedy is a change of the plan or a certificate of the instrument. Return None if the
     instrument already has the certificate, or if the plan does not need the change.
@@ -186,8 +187,8 @@ def sd_by_name(
     """Return standard uncertainties of all parameters and of the compliances' changes with force.
 
     The keys are the names of the parameters, followed by names such as "change of C_XXX" for the
-    changes of compliances over the tested forces. The values are in internal units. ``times`` is
-    the number of times that all readings are taken.
+    changes of compliances over the tested forces. The values are in internal units. The
+    uncertainties are computed as if every reading were taken ``times`` times.
     """
     covariance = information.covariance(times=times)
     interest = information.interest
@@ -202,10 +203,10 @@ def sd_by_name(
 def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
     """Return the changed plan for each change that may reduce uncertainties, the cheapest first.
 
-    The keys are the kinds of change. Changes that the campaign does not need are left out: another
-    order of the circles if the model has no drift, and the other direction of travel if every plane
-    is run in both directions. If the order changes, the circles of a plan are reordered; the
-    circles of a campaign that has been run already are repeated in the new order.
+    The keys are the kinds of change. Two changes are left out if the campaign does not need them:
+    another order of the circles if the model has no drift, and the other direction of travel if
+    every plane is already run in both directions. With another order, the circles of a plan are
+    reordered. If the campaign has already been run, its circles are repeated in the new order.
     """
     plan = bound.campaign.plan()
     tests = _timed(plan)
@@ -228,9 +229,9 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
 def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
     """Return the circles of a plan with the times from which drift is computed.
 
-    If all circles state their times, these times are kept. If not, and if the plan states that its
-    order was drawn at random, the circles returned have no times. In all other cases, the circles
-    are taken to be run in the order of the plan, one every six minutes.
+    If all circles state their times, these times are kept. If not all circles state a time, but the
+    plan states that its order was drawn at random, the circles are returned without times. In all
+    other cases, the circles are taken to be run in the order of the plan, one every six minutes.
     """
     if None not in [test.time_s for test in plan.tests]:
         return tuple(plan.tests)
@@ -244,8 +245,8 @@ def _extended(
 ) -> Campaign:
     """Return a plan with the circles ``before``, followed by the circles ``added`` under new names.
 
-    If the circles ``before`` have times, the added circles follow the latest of these circles, one
-    every six minutes. Otherwise the added circles have no times.
+    If the circles ``before`` have times, the added circles are run after the latest of these times,
+    one every six minutes. Otherwise, the added circles have no times.
     """
     times = [test.time_s for test in before if test.time_s is not None]
     later = []
@@ -260,7 +261,7 @@ def _extended(
 def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests in an order that is nearly uncorrelated with their forces.
 
-    From 200 random orders with a fixed seed, the order is taken that has the smallest correlation
+    From 200 random orders with a fixed seed, the order is chosen that has the smallest correlation
     between the position of a test in the order and the test's force. The times of all tests are
     sorted, and the k-th test of the new order gets the k-th time.
     """

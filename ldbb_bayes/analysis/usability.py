@@ -1,4 +1,4 @@
-"""Judgement whether the values on a certificate can be used, with reasons against their use."""
+"""Judgement whether the values on a certificate can be used, and the reasons for caution."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "state_of", "undetermined
 # The readings hardly determine a parameter if its posterior standard deviation, divided by its
 # prior standard deviation, is above a limit. The limit lies between ``_LEAST_RATIO`` and
 # ``_LARGEST_RATIO``, in the widest gap (on a logarithmic scale) between the ratios of the
-# campaign's parameters. Two parameters with nearly the same ratio are therefore judged alike.
+# campaign's parameters. Two parameters with nearly the same ratio are therefore judged in the same
+# way.
 _LEAST_RATIO = 0.25
 _LARGEST_RATIO = 0.4
 
@@ -48,7 +49,7 @@ class ReasonKind(StrEnum):
 
 @dataclass(frozen=True)
 class Reason(Result):
-    """Reason why values on a certificate cannot be used, or can be used only with reservation."""
+    """Reason why values on a certificate cannot be used, or must be used with caution."""
 
     kind: ReasonKind
     names: tuple[str, ...] = ()  #: names of the parameters or tests that the reason is about
@@ -61,7 +62,7 @@ class Reason(Result):
 class Judgement(Result):
     """Judgement whether the values on a certificate can be used.
 
-    ``reasons`` are all reasons against the use of the values, the gravest first.
+    ``reasons`` are all reasons against the use of the values, the most serious first.
     """
 
     use: Use
@@ -75,7 +76,8 @@ def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) ->
     For each remaining parameter, a ratio is computed: the posterior standard deviation divided by
     the prior standard deviation. The readings hardly determine the parameter if this ratio is above
     a limit between 0.25 and 0.4. The limit lies in the widest gap between the ratios of the
-    remaining parameters, so that two parameters with nearly the same ratio are judged alike.
+    remaining parameters. Two parameters with nearly the same ratio are therefore judged in the same
+    way.
 
     Parameters
     ----------
@@ -98,10 +100,9 @@ def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) ->
 def _limit_in_widest_gap(ratios: Sequence[float]) -> float:
     """Return the middle of the widest gap between ratios, on a logarithmic scale.
 
-    A ratio is the posterior divided by the prior standard deviation of a parameter.
-
-    Only the part from 0.25 to 0.4 is searched for gaps; these two numbers are treated as ratios,
-    too.
+    A ratio is the posterior standard deviation of a parameter divided by its prior standard
+    deviation. Only gaps between 0.25 and 0.4 are considered. The numbers 0.25 and 0.4 themselves
+    count as ratios.
     """
     inside = sorted(ratio for ratio in ratios if _LEAST_RATIO < ratio < _LARGEST_RATIO)
     logarithms = np.log([_LEAST_RATIO, *inside, _LARGEST_RATIO])
@@ -119,12 +120,15 @@ def state_of(
     """Return whether the values on a certificate can be used, with reasons against their use.
 
     The values cannot be used if the sampler missed its target, the readings do not fit the model,
-    or the readings speak against non-negative compliances. If none of these is the case, the values
-    can be used only with reservation in each of the following cases: the readings hardly determine
-    a stated parameter; a stated parameter depends on the prior; the noise, or the scale of another
-    effect, is larger than its prior expects; the tests have too few different forces for the degree
-    of the model; the evidences of the compared models are not precise enough; or the result of the
-    comparison depends on assumptions.
+    or the readings contradict the condition that compliances are not negative. Otherwise, they
+    can be used only with caution (``Use.WITH_RESERVATION``) in each of the following cases:
+
+    - the readings hardly determine a parameter on the certificate;
+    - a parameter on the certificate depends on the prior;
+    - the noise, or the scale of another effect, is larger than its prior expects;
+    - the tests have too few different forces for the degree of the model;
+    - the evidences of the compared models are not precise enough;
+    - the result of the comparison depends on assumptions.
 
     Parameters
     ----------
@@ -166,7 +170,7 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
 def _reservations(
     fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
 ) -> list[Reason]:
-    """Return the reasons for reservation that follow from the fit and from verdicts on parameters.
+    """Return the reasons for caution that the fit and the verdicts on the parameters give.
 
     A verdict states how far the readings determine a parameter. ``stated`` are the names of the
     parameters on the certificate.
@@ -190,7 +194,7 @@ def _reservations(
 
 
 def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
-    """Return the reasons for reservation that follow from a comparison of models."""
+    """Return the reasons for caution that a comparison of models gives."""
     reasons = []
     if not comparison.within_tolerance:
         reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))

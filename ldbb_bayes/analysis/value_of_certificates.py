@@ -23,8 +23,8 @@ __all__ = [
 ]
 
 # Certificates that the instrument could have. The keys are names of certificates; the values are
-# the fields of the instrument that the certificate states. The certificate of a single ball is for
-# instruments whose other ball already has a certificate.
+# the fields of the instrument that the certificate states. A certificate for a single ball is meant
+# for instruments whose other ball already has a certificate.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "work ball of grade G10": {"work": Ball(grade="G10")},
@@ -39,7 +39,7 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "angle ± 0.05°": {"angle_U_deg": 0.05},
 }
 # Largest number of values of the hyper-parameters at which the uncertainties with certificates are
-# computed. If there are more values, a systematic sample of this size replaces them.
+# computed. If there are more values, a systematic sample of this size is used instead.
 _MOST_VALUES = 1024
 
 
@@ -49,9 +49,8 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     The hyper-parameters φ are the scales of the noise and of other effects. The variance of each
     parameter is the sum of two parts: the average, over values of φ, of the parameter's variance
     given φ, and the variance, over the same values, of the parameter's mean given φ. ``phi`` holds
-    values for the model ``bound`` with the present instrument. In the model with ``instrument``,
-    each hyper-parameter gets the values that ``phi`` holds for the hyper-parameter of the same name
-    (`HyperPrior.carried`).
+    values for the model ``bound`` with the present instrument. They are carried over to the model
+    with ``instrument`` by the names of the hyper-parameters (`HyperPrior.carried`).
 
     Parameters
     ----------
@@ -87,9 +86,9 @@ class Moments(NamedTuple):
 def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi: Array) -> Moments:
     """Return means and standard uncertainties of linear combinations of coefficients.
 
-    Both are averaged over the hyper-parameters φ, the scales of the noise and of other effects. As
-    in `uncertainty_with`, the variance of a combination is the sum of two parts: the average, over
-    φ, of the variance given φ, and the variance, over φ, of the mean given φ.
+    The results are averaged over the hyper-parameters φ, the scales of the noise and of other
+    effects. As in `uncertainty_with`, the variance of a combination is the sum of two parts: the
+    average, over φ, of the variance given φ, and the variance, over φ, of the mean given φ.
 
     Parameters
     ----------
@@ -105,8 +104,8 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
     """
     sample = _few_values(weight, phi)
     number = len(bound.names)
-    # The columns are reordered, because in the posterior density of all coefficients the parameters
-    # come after the nuisance coefficients.
+    # The columns are reordered, because the posterior density has the nuisance coefficients first
+    # and the parameters last.
     rows = np.concatenate([combinations[:, number:], combinations[:, :number]], axis=1)
     density = bound.collapsed.conditional(sample.phi)[1]
     mean = density.mean @ rows.T + combinations[:, :number] @ bound.centre
@@ -156,9 +155,9 @@ def worth_of_certificates(
     Returns
     -------
     dict
-        For each case, a dict with the standard uncertainty of every parameter, in internal units
-        (mm, N, rad); its keys are the names of the parameters. The cases are "none of these", the
-        names of the missing certificates and, if several certificates are missing, "all of these".
+        Standard uncertainties in internal units (mm, N, rad). The outer keys are the cases, and the
+        inner keys are the names of the parameters. The cases are "none of these", the names of the
+        missing certificates and, if several certificates are missing, "all of these".
     """
     missing = missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
@@ -180,8 +179,8 @@ def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]
     """Return the certificates in `CERTIFICATES` that the instrument does not have yet.
 
     The keys are names of certificates. The values are the fields of the instrument that the
-    certificate states. No two of the certificates returned state the same field: the certificate of
-    a single ball is included only if the other ball already has a certificate.
+    certificate states. No field is stated by two of the certificates: the certificate of a single
+    ball is included only if the other ball already has a certificate.
     """
     uncertified = Instrument()
     missing = {}
@@ -198,8 +197,8 @@ def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]
 def _systematic_sample(weight: Array) -> NDArray[np.intp]:
     """Return the indices of a systematic sample of weighted values, shape (1024,).
 
-    The sample is taken in equal steps of the cumulative weight. The number of times that an index
-    occurs is 1024 times the share of its weight in the total weight, rounded up or down.
+    The sample is taken in equal steps of the cumulative weight. An index whose weight is a share s
+    of the total weight occurs 1024 s times, rounded up or down.
     """
     steps = (np.arange(_MOST_VALUES) + 0.5) / _MOST_VALUES
     cumulative = np.cumsum(weight) / np.sum(weight)

@@ -3,14 +3,14 @@
 Given the hyper-parameters φ (the scales of the noise and of other effects), the error of every
 quantity is a sum of independent errors, one from each source. A source is a model term, the reading
 noise or the prior of a parameter. Each source has a share in the quantity's variance, and an
-origin: the size of the source is measured here, stated or assumed (`origins`).
+origin: its standard uncertainty is measured in this campaign, stated or assumed (`origins`).
 
 In an average over models m with probabilities p_m, the variance of a quantity is
 Σ p_m (var_m + (mean_m − mean)²). Here mean_m and var_m are the mean and the variance of the
 posterior draws under model m, and mean is the average Σ p_m mean_m. The part Σ p_m var_m is divided
 among the sources of every model, as for a single model. The part Σ p_m (mean_m − mean)² is a
-separate source, the choice between the models (`MODEL_CHOICE`). This source counts as measured
-here, because the readings determine the probabilities of the models.
+separate source, the choice between the models (`MODEL_CHOICE`). This source counts as measured in
+this campaign, because the readings determine the probabilities of the models.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ __all__ = [
     "weights_of_parameters",
 ]
 
-# Results may be averaged over several models. The differences between the means of a quantity under
-# these models are then a source of the quantity's variance, which has this name.
+# Name of a source of variance in an average over models: the differences between the means of a
+# quantity under the models.
 MODEL_CHOICE = "ModelChoice"
 
 
@@ -56,7 +56,7 @@ class VarianceSource(Result):
     """
 
     name: str
-    origin: Origin  #: whether the size of the source is measured here, stated or assumed
+    origin: Origin  #: whether the standard uncertainty of the source is measured, stated or assumed
     share: float  #: share of the parameter's variance that the source causes
 
 
@@ -65,10 +65,10 @@ class SourcesOfVariance(NamedTuple):
 
     ``sources`` are all sources, the largest share first. ``likeness`` compares assumed sources. An
     assumed source that causes an error of this parameter causes errors of the other parameters at
-    the same time; these errors form a vector with one element for each parameter. For every pair of
-    names of assumed sources, ``likeness`` holds the squared cosine of the angle between the vectors
-    of the two sources. The squared cosine is 1 if both sources act on the same combination of
-    parameters.
+    the same time. These errors form a vector with one element for each parameter. For every two
+    assumed sources, ``likeness`` holds the squared cosine of the angle between their vectors; a key
+    consists of the names of the two sources. The squared cosine is 1 if both sources act on the
+    same combination of parameters.
     """
 
     sources: tuple[VarianceSource, ...]
@@ -83,7 +83,7 @@ class ModelVariance:
     bound: BoundModel  #: the model, bound to a campaign or plan
     information: Information  #: information of the bound model, given the hyper-parameters
     #: changes of the quantities, in internal units, when one of the model's m coefficients changes
-    #: by its prior sd, shape (q, m); zero for a quantity that the model lacks
+    #: by its prior sd, shape (q, m); zero for a quantity that the model does not have
     weights: Array
     mean: Array  #: means of the quantities under this model, shape (q,)
     #: standard deviations of the quantities under this model, as the results state them, shape
@@ -109,10 +109,10 @@ class ModelVariance:
     def errors(self) -> dict[tuple[str, Origin], Array]:
         """Return one covariance for every source, shape (q, q) each.
 
-        It is the covariance of the errors that the source causes in the q quantities. A source is a
-        model term, the reading noise or the prior of a parameter. The keys are pairs: the name of
-        the term, noise or parameter, and the origin of the source. The covariances are scaled so
-        that their diagonals add up to the variances ``sd``².
+        A covariance describes the errors that the source causes in the q quantities. A source is a
+        model term, the reading noise or the prior of a parameter. A key consists of the name of the
+        term, noise or parameter, and the origin of the source. The covariances are scaled so that
+        the sum of their diagonals is ``sd``², the variances of the quantities.
         """
         drawn = self.sd / np.sqrt(np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1))
         scale = np.outer(drawn, drawn)
@@ -144,11 +144,12 @@ class ModelVariance:
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return the variances that quantities would have if some assumed coefficients were known.
 
-        ``partners`` are names of effects. An effect is a model term, given by its class name, or
-        the prior of a parameter, given by the name of the parameter. Those coefficients of the
-        effects whose size is assumed are taken to be known. Coefficients whose size is measured or
-        stated stay uncertain. For example, if a certificate states the mount's deflection, only the
-        curvature of the deflection is assumed and taken to be known. The result has the shape (q,).
+        ``partners`` are names of effects. An effect is a model term, identified by its class name,
+        or the prior of a parameter, identified by the name of the parameter. If the standard
+        uncertainty of a coefficient of these effects is assumed, the coefficient is taken to be
+        known. All other coefficients stay uncertain. For example, if a certificate states the
+        mount's deflection, only the curvature of the deflection is assumed and taken to be known.
+        The result has the shape (q,).
         """
         information = self.information
         known = [name for name in partners if name in information.names]
@@ -163,10 +164,10 @@ class ModelVariance:
         return np.einsum("qi,ij,qj->q", self.weights, covariance, self.weights)
 
     def _scaled(self, variance: Array) -> Array:
-        """Return variances of the linear model, scaled to the variances ``sd``², shape (q,).
+        """Return variances of the linear model, converted to variances as the results state them.
 
         Each variance is multiplied by ``sd``² and divided by the quantity's `gaussian_variance`.
-        The result is at most ``sd``².
+        The result, shape (q,), is at most ``sd``².
         """
         before = np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1.0)
         return np.clip(variance / before, 0.0, 1.0) * self.sd**2
@@ -187,8 +188,8 @@ class AveragedVariance:
     def mean(self) -> Array:
         """Means of the quantities, averaged over the models, shape (q,).
 
-        They are Σ p_m mean_m, with the probability p_m of model m and the means mean_m under model
-        m.
+        With the probability p_m of model m and the means mean_m under model m, the result is Σ p_m
+        mean_m.
         """
         return np.sum([model.probability * model.mean for model in self.models], axis=0)
 
@@ -196,8 +197,8 @@ class AveragedVariance:
     def spread(self) -> Array:
         """Covariance of the quantities' means over the models, shape (q, q).
 
-        It is Σ p_m d_m d_mᵀ, where p_m is the probability of model m, and d_m are the means under
-        model m minus the averaged means.
+        The covariance is Σ p_m d_m d_mᵀ, where p_m is the probability of model m, and d_m are the
+        means under model m minus the averaged means.
         """
         covariance = np.zeros((len(self.mean), len(self.mean)))
         for model in self.models:
@@ -223,16 +224,16 @@ class AveragedVariance:
     def variance(self) -> Array:
         """Variances of the quantities in the average over the models, shape (q,).
 
-        They are Σ p_m (var_m + (mean_m − mean)²). Here p_m is the probability of model m, var_m and
-        mean_m are the variances and means under model m, and mean are the averaged means.
+        The variances are Σ p_m (var_m + (mean_m − mean)²). Here p_m is the probability of model m,
+        var_m and mean_m are the variances and means under model m, and mean are the averaged means.
         """
         return np.diag(sum(self.errors.values(), np.zeros(self.spread.shape)))
 
     @cached_property
     def _divisor(self) -> Array:
-        """Numbers by which parts of variances are divided to give shares, shape (q,).
+        """Variances by which parts of variances are divided to give shares, shape (q,).
 
-        They are the variances of the quantities, or one where a variance is zero.
+        A variance of zero is replaced by one.
         """
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
@@ -240,8 +241,8 @@ class AveragedVariance:
     def shares_by_term(self) -> dict[str, Array]:
         """Shares of every model term in the variances of the q quantities, shape (q,) each.
 
-        The keys are class names of terms. The priors of all parameters together count as one term,
-        and so does the choice between the models of an average.
+        The keys are class names of terms. The priors of all parameters together count as one term.
+        The choice between the models of an average counts as a term, too.
         """
         shares: dict[str, Array] = {}
         if not self.models[0].information.flat:
@@ -254,11 +255,11 @@ class AveragedVariance:
 
     @cached_property
     def shares_removed(self) -> dict[str, Array]:
-        """For each model term, the shares of variances that would vanish if the term were known.
+        """Shares of variances that would vanish if a model term were known, for each model term.
 
         The keys are the class names of the terms. There is one share for each of the q quantities,
-        shape (q,): the share of the quantity's variance that would vanish if the effect of the term
-        were known exactly.
+        shape (q,): the part of the quantity's variance, as a fraction, that would vanish if the
+        effect of the term were known exactly.
         """
         removed: dict[str, Array] = {}
         for model in self.models:
@@ -271,9 +272,9 @@ class AveragedVariance:
     def sd_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return the standard uncertainties that quantities would have without assumed effects.
 
-        ``partners`` are names of model terms or of parameters. The coefficients of these effects
-        whose size is assumed are taken to be known; see `ModelVariance.variance_without_assumed`.
-        The result has the shape (q,).
+        ``partners`` are names of model terms or of parameters. Coefficients of these effects are
+        taken to be known if their standard uncertainty is assumed; see
+        `ModelVariance.variance_without_assumed`. The result has the shape (q,).
         """
         variance = np.diag(self.spread).copy()
         for model in self.models:
@@ -284,9 +285,8 @@ class AveragedVariance:
         """Return the sources of the variance of one quantity, the largest share first.
 
         ``i`` is the index of the quantity. ``own`` are the names of the parameters whose priors
-        count as the prior of the quantity itself. If the quantity is a parameter, ``own`` holds
-        only the name of this parameter. If the quantity is a change of a compliance with force,
-        ``own`` holds the names of the slopes that determine the change.
+        count as the prior of the quantity itself: the name of the quantity if it is a parameter, or
+        the names of the slopes that determine it if it is a change of a compliance with force.
         """
         sd = np.sqrt(self._divisor)
         shares: dict[tuple[str, Origin], float] = {}
@@ -308,9 +308,9 @@ class AveragedVariance:
 def sources_of(bound: BoundModel, information: Information) -> dict[str, SourcesOfVariance]:
     """Return all sources of the variance of every parameter of one model, largest share first.
 
-    The keys are names of parameters. A model term whose coefficients have different origins gives
-    one source for each origin. The prior of the parameter itself is a separate source, and so is
-    the prior of each other parameter.
+    The keys are names of parameters. If the coefficients of a model term have different origins,
+    the term counts as one source for each origin. The prior of the parameter itself is a separate
+    source, and so is the prior of each other parameter.
 
     Parameters
     ----------
@@ -329,22 +329,21 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
 def weights_of_parameters(information: Information) -> Array:
     """Return changes of the p parameters when a coefficient changes by its prior sd, shape (p, m).
 
-    There is one column for each of the m coefficients. The parameters are coefficients themselves,
-    so that every row has a single element that is not zero.
+    There is one column for each of the m coefficients. The parameters are also coefficients. Every
+    row therefore has a single element that is not zero.
     """
     return (np.eye(len(information.names)) * information.scale)[information.interest]
 
 
 def _without_noise(information: Information, known: Sequence[str]) -> Information:
-    """Return the information that the readings would give if some terms caused no noise.
+    """Return the information that the readings would give without the noise of some model terms.
 
     ``known`` are the class names of these terms.
     """
     if not known:
         return information
-    # Tests with the same noise share one dictionary of noise sources. ``remaining`` holds one new
-    # dictionary for each shared dictionary, so that the same tests share a dictionary in the
-    # result, too.
+    # Tests with the same noise refer to the same dictionary of noise sources. Each such dictionary
+    # is copied once, so that these tests refer to the same dictionary in the result, too.
     remaining: dict[int, dict[str, Array]] = {}
     for sources in information.noise:
         remaining[id(sources)] = {name: sources[name] for name in sources if name not in known}

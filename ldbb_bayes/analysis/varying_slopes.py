@@ -42,12 +42,12 @@ __all__ = [
 # computed; ``_CURVE_POINTS`` is the number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
-# The curves of a model are computed from a given number of draws of the parameters. The draws are
-# made at several values of the hyper-parameters, ``_DRAWS_PER_NODE`` draws at each value. If this
-# would give fewer than ``_FEWEST_NODES`` values, fewer draws are made at each value.
+# The draws of the parameters are made at several values of the hyper-parameters:
+# ``_DRAWS_PER_NODE`` draws at each value, or fewer if there would be less than ``_FEWEST_NODES``
+# different values.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
-# In a subset of slopes, some compliances change with force and others do not. If there are at most
+# A subset of slopes states which compliances change with force. If there are at most
 # ``_ALL_SUBSETS`` subsets, the evidences of all subsets are computed; if there are more, only those
 # of ``_SEARCHED_SUBSETS`` subsets.
 _ALL_SUBSETS = 729
@@ -60,7 +60,7 @@ Choice = tuple[bool, ...]
 
 @dataclass(frozen=True)
 class SlopeSubset:
-    """One subset of slopes: a model in which only the compliances ``varying`` change with force."""
+    """A model in which only the compliances ``varying`` change with force (have slopes)."""
 
     varying: tuple[str, ...]  #: names of the compliances that vary with force
     log_evidence: float  #: log evidence of the model with this subset of slopes [nat]
@@ -78,9 +78,9 @@ class VaryingSlope:
 class Curve:
     """Compliance C(F) against force F with its credible intervals, in mm, N and rad.
 
-    ``mean``, ``median``, ``low`` and ``high`` are given at each of the forces ``force_N``. ``low``
-    and ``high`` are the ends of the equal-tailed credible interval, and ``prob`` is the probability
-    of this interval.
+    The arrays ``mean``, ``median``, ``low`` and ``high`` have one value for each of the forces
+    ``force_N``. ``low`` and ``high`` are the ends of the equal-tailed credible interval, and
+    ``prob`` is the probability of this interval.
     """
 
     unit: str
@@ -105,7 +105,7 @@ class AveragedSlopes(NamedTuple):
 def count_subsets(model: HybridModel, campaign: Campaign) -> int:
     """Return the number of models whose evidence `slope_subsets` computes.
 
-    Each model lets a different subset of the compliances change with force.
+    In each model, a different subset of the compliances changes with force.
     """
     possible = 2 ** len(_slope_names(model, campaign))
     if possible <= _ALL_SUBSETS:
@@ -118,7 +118,7 @@ def slope_subsets(
 ) -> AveragedSlopes:
     """Compute the evidence of subsets of slopes, and average compliances over the subsets.
 
-    In a subset of slopes, some compliances change with force and others do not.
+    Each subset of slopes is a model in which some compliances change with force and others do not.
 
     Parameters
     ----------
@@ -174,10 +174,10 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
     """Search for the subsets of slopes (changes of compliance with force) of the largest evidence.
 
-    Return, for every subset tried, the quadrature nodes (weighted values of the hyper-parameters)
-    of the posterior; the nodes hold the evidence of the subset. ``weigh`` returns the nodes for a
-    subset. ``slopes`` is the number of possible slopes. The search ends after ``_SEARCHED_SUBSETS``
-    subsets, or when no new subset is left.
+    Return, for every subset tried, the quadrature nodes of the posterior: weighted values of the
+    hyper-parameters, with the evidence of the subset. ``weigh`` returns the nodes for a subset.
+    ``slopes`` is the number of possible slopes. The search ends after ``_SEARCHED_SUBSETS``
+    subsets, or when no new subset can be reached.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):
@@ -202,9 +202,8 @@ def averaged_curves(
 ) -> dict[str, Curve]:
     """Return the curve C(F) of each compliance over the tested forces F, averaged over models.
 
-    The keys are names of compliances. Each curve is given at 41 equally spaced forces, from the
-    lowest to the highest force tested. If all tests were run at one force, each curve is given at
-    this force only.
+    The keys are names of compliances. Each curve has 41 equally spaced forces, from the lowest to
+    the highest force tested. If all tests were run at one force, each curve has only this force.
 
     Parameters
     ----------

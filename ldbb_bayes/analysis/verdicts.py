@@ -1,12 +1,13 @@
 """Verdicts on parameters: each parameter is identified, prior-limited or confounded.
 
-A verdict states how far the readings determine a parameter. It follows from the sources of the
+A verdict states how far the readings determine a parameter. It is based on the sources of the
 parameter's uncertainty. Each source has a share in the variance of the parameter
-(`Information.shares`; the shares sum to one), and an origin: the size of the source is measured by
-the readings of this campaign, stated by the user, or assumed by the model (`origins`). A parameter
-is confounded with an assumed effect if this effect causes more than half of the variance. In this
-module, β are the parameters (compliances, changes of compliances with force, and geometric errors)
-and y are the readings. Nuisances are effects that are modelled but not of interest.
+(`Information.shares`; the shares sum to one), and an origin: its standard uncertainty is measured
+by the readings of this campaign, stated (by a certificate or the user), or assumed by the model
+(`origins`). A parameter is confounded with an assumed effect if this effect causes more than half
+of the variance. In this module, β are the parameters (compliances, changes of compliances with
+force, and geometric errors) and y are the readings. Nuisances are effects that are modelled but not
+of interest.
 
 Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
 may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
@@ -18,9 +19,9 @@ variances given φ plus the variance of the means given φ. The uncertainties to
 certificates are computed in the same way. If a posterior is judged, the standard uncertainties are
 the standard deviations of its draws; if a plan is judged, they come from its forecast.
 
-In an average over models, shares and variances are averaged over the models, weighted with the
-models' probabilities (`variance_sources`). The verdicts then follow by the same rules as for a
-single model.
+In an average over models, shares and variances are averaged over the models, weighted by the
+models' probabilities (`variance_sources`). The verdicts are then determined by the same rules as
+for a single model.
 """
 
 from __future__ import annotations
@@ -93,8 +94,8 @@ __all__ = [
 # below this limit. The posterior sd of β is then more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
 # An error of a parameter's least-squares estimate counts as a rounding error, and is set to zero,
-# if it is below this share of the parameter's prior standard deviation. For a flat prior, the
-# typical size of the parameter takes the place of the standard deviation.
+# if it is below this share of the parameter's prior standard deviation. For a flat prior, a typical
+# value of the parameter replaces the standard deviation.
 _ROUNDING = 1e-12
 
 
@@ -102,10 +103,10 @@ class Verdict(StrEnum):
     """Verdict on a parameter, which states how far the readings determine the parameter.
 
     Every source of uncertainty has a share in the variance of the parameter, and an origin: its
-    size is measured here, stated or assumed. The sources are the terms of the model and the priors
-    of the parameters; a term whose coefficients have several origins gives one source for each
-    origin. In the rules, sd is the standard deviation. The verdict is the first of these that
-    applies:
+    standard uncertainty is measured in this campaign, stated or assumed. The sources are the terms
+    of the model and the priors of the parameters; if the coefficients of a term have several
+    origins, the term counts as one source for each origin. In the rules, sd is the standard
+    deviation. The verdict is the first of these that applies:
 
     1. *confounded*, if one assumed effect causes more than half of the parameter's variance, or if
        several assumed effects that act on the same combination of parameters together cause more
@@ -120,8 +121,9 @@ class Verdict(StrEnum):
     2. *prior-limited*, if the posterior sd is more than half of the prior sd.
     3. *identified*, if rules 1 and 2 do not apply.
 
-    Shares within 1e-6 of one half count as one half, and therefore not as more than half. Effects
-    whose shares agree within 1e-6 are ranked in the order of the model's terms.
+    A share that differs from one half by less than 1e-6 counts as one half, and therefore not as
+    more than half. Effects whose shares differ by less than 1e-6 are ranked in the order of the
+    model's terms.
     """
 
     IDENTIFIED = "identified"
@@ -162,31 +164,32 @@ class ParameterIdentifiability(Result):
     #: uncertainty, with the standard uncertainty after this remedy; None if no remedy reduces the
     #: standard uncertainty by more than 10 %, or if no remedies were looked for
     remedy: Remedy | None
-    #: ``remedy`` together with a second remedy, if the parameter stays confounded after ``remedy``
-    #: alone; None if the parameter does not stay confounded, if there is no ``remedy``, or if no
-    #: second remedy reduces the standard uncertainty by more than a further 10 %
+    #: ``remedy`` together with a second remedy, if the parameter remains confounded after
+    #: ``remedy`` alone. None in three cases: the parameter does not remain confounded, there is no
+    #: ``remedy``, or no second remedy reduces the standard uncertainty by more than a further 10 %
     paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter, composed of mm, N and rad
-    prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
+    prior_mean: Number  #: prior mean of the parameter; NaN for a flat prior
     #: prior standard deviation of the parameter; infinite for a flat prior
     prior_sd: Finite
     mean: float  #: posterior mean of the parameter; for a plan the prior mean
     sd: float  #: posterior standard deviation of the parameter
-    #: contraction: one minus the posterior variance divided by the prior variance; not a number for
-    #: a flat prior
+    #: contraction: one minus the posterior variance divided by the prior variance; NaN for a flat
+    #: prior
     contraction: Number
     #: mutual information of parameter and readings, ½ ln(prior variance / posterior variance)
-    #: [nat]; not a number for a flat prior
+    #: [nat]; NaN for a flat prior
     information_gain: Number
     #: for each model term, the share of the parameter's posterior variance that would vanish if the
     #: effect of the term were known exactly; the keys are class names of terms
     confounding: dict[str, float]
-    #: shares of the parameter's variance that are due to each model term, to reading noise, to the
-    #: priors of all parameters together (key ``Parameters``) and, in an average over models, to the
-    #: choice between the models, as in `budget_uncertainty`; the shares sum to one
+    #: share of the parameter's variance that each source causes; the shares sum to one, as in
+    #: `budget_uncertainty`. Sources are the model terms, the reading noise, the priors of all
+    #: parameters together (key ``Parameters``) and, in an average over models, the choice between
+    #: the models.
     shares: dict[str, float]
     #: for each origin (measured here, stated or assumed), the share of the parameter's variance
-    #: that is due to the sources of this origin; the shares sum to one
+    #: that the sources of this origin cause; the shares sum to one
     origin_shares: dict[Origin, float]
 
 
@@ -194,7 +197,7 @@ class ParameterIdentifiability(Result):
 class ChangeIdentifiability(Result):
     """How well the change of one compliance C(F) over the tested forces is known.
 
-    The numbers are in internal units (mm, N, rad). The verdict follows by the rules in `Verdict`.
+    The numbers are in internal units (mm, N, rad). `Verdict` states the rules for the verdict.
 
     Examples
     --------
@@ -215,8 +218,8 @@ class ChangeIdentifiability(Result):
     verdict: Verdict
     #: source with the largest share of the variance of the compliance's change with force
     held_by: VarianceSource
-    #: for each assumed effect with which the change of the compliance with force is confounded, the
-    #: share of the variance of the change that is due to this effect; the keys are names of effects
+    #: names of the assumed effects with which the compliance's change with force is confounded, and
+    #: the share of the variance of the change that each effect causes
     partner_shares: dict[str, float]
     #: cheapest remedy (a change of the plan or a certificate) for a large uncertainty of the
     #: compliance's change with force; None if no remedy reduces ``sd`` by more than 10 %, or if no
@@ -226,8 +229,7 @@ class ChangeIdentifiability(Result):
     prior_sd: Finite
     sd: float  #: posterior standard deviation of the compliance's change with force
     #: for each origin (measured here, stated or assumed), the share of the variance of the
-    #: compliance's change with force that is due to the sources of this origin; the shares sum to
-    #: one
+    #: compliance's change with force that the sources of this origin cause; the shares sum to one
     origin_shares: dict[Origin, float]
 
 
@@ -250,8 +252,8 @@ class Identifiability(Result):
     #: how well the change of each compliance over the tested forces is known; the keys are names of
     #: compliances
     changes: dict[str, ChangeIdentifiability]
-    degeneracies: tuple[Degeneracy, ...]  #: combinations of coefficients that no reading resolves
-    #: remedies for each of ``degeneracies``: further tests that would resolve the degeneracy, or a
+    degeneracies: tuple[Degeneracy, ...]  #: combinations of coefficients whose effects cancel
+    #: for each of ``degeneracies``, what would resolve the degeneracy: kinds of further tests, or a
     #: calibration
     cures: tuple[tuple[Cure, ...], ...]
     #: class names of those terms of the model's preset that the user has switched off. The credible
@@ -269,14 +271,14 @@ class Identifiability(Result):
     #: table of posterior correlations between coefficients: the parameters, and the coefficients of
     #: nuisances (effects not of interest) that act in several tests
     correlation: ByRow
-    #: standard uncertainties to expect with further certificates of the instrument; the keys are
-    #: names of certificates, and each value has the parameters' names as keys. There are entries
-    #: for no further certificate, for each certificate that the instrument lacks, and for all these
+    #: standard uncertainties to expect with further certificates of the instrument. The outer keys
+    #: are the cases, and the inner keys are names of parameters. The cases are no further
+    #: certificate, each certificate that the instrument does not have yet, and all these
     #: certificates together. For a flat prior, there are no entries.
     certificates: dict[str, dict[str, float]]
     #: values of the hyper-parameters (scales of the noise and of other effects) at which the
     #: verdicts are computed; the keys are names of hyper-parameters. Lengths are in µm; noise
-    #: factors λ and decays are pure numbers.
+    #: factors λ and decays have no unit.
     hyper_um: dict[str, float]
     #: whether the campaign has readings; false for a plan
     measured: bool
@@ -287,7 +289,7 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
 
     Hyper-parameters are the scales of the noise and of other effects. The weighted values represent
     the posterior of the hyper-parameters given the readings of the plan's pilot (the campaign from
-    which the plan was designed). If the plan has no pilot, the only value is the prior median.
+    which the plan was designed). If the plan has no pilot, the prior median is the only value.
     """
     pilot = plan.pilot
     if pilot is None or pilot.is_plan:
@@ -315,9 +317,9 @@ def _relative_to(
     """Return standard uncertainties with further certificates, scaled to a plan's forecast.
 
     ``certificates`` holds, for each certificate, the standard uncertainty of every parameter. Its
-    first key stands for no further certificate. For each parameter, all standard uncertainties are
-    multiplied by the factor that makes the standard uncertainty without a further certificate equal
-    to the forecast ``expected``.
+    first entry is for no further certificate. For each parameter, all standard uncertainties are
+    multiplied by the same factor. The factor is chosen so that the standard uncertainty without a
+    further certificate is equal to the forecast ``expected``.
     """
     without = next(iter(certificates.values()))
     scaled = {}
@@ -346,8 +348,8 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     """Return how well a campaign or a plan determines the parameters of a model.
 
     The verdict on each parameter is identified, prior-limited (the readings hardly narrow its
-    prior) or confounded (effects that nobody measured or stated cause most of its variance). No
-    readings are needed, so that a plan can be judged before it is run. All results come from the
+    prior) or confounded (effects whose standard uncertainty is assumed cause most of its variance).
+    No readings are needed, so that a plan can be judged before it is run. All results come from the
     linear Gaussian model, in which compliances may be negative. Shares of the variance are computed
     at the posterior mean of the hyper-parameters (the scales of the noise and of other effects).
     For a plan, the shares are computed at the posterior mean given the readings of the plan's pilot
@@ -365,9 +367,9 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     Returns
     -------
     Identifiability
-        Verdicts on the parameters; combinations of coefficients that no reading resolves, with
-        remedies; and the uncertainties to expect with further certificates. Units are internal (mm,
-        N, rad).
+        Verdicts on the parameters; combinations of coefficients whose effects on the readings
+        cancel, and further tests that would separate these effects; and the uncertainties to expect
+        with further certificates. Units are internal (mm, N, rad).
 
     Raises
     ------
@@ -444,10 +446,10 @@ def _averaged_over_scales(
 ) -> AveragedVariance:
     """Return the variances of all parameters and changes with force, and their sources.
 
-    ``bound`` is the only model; no average over models is taken. ``changes`` are the changes of
-    compliances with force. The shares of the sources are computed from ``information``, at the mean
-    of the hyper-parameters. The variances are averaged over the values ``phi`` of the
-    hyper-parameters, shape (w, h), with the weights ``weight``, shape (w,).
+    The result is for the single model ``bound``, not for an average over models. ``changes`` are
+    the changes of compliances with force. The shares of the sources are computed from
+    ``information``, at the mean of the hyper-parameters. The variances are averaged over the values
+    ``phi`` of the hyper-parameters, shape (w, h), with the weights ``weight``, shape (w,).
     """
     weights = _weights_of_quantities(information, changes)
     moments = averaged_moments(bound, weights / information.scale, weight, phi)
@@ -473,7 +475,7 @@ def _weights_of_quantities(information: Information, changes: Mapping[str, Curve
 def _prior_sd_of_changes(information: Information, changes: Mapping[str, CurveChange]) -> Array:
     """Return prior standard deviations of the compliances' changes with force, shape (changes,).
 
-    For a flat prior, they are infinite.
+    For a flat prior, the standard deviations are infinite.
     """
     if information.flat:
         return np.full(len(changes), np.inf)
@@ -485,8 +487,9 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     """Return the verdict on every parameter of a posterior.
 
     The verdict is identified, prior-limited (the readings hardly narrow the parameter's prior) or
-    confounded (effects that nobody measured or stated cause most of the parameter's variance).
-    Remedies for large uncertainties are not looked for; `identify` finds these remedies.
+    confounded (effects whose standard uncertainty is assumed cause most of the parameter's
+    variance). The field ``remedy`` of the result is empty; `identify` finds remedies for large
+    uncertainties.
 
     If the posterior is an average over models (`average`), the variance of a parameter is the sum
     of two parts: the average, over the models, of the parameter's variance under each model, and
@@ -541,10 +544,10 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
 
     The verdicts are identified, prior-limited or confounded. The verdicts on the parameters are the
     same as in `judge_posterior`. The change of a compliance is its value at the largest force
-    tested minus its value at the smallest. The verdict on a change follows by the same rules, from
-    posterior draws of the change. The posterior may be an average over models. In this case, the
-    prior variance of a change is the unweighted mean of its prior variances under all models that
-    have posterior draws.
+    tested minus its value at the smallest. The verdict on a change is determined by the same rules,
+    from posterior draws of the change. The posterior may be an average over models. In this case,
+    the prior variance of a change is the unweighted mean of its prior variances under all models
+    that have posterior draws.
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
@@ -569,9 +572,9 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
 def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
     """Return the variances of all parameters, then of changes with force, under one model.
 
-    ``changes`` holds every change of a compliance with force that any of the averaged models has;
-    the keys are names of compliances. For a change that this model lacks, the weights in the field
-    ``ModelVariance.weights`` are zero.
+    ``changes`` holds every change of a compliance with force that occurs in at least one of the
+    averaged models; the keys are names of compliances. If a change does not occur in this model,
+    its weights in the field ``ModelVariance.weights`` are zero.
     """
     bound = model.bound
     information = information_of(bound, model.phi.mean(axis=0))
@@ -630,9 +633,9 @@ def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVar
 def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
     """Return for each confounded parameter the effects with which it is confounded.
 
-    A parameter is confounded if effects that nobody measured or stated cause most of its variance.
-    Parameters that are not confounded are left out. The effects are those that `judge_posterior`
-    returns, but this function takes less time.
+    A parameter is confounded if effects whose standard uncertainty is assumed cause most of its
+    variance. Parameters that are not confounded are left out. The effects are the same as in
+    `judge_posterior`, but this function takes less time.
 
     Parameters
     ----------
@@ -652,9 +655,10 @@ def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str,
 def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
     """Return for each confounded parameter of a posterior the effects with which it is confounded.
 
-    A parameter is confounded if effects that nobody measured or stated cause most of its variance.
-    Parameters that are not confounded are left out. The effects are those that `judge_posterior`
-    returns, but this function takes less time. The posterior may be an average over models.
+    A parameter is confounded if effects whose standard uncertainty is assumed cause most of its
+    variance. Parameters that are not confounded are left out. The effects are the same as in
+    `judge_posterior`, but this function takes less time. The posterior may be an average over
+    models.
     """
     names = bound_of(posterior).names
     variances = [_variance_of_model(model, {}) for model in averaged_models(posterior)]
@@ -673,7 +677,7 @@ def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
 
     The w values are quadrature nodes. Together with their weights, they represent p(φ | y), for the
     readings y and a model in which compliances may be negative. Lengths are in mm; decays and noise
-    factors are pure numbers. For a plan there is one node, the prior median.
+    factors have no unit. For a plan, the prior median is the only node.
     """
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)
@@ -724,9 +728,9 @@ def judge(
         One minus the posterior variance divided by the prior variance; not a number for a flat
         prior.
     likeness
-        For each pair of names of assumed sources, the squared cosine of the angle between the
-        vectors of parameter errors that the two sources cause. Default: all sources are taken to
-        act on the same combination of parameters.
+        For every two assumed sources, the squared cosine of the angle between the vectors of
+        parameter errors that the two sources cause; a key consists of the names of the sources.
+        Default: all sources are taken to act on the same combination of parameters.
     """
     partners = confounding_sources(sources, likeness)
     if partners:
@@ -873,7 +877,7 @@ def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:
 
 
 def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
-    """Return for each origin the share of the variance due to the sources of this origin.
+    """Return the share of the variance that the sources of each origin cause.
 
     The origin of a source of uncertainty is measured here, stated or assumed.
     """
@@ -906,10 +910,9 @@ def _information_gain(variance_ratio: float) -> float:
 def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
     """Return the errors that ignored nuisances cause in least-squares estimates of parameters.
 
-    Nuisances are effects not of interest, here effects that the fit ignores. Rows are parameters,
-    and columns are nuisance coefficients. Each entry is the error of the parameter's estimate, in
-    internal units (mm, N, rad), if the nuisance coefficient has the size of its prior standard
-    deviation.
+    The fit ignores the nuisances (effects not of interest). Rows are parameters, and columns are
+    nuisance coefficients. Each entry is the error of the parameter's estimate, in internal units
+    (mm, N, rad), if the nuisance coefficient is equal to its prior standard deviation.
     """
     interest = information.interest
     names = np.array(information.names)

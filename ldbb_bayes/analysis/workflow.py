@@ -45,12 +45,11 @@ _PRIOR_CIRCLES = 2000
 _PRIOR_PROB = 0.95
 # Error allowed in every log evidence [nat].
 _TOLERANCE = 1e-2
-# The circles do not scatter as predicted if `Workflow.uniformity_p_value` is below this number. It
-# is the p-value of the hypothesis that the p-values of all circles left out are uniformly
-# distributed.
+# The circles do not scatter as predicted if `Workflow.uniformity_p_value` is below this number. The
+# null hypothesis is that the p-values of all circles left out are uniformly distributed.
 _UNIFORM = 0.05
-# Number of steps of the EM algorithm that finds the weights of stacking (the mixture of models that
-# predicts circles left out best).
+# Number of steps of the EM algorithm that computes the stacking weights: the weights of the mixture
+# of models that predicts circles left out best.
 _STACKING_STEPS = 500
 
 
@@ -65,8 +64,8 @@ class PriorRange:
     low_um: float  #: lower end of the interval of ranges that the prior expects
     high_um: float  #: upper end of the interval of ranges that the prior expects
     #: probability, under the prior, of a range at least as large as the measured range. It is not
-    #: adjusted for the number of circles. A small value means that the prior is too narrow for this
-    #: machine.
+    #: adjusted for the number of circles. A small value means that such a large range is improbable
+    #: under the prior.
     p_value: float
 
 
@@ -138,8 +137,8 @@ class Workflow(Result):
         """Names of the circles whose range of readings is smaller than the prior expects.
 
         The range is the largest minus the smallest reading. For a circle named here, the range is
-        below the interval of ranges that the prior expects: the prior is wider than this machine
-        needs. This is no fault, because the prior is meant for all machines.
+        below the interval of ranges that the prior expects. The prior is then wider than necessary
+        for this machine. This is not a fault, because the prior is made for all machines.
         """
         names = []
         for name, expected in self.prior_ranges.items():
@@ -161,17 +160,17 @@ class Workflow(Result):
         """p-value of the hypothesis that the circles scatter as predicted.
 
         Each circle has a p-value, for its comparison with the prediction from the other circles. If
-        the hypothesis is true, these p-values are uniformly distributed. The test accounts for
-        their dependence on one another. If no circle is outlying, a small result means that many
-        circles deviate a little more than the other circles predict, or that many circles deviate a
-        little less.
+        the hypothesis is true, these p-values are uniformly distributed. The test takes into
+        account that they depend on one another. A small result without outlying circles has one of
+        two causes: many circles deviate a little more than the other circles predict, or many
+        circles deviate a little less.
         """
         p_values = np.array([circle.p_value for circle in self.left_out.values()])
         return float(uniformity_p_value(p_values))
 
     @property
     def scatter_as_predicted(self) -> bool:
-        """Whether ``uniformity_p_value`` is at least 5 %: circles left out scatter as predicted.
+        """Whether ``uniformity_p_value`` is at least 5 %, so that circles scatter as predicted.
 
         This property is for information only; ``passed`` does not depend on it.
         """
@@ -181,8 +180,8 @@ class Workflow(Result):
     def passed(self) -> bool:
         """Whether the checks find no fault of the computation or of the model.
 
-        The property may be true although a parameter depends on its prior, because this is no
-        fault.
+        The property may be true even if a parameter depends on its prior, because such a dependence
+        is not a fault.
         """
         nothing_odd = not self.surprising_circles and not self.outlying_circles
         return nothing_odd and self.converged and self.calibration.calibrated
@@ -278,7 +277,7 @@ def check_workflow(
 
 
 def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
-    """Return a model with its compliances made constant and, if it has slopes, the model itself.
+    """Return a model with constant compliance and, if ``model`` has slopes, ``model`` itself.
 
     Slopes are changes of compliance with force. The keys are the names of the degrees.
     """
@@ -315,8 +314,8 @@ def _left_out_circles(
 ) -> dict[str, LeftOutCircle]:
     """Return the comparison of every circle with the prediction from the other circles.
 
-    The keys are names of tests. The arguments are those of `judge_tests`: the posteriors given all
-    tests, the posteriors given all tests but one, and the seed of the simulated circles.
+    The keys are names of tests. `judge_tests` describes the posteriors ``nodes_by_model`` and
+    ``left_out_nodes``, and the seed of the simulated circles.
     """
     judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
     circles = {}
@@ -330,9 +329,9 @@ def stacking_weights(log_densities: Mapping[str, Array]) -> dict[str, float]:
 
     The keys are names of models. The weights w_m of the models m are not negative, sum to one and
     maximise Σ_r ln Σ_m w_m p_m(y_r | y_−r) (Yao et al., Bayesian Analysis 13, 2018), where y_r are
-    the readings of test r and y_−r the readings of the other tests. ``log_densities`` holds
-    ln p_m(y_r | y_−r) [nat], shape (tests,), for each model m. The weights are found by the EM
-    algorithm, which raises the sum in every step.
+    the readings of test r and y_−r the readings of the other tests. ``log_densities`` holds ln
+    p_m(y_r | y_−r) [nat], shape (tests,), for each model m. The weights are computed by the EM
+    algorithm, in which the sum increases in every step.
     """
     names = list(log_densities)
     log_density = np.array([log_densities[name] for name in names])
