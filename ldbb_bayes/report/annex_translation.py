@@ -3,11 +3,11 @@
 The annex consists of the sections of the report that follow the two sheets of the certificate. The
 texts of the annex are first made in English, in the same words that the terminal shows. When the
 HTML page is made, each English text is looked up in the catalogue and replaced by its translation,
-as the program gettext does. A key of the catalogue may have placeholders in braces, such as
-``{a}``. A placeholder stands for any text, and this text is also translated. A placeholder whose
-name begins with ``n`` stands only for numbers. A placeholder whose name begins with ``r`` stands
-for text that is not translated, such as the text of a file. The program never reads results from
-sentences, so a translation changes only the text that is shown.
+as in the program gettext. A key of the catalogue may have placeholders in braces, such as ``{a}``.
+A placeholder stands for any text, which is translated too. A placeholder whose name begins with
+``n`` stands only for numbers. A placeholder whose name begins with ``r`` stands for text that is
+not translated, such as the text of a file. The program never reads results from sentences, so a
+translation changes only the text that is shown.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ class _Joint(NamedTuple):
 class _Phrase(NamedTuple):
     """A key of the catalogue that has placeholders, and its translation with the same placeholders.
 
-    ``pattern`` is the key as a regular expression, and ``size`` the number of characters of the
-    expression without its placeholders.
+    ``pattern`` is a regular expression made from the key. ``size`` is the number of characters of
+    this expression outside the placeholders.
     """
 
     pattern: re.Pattern[str]
@@ -97,7 +97,8 @@ class Catalogue(NamedTuple):
     """Translations of English texts into one language."""
 
     entries: Mapping[str, str]  #: The translations; the keys are English texts.
-    #: keys with placeholders; keys with the most characters outside their placeholders come first
+    #: keys with placeholders, in descending order of the number of characters outside the
+    #: placeholders
     phrases: tuple[_Phrase, ...]
 
 
@@ -114,8 +115,8 @@ class AnnexTranslation:
     kept
         Texts that are not translated: names of campaigns and tests.
     missing
-        English texts for which no translation was found. Each is added when its translation is
-        first needed.
+        English texts for which no translation was found. A text is added when the search for its
+        translation fails for the first time.
     """
 
     words: Words
@@ -163,7 +164,7 @@ class AnnexTranslation:
     def _picture(self, picture: Picture) -> Picture:
         """Return a figure with its labels and caption translated.
 
-        The labels are changed in the given figure; no copy of the figure is made.
+        The labels of the figure itself are changed; no copy of the figure is made.
         """
         translate_figure(picture.figure, self.text)
         return Picture(picture.key, self.text(picture.caption), picture.figure)
@@ -178,7 +179,7 @@ class AnnexTranslation:
         return translation
 
     def _of(self, text: str) -> str | None:
-        """Return the translation of a text, or None if the catalogue lacks a part of the text."""
+        """Return the translation of a text, or None if a part of the text has no translation."""
         if text not in self._known:
             self._known[text] = self._found(text)
         return self._known[text]
@@ -201,8 +202,8 @@ class AnnexTranslation:
     def _looked_up(self, text: str) -> str | None:
         """Return the translation of a text if the whole text matches a key of the catalogue.
 
-        The key may have placeholders. Each placeholder stands for a part of a sentence. Return None
-        if no key matches.
+        The key may have placeholders. A placeholder then stands for text that lies within one
+        sentence. Return None if no key matches.
         """
         entries = self.catalogue.entries
         if text in entries:
@@ -215,8 +216,8 @@ class AnnexTranslation:
     def _matched(self, text: str, *, of_sentences: bool = False) -> str | None:
         """Return the translation of a text if the whole text matches a key with placeholders.
 
-        ``of_sentences`` states whether a placeholder may also stand for several sentences. Return
-        None if no key matches.
+        If ``of_sentences`` is true, a placeholder may stand for several sentences. Return None if
+        no key matches, or if the text for which a placeholder stands has no translation.
         """
         for phrase in self.catalogue.phrases:
             match = phrase.pattern.fullmatch(text)
@@ -231,12 +232,12 @@ class AnnexTranslation:
         return None
 
     def _of_place(self, name: str, value: str) -> str | None:
-        """Return the translation of the text for which a placeholder stands.
+        """Return the translation of the text that a placeholder stands for.
 
-        ``name`` is the name of the placeholder, and ``value`` the text. If ``name`` begins with
-        ``r``, the text is not translated but returned as it is; if it has several sentences, the
-        result is None. For all other placeholders, the result is None if the catalogue lacks a part
-        of the text.
+        ``name`` is the name of the placeholder, and ``value`` is the text. If the name begins with
+        ``r``, the text is not translated: it is returned unchanged or, if it has several sentences,
+        None is returned. For any other name, None is returned if a part of the text has no
+        translation.
         """
         if not name.startswith("r"):
             return self._of(value)
@@ -245,8 +246,8 @@ class AnnexTranslation:
     def _joints(self, text: str) -> Iterator[_Joint]:
         """Yield every way to split a text into pieces that can be translated separately.
 
-        The first way splits the text into sentences. The other ways split the text into the items
-        of a list.
+        If the text has several sentences, the first way splits it into its sentences. Each further
+        way splits the text at one kind of separator, such as a comma or the word "and".
         """
         sentences = _SENTENCE_ENDS.split(text)
         if len(sentences) > 1:
@@ -263,10 +264,10 @@ class AnnexTranslation:
 
 
 def _in_alphabetical_order(part: Any) -> Any:
-    """Return a part of a section; if the part is a table, its rows are sorted by the first column.
+    """Return a part of a section; the rows of a table are sorted by their first column.
 
-    The order is alphabetical; umlauts are sorted as the letters without dots. A ``part`` that is
-    not a table is returned unchanged.
+    The order is alphabetical. A letter with an umlaut comes after the same letter without an
+    umlaut. A part that is not a table is returned unchanged.
     """
     if not isinstance(part, Table):
         return part
@@ -289,7 +290,7 @@ def catalogue_of(language: str, *names: str) -> Catalogue | None:
     Returns
     -------
     Catalogue or None
-        None if the language lacks one of these catalogues.
+        None if one of these catalogues does not exist for the language.
     """
     entries: dict[str, str] = {}
     for name in names:
@@ -309,11 +310,11 @@ def _phrase(key: str, translation: str) -> _Phrase:
 
 
 def _group(match: re.Match[str]) -> str:
-    """Return the part of a regular expression that replaces a placeholder in a key.
+    """Return the group of a regular expression that replaces a placeholder in a key.
 
-    This part is a named group, which matches every text for which the placeholder can stand.
-    ``match`` is the match of the placeholder in the key of the catalogue: {a} stands for any text,
-    and {n1} for numbers.
+    The group has the name of the placeholder and matches every text that the placeholder can stand
+    for: {a} stands for any text, and {n1} only for numbers. ``match`` is the match of the
+    placeholder in the key of the catalogue.
     """
     inside = ".+?"
     if match[1].startswith("n"):
@@ -322,7 +323,7 @@ def _group(match: re.Match[str]) -> str:
 
 
 def has_english(text: str) -> bool:
-    """Return whether a text has an English word that must be translated."""
+    """Return whether a text contains an English word that needs a translation."""
     return any(word not in _SAME for word in _WORD.findall(text))
 
 

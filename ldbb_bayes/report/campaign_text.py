@@ -71,9 +71,10 @@ def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
 def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ...]:
     """Return a table of a campaign's tests, remarks, and a list of what a fit will assume.
 
-    A preview states what the readings show before any fit. The table has columns for the plane, the
+    A preview states what the readings show without a fit. The table has columns for the plane, the
     set-up, the radius and the centre only if the tests differ in these settings. The column "balls"
-    holds the clocking angles of the work ball and of the tool ball.
+    holds the angles by which the work ball and the tool ball are turned in their sockets
+    (clocking).
     """
     varied = []
     for field in _SETTINGS:
@@ -134,7 +135,7 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
     Each row of the table states a quantity, its nominal value, its standard uncertainty u, and
     whether u comes from a certificate or from the model. The last column names the place in
     campaign.toml where the user can state the quantity. If no certificate states the form of a
-    ball, a note follows on the lobes (periodic form errors) of balls.
+    ball, a note on the lobes (periodic form errors) of balls follows the table.
     """
     rows = []
     for assumed in result.assumed:
@@ -154,5 +155,5 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
 
 
 def _is_assumed_lobe(assumed: Uncertainty) -> bool:
-    """Return whether an uncertainty is about the form of a ball and is stated by no certificate."""
+    """Return whether an uncertainty is that of a ball's form and comes from no certificate."""
     return Term.owner(assumed.name) is BallForm and not assumed.stated

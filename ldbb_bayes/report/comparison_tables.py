@@ -21,7 +21,7 @@ def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bo
     The columns are the evidence, the probability, the predictive density and, if wanted, the RMSE.
     The evidence is stated as ln B, the log Bayes factor of the model over the first model. The
     predictive density is stated as the difference in elpd, the expected log predictive density,
-    between the model and the first model. elpd is a sum over the tests, where each test is
+    between the model and the first model. elpd is a sum over the tests; for this sum, each test is
     predicted from the other tests.
 
     Parameters
@@ -29,8 +29,8 @@ def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bo
     comparison
         Comparison of models.
     rmse
-        Whether the table shows the RMSE of each model, that is, the root-mean-square difference
-        between the readings and their posterior mean in the model.
+        Whether the table shows the RMSE of each model. The RMSE is the root mean square of the
+        residuals, which are the readings minus the posterior mean of the predicted readings.
     least_squares
         Whether the table also shows the RMSE of a fit by least squares, the method of the paper.
 
@@ -65,10 +65,10 @@ def _least_squares_cell(model: ComparedModel) -> str:
 
 
 def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return two cells with the log Bayes factor of a model over the first model.
+    """Return the cells for the log Bayes factor of a model over the first model.
 
-    The first cell is the log Bayes factor, and the second cell is its numerical error. Both are in
-    nat. ``name`` is the name of the model.
+    The two cells are the log Bayes factor and its numerical error, both in nat. ``name`` is the
+    name of the model.
     """
     first = comparison.pair[0]
     if name == first:
@@ -79,11 +79,11 @@ def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return two cells on how well a model predicts tests in comparison with the first model.
+    """Return the cells that compare how well a model and the first model predict tests.
 
-    The first cell is the elpd (expected log predictive density) of the model minus the elpd of the
-    first model. The second cell is the standard error of this difference. Both are in nat. ``name``
-    is the name of the model.
+    The two cells are the difference in elpd (expected log predictive density), model minus first
+    model, and the standard error of this difference, both in nat. ``name`` is the name of the
+    model.
     """
     first = comparison.pair[0]
     if name == first:
@@ -98,10 +98,10 @@ def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> T
     """Return a table of the log Bayes factor ln B of two models under several assumptions.
 
     The table has one row for each assumption. ln B is positive if the readings favour the second
-    model of the comparison over the first. Some assumptions are
-    about the prior of the slopes (changes of compliance with force), others about how circles
-    differ from one another. For an assumption about circles, the last column states how much the
-    readings favour this assumption over the assumption that the models make [nat].
+    model of the comparison over the first. Some assumptions are about the prior of the slopes
+    (changes of compliance with force), others about the differences between circles. For an
+    assumption about circles, the last column states how much the readings favour this assumption
+    over the assumption of the compared models [nat].
 
     Parameters
     ----------

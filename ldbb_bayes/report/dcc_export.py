@@ -249,10 +249,10 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
 
     There is one dictionary for each quantity, such as the least stiffness in a plane. The
     quantities are computed at the model's reference force; ``prob`` is the probability of credible
-    intervals. A stiffness is left out if only a lower limit of it is known, because no value ± U
-    describes it. Directions that the readings do not determine are left out for the same reason.
-    The keys of the dictionaries are those of `_parameter_entries`, without ``low`` and ``high`` for
-    the credible interval.
+    intervals. A stiffness is left out if only its lower limit is known, and a direction is left out
+    if the readings do not determine it, because neither can be stated as a value ± U. The keys of
+    the dictionaries are those of `_parameter_entries`, without ``low`` and ``high`` for the
+    credible interval.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
     if not reference_N > 0.0:
@@ -275,8 +275,8 @@ def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
     """Return what the certificate file states about the stiffness in one plane.
 
     There is one dictionary for each quantity. The names of the quantities, such as ``k_min``, do
-    not state the plane. A quantity is left out if only a lower limit of it is known, or if it is a
-    direction that the readings do not determine.
+    not state the plane. Quantities of which only a lower limit is known are left out. Directions
+    that the readings do not determine are left out, too.
     """
     axis = plane.plane[0]
     difference_name = plane.difference_name.replace(" ", "")

@@ -52,14 +52,14 @@ class Findings:
     prob
         Probability of the credible intervals.
     comparison
-        Comparison of models with constant and linear compliance. If there is no comparison, a text
-        that states the reason.
+        Comparison of models with constant and linear compliance, or a text that states why there is
+        no comparison.
     recommended
-        Function that returns a design of the next tests. If there is no design, the function
-        returns a text that states the reason.
+        Function that returns a design of the next tests, or a text that states why there is no
+        design.
     averaged
-        Posterior averaged over models. If it is given, the certificate's sheets state its numbers.
-        None if no average was computed.
+        Posterior averaged over models; the certificate's sheets state the numbers of this
+        posterior. None if no average was computed.
     tolerances
         Tolerances; the keys are names of quantities. Default: the tolerances of the campaign.
     sheets_only
@@ -86,11 +86,11 @@ class Findings:
 
     @cached_property
     def probabilities(self) -> Mapping[str, float]:
-        """Posterior probabilities of the averaged models and of rival explanations.
+        """Posterior probabilities of the averaged models and of alternative explanations.
 
-        The keys are the names of models and explanations. A rival explanation is an effect other
-        than compliance, such as a nonlinear mount, that may explain why the readings change with
-        force. The mapping is empty if no average over models was computed.
+        The keys are the names of models and explanations. An alternative explanation is an effect
+        other than compliance, such as a nonlinear mount, that may explain why the readings change
+        with force. The mapping is empty if no average over models was computed.
         """
         averaged = record_of(self.numbers).get("averaged", {})
         probabilities: dict[str, float] = averaged.get("probability", {})
@@ -137,7 +137,7 @@ class Findings:
 
     @property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
-        """Verdicts on how far the readings determine each parameter of the certificate.
+        """Verdicts on how far the readings determine each parameter that the certificate states.
 
         The keys are the names of the parameters.
         """
@@ -163,12 +163,12 @@ class Findings:
 
     @cached_property
     def budgets(self) -> Mapping[str, Budget]:
-        """Uncertainty budgets of the certificate's parameters; the keys are names of parameters."""
+        """Uncertainty budgets of the parameters that the certificate states, by parameter name."""
         return budget_uncertainty(self.numbers)
 
     @cached_property
     def gum_validation(self) -> GumValidation:
-        """Comparison of the GUM's linear propagation with the numbers of the certificate.
+        """Comparison of the certificate's numbers with those of the GUM's law of propagation.
 
         The comparison follows the validation procedure of JCGM 101.
         """
@@ -198,17 +198,16 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """A campaign that a report compares with the campaign that the report is about.
+    """A further campaign, with which a report compares the campaign of its fit.
 
     Parameters
     ----------
     name
-        Name of the campaign.
+        Name of the further campaign.
     result
-        Results of the fit of this campaign, as the command ``fit --json`` prints them.
+        Results of the fit of the further campaign, as the command ``fit --json`` prints them.
     differences
-        Differences of the parameters between this campaign and the campaign that the report is
-        about, see `compare_posteriors`.
+        Differences of the parameters between the two campaigns, see `compare_posteriors`.
     """
 
     name: str
@@ -241,7 +240,7 @@ def find(
     Raises
     ------
     InputError
-        The comparison or the design was made from other readings than the fit.
+        The comparison or the design was made from readings other than those of the fit.
     """
     campaign = campaign_of(posterior)
     _check_readings("comparison", getattr(comparison, "campaign", None), campaign)

@@ -58,8 +58,8 @@ __all__ = [
 # is at least this value. λ states how many times larger the circle's random shift and unexplained
 # deviations are than those of the other circles.
 _ODD_CIRCLE = 2.5
-# Kinds of remarks on a campaign. A report on a fit leaves out remarks of these kinds, because its
-# sentences on the fit say the same.
+# Kinds of remarks on a campaign that a report on a fit leaves out, because its sentences on the fit
+# state the same facts.
 _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
 
 
@@ -97,7 +97,7 @@ def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
 
 
 class FitWords(Shown, dict[str, Any]):
-    """Dictionary with the state, the verdict, the misfits and the warnings of a fit in words.
+    """Dictionary that describes a fit in words: its state, verdict, misfits and warnings.
 
     The function ``print`` shows the dictionary as sentences.
     """
@@ -108,10 +108,10 @@ class FitWords(Shown, dict[str, Any]):
 
 @kept
 def describe_fit(posterior: xr.DataTree) -> FitWords:
-    """Return the state of a fit in words, with the verdict, the misfits and the warnings.
+    """Return a description of a fit in words: its state, verdict, misfits and warnings.
 
-    The verdict states whether the numbers of the fit can be used. A misfit is a feature of the
-    readings that the model does not expect.
+    The state and the verdict say whether the numbers of the fit can be used. A misfit is a feature
+    of the readings that the fitted model does not predict.
 
     Parameters
     ----------
@@ -147,10 +147,10 @@ def words_of_fit(
     bound: BoundModel,
     confounded: Mapping[str, Sequence[str]],
 ) -> FitWords:
-    """Return the state of a fit in words, with the verdict, the misfits and the warnings.
+    """Return a description of a fit in words: its state, verdict, misfits and warnings.
 
-    The verdict states whether the numbers of the fit can be used. A misfit is a feature of the
-    readings that the model does not expect.
+    The state and the verdict say whether the numbers of the fit can be used. A misfit is a feature
+    of the readings that the fitted model does not predict.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def words_of_fit(
 
 
 def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
-    """Return the remarks on a campaign, except remarks that the sentences on its fit repeat.
+    """Return the remarks on a campaign, except those that the sentences on its fit repeat.
 
     ``campaign_preview`` holds all remarks and states what the readings show without a fit.
     """

@@ -41,8 +41,8 @@ def _goals_table(result: GoalDesign) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
     For each goal, the table states the U that is wanted, the present U, and a limit for U after the
-    cheapest campaign. Many machines are possible given what is known so far; on nine in ten of
-    them, U does not exceed this limit.
+    cheapest campaign. What is known so far leaves many machines possible; on nine in ten of them, U
+    does not exceed the limit.
     """
     rows = []
     for name, stated in result.goals.items():
@@ -64,7 +64,7 @@ def _goals_table(result: GoalDesign) -> Table:
 
 
 def _tests_table(plan: GoalPlan) -> Table:
-    """Return a table of the circles of a plan. The last column says how often to run each."""
+    """Return a table of a plan's circles. The last column states how often to run each circle."""
     columns = [str(column) for column in plan.tests.columns if column != _COUNT]
     heads = [wording.PAGE["tests"].get(name, name) for name in columns]
     rows = []

@@ -86,9 +86,9 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
     """Return all tables and sentences on how far the readings determine the parameters.
 
     The tables are about the verdicts on the parameters, the certificates of the instrument, and the
-    priors of the parameters. Two lists follow. One names the combinations of parameters and effects
-    that no reading can resolve; the other names the measures with which readings could resolve
-    these combinations.
+    priors of the parameters. Two lists follow. The first names the combinations of parameters and
+    effects that the readings cannot separate. The second names the measures that would make a
+    separation possible.
     """
     passages: list[Passage] = [verdicts_table(result)]
     pairs = wording.paired_cure_items(result)
@@ -111,9 +111,9 @@ def _origins_table(result: Identifiability) -> Table:
     """Return a table of each parameter's prior, contraction and origins of variance.
 
     The contraction is the share of the parameter's prior variance that the readings remove. The
-    origins are three shares of the posterior variance. The first share comes from effects whose
-    size is measured in the campaign, the second from effects whose size the user states, and the
-    third from effects whose size the model assumes.
+    origins are three shares of the posterior variance: the shares due to effects whose size is
+    measured in the campaign, due to effects whose size the user states, and due to effects whose
+    size the model assumes.
     """
     rows = []
     for name, entry in result.parameters.items():
@@ -146,9 +146,10 @@ def _origins_table(result: Identifiability) -> Table:
 def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
     """Return the JSON record of an identifiability analysis, with sentences and notes.
 
-    A degeneracy is a combination of parameters and other effects that no reading can resolve. For
-    each degeneracy, one sentence describes the combination, and another names the measures that
-    would remove the degeneracy. The notes name the effects that the user has switched off.
+    A degeneracy is a combination of parameters and other effects that the readings cannot separate.
+    For each degeneracy, one sentence describes the combination, and another sentence names the
+    measures that would remove the degeneracy. The notes name the effects that the user has switched
+    off.
     """
     record = result.as_dict()
     record.pop("cures")

@@ -27,7 +27,7 @@ _SAME = rf"{_QUOTED}|\b\w+\.toml\b"
 _FIRST_MARK = 0xE000
 _LAST_MARK = 0xF8FF
 
-# Subjects of notes, such as the operator, for which the value in the note is a text from a file.
+# Subjects of notes, such as the operator, whose value in the note is a text from a file.
 _OWN_TEXTS = frozenset(
     (
         "[[test]] not used",

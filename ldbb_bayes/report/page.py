@@ -68,7 +68,7 @@ class Document(Shown):
     sheets
         The two sheets of the certificate, which people sign.
     annex
-        Whether the annex is printed when the page is printed. The sheets are always printed.
+        Whether a printout of the page contains the annex. It always contains the sheets.
     language
         Language of the sheets and of the annex.
     """
@@ -259,8 +259,8 @@ def check_report_target(folder: Path) -> None:
     Raises
     ------
     InputError
-        The path is not a folder, or its subfolder ``tables`` holds files that no report has
-        written.
+        The path is not a folder, or its subfolder ``tables`` holds files that do not belong to a
+        report.
     """
     target = folder / "tables" if folder.is_dir() else folder
     check_target(target, force=True, ours=TABLE_FILES)
@@ -295,8 +295,8 @@ def write_report(
     posterior : DataTree
         Posterior from `sample` or `load`.
     folder : path
-        Folder for the report. The folder is made if it does not exist. Files in the folder that are
-        no part of a report are kept.
+        Folder for the report. The folder is made if it does not exist. Files in the folder that do
+        not belong to a report are kept.
     beside_it : mapping of name to DataTree, optional
         Posteriors of other campaigns that the report compares with this campaign.
     same_instrument : bool
@@ -342,10 +342,10 @@ def write_report(
     Raises
     ------
     InputError
-        The comparison or the design was made from other readings; the campaigns are of different
-        machines; ``language`` is unknown; ``force_N`` is outside its range; the folder cannot be
-        written; the subfolder ``tables`` holds files that no report has written; or
-        ``sheets_only`` is given together with ``annex`` or ``beside_it``.
+        The comparison or the design was made from readings other than those of ``posterior``; the
+        campaigns are of different machines; ``language`` is unknown; ``force_N`` is outside its
+        range; the folder cannot be written; the subfolder ``tables`` holds files that do not belong
+        to a report; or ``sheets_only`` is given together with ``annex`` or ``beside_it``.
 
     Examples
     --------
@@ -447,9 +447,9 @@ def _record(
 
 
 def _analysis_record(result: Any) -> dict[str, Any]:
-    """Return the JSON record of an analysis, or a record of the reason why there is no analysis.
+    """Return the JSON record of an analysis, or a record of why the analysis was not made.
 
-    ``result`` is the result of the analysis, or a text that states why there is none.
+    ``result`` is the result of the analysis, or a text that states why it was not made.
     """
     if isinstance(result, str):
         return {"missing": result}

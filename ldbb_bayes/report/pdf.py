@@ -57,7 +57,7 @@ _POWER_OF_TEXT = 2.0
 # The height of a figure is proportional to this power of the size of the letters.
 _POWER_OF_FIGURES = 1.0
 # Whenever the letters are made smaller, their new size is chosen to leave this height empty at the
-# bottom of the page [mm]. The sheet then often fits even if some lines break at other words than
+# bottom of the page [mm]. The sheet then usually fits even if the lines are broken differently than
 # expected.
 _SPARE_HEIGHT = 1.0
 
@@ -87,7 +87,7 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
 
 
 def fit_to_page(sheet: ReportSheet) -> ReportSheet:
-    """Return a copy of a sheet with letters that are so small that the sheet fits one page.
+    """Return a copy of a sheet whose letters are small enough for the sheet to fit on one page.
 
     The letters are reduced at most 8 times. After that, a very long sheet may still exceed its
     page.
@@ -132,7 +132,7 @@ def _power_of_height(height_ratio: float, size_ratio: float) -> float:
 
 @contextmanager
 def _document() -> Iterator[FPDF]:
-    """Yield an empty PDF document with margins and fonts; its font files are closed at the end."""
+    """Yield an empty PDF document with margins and fonts; its font files are closed after use."""
     pdf = FPDF()
     pdf.set_auto_page_break(False)
     pdf.set_margins(_LEFT, _TOP, _LEFT)
@@ -162,7 +162,7 @@ def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> floa
 
 
 def _draw_block(pdf: FPDF, block: Block, scale: float, pictures: bool) -> None:
-    """Draw a block of a sheet, such as a table, below the current position.
+    """Draw one part of a sheet, such as a table, below the current position.
 
     ``scale`` is the relative size of the letters. If ``pictures`` is false, the places of figures
     are left empty.
@@ -260,7 +260,7 @@ _SECOND_COLUMN = _FieldColumn(_FIRST_COLUMN.next_left)
 
 
 def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
-    """Draw form fields in two columns. Each field has a name, and at its right a text over a line.
+    """Draw form fields in two columns; each field has a name and, to its right, a text on a line.
 
     ``scale`` is the relative size of the letters.
     """

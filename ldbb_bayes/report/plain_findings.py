@@ -35,7 +35,7 @@ _UM_PER_MM = 1e3
 
 
 class FindingKind(StrEnum):
-    """Kind of a finding, that is, of something to look at or to repair."""
+    """Kind of a finding. A finding is something on the machine to inspect or to repair."""
 
     SOFT_AXIS = "soft-axis"
     CHANGE = "change"
@@ -45,9 +45,9 @@ class FindingKind(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Something to look at or to repair, with its probability.
+    """A finding: something on the machine to inspect or to repair, with its probability.
 
-    ``values`` are the texts that are filled into the sentence on the finding. The keys are the
+    ``values`` are the texts that are inserted into the sentence on the finding. The keys are the
     names of the placeholders in this sentence.
     """
 

@@ -40,7 +40,7 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
     names the largest source of variance. The second table has one row for each certificate of the
     instrument. The row names the parameters that the certificate would make less uncertain. The
     method ``details`` of the result returns all tables and sentences, with the combinations of
-    parameters that no reading can resolve.
+    parameters that the readings cannot separate.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]

@@ -106,8 +106,8 @@ def results(findings: Findings) -> Iterator[Part]:
 def limits(findings: Findings) -> Iterator[Part]:
     """Yield the section on degeneracies, and on measures that would remove these degeneracies.
 
-    A degeneracy is a combination of parameters and other effects that no reading can resolve. The
-    section also names the effects that the user has switched off in the model. The verdicts on
+    A degeneracy is a combination of parameters and other effects that the readings cannot separate.
+    The section also names the effects that the user has switched off in the model. The verdicts on
     single parameters are in the section on results.
     """
     bound = bound_of(findings.posterior)

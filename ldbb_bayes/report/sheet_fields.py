@@ -28,9 +28,9 @@ _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # Entries of the campaign that state the machine and the date. Both sheets of the certificate show
 # these entries.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# The sheet states from which source the program knows the order in which the tests were run. The
-# keys of this dictionary are the sources, such as the start times of the tests. Each value is the
-# name under which the catalogue of words holds the text on the source.
+# The sheet states how the order of the tests is known. The keys of this dictionary are the possible
+# sources, such as the start times of the tests. Each value is the key under which the catalogue of
+# words holds the text on the source.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",
@@ -38,8 +38,8 @@ _ORDER_ENTRIES = {
     TimeSource.NO_DRIFT: "entries.no_drift",
 }
 # Model term that describes the errors of each part of the instrument; the keys are the parts. The
-# sheet states the uncertainty of each part in a field for this part. Its list of the other assumed
-# effects therefore leaves these model terms out.
+# sheet states the uncertainty of each part in a separate form field. The sheet's list of other
+# assumed effects therefore leaves these model terms out.
 _TERM_OF_PIECE = {
     "bar": BarLength.__name__,
     "work": BallForm.__name__,

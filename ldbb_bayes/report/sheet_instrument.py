@@ -78,8 +78,8 @@ def _ball_size(findings: Findings, key: str, words: Words) -> str:
     """Return a text with the grade of a ball, such as G10, or with its sphericity, such as 0.2 µm.
 
     ``key`` names a part of the instrument. The sphericity is used if no grade is stated. If nothing
-    is stated about the ball, the text has the form that the model assumes. The text is empty if the
-    part is not a ball, or if only harmonics of the ball's form are stated.
+    is stated about the ball, the text describes the form error that the model assumes. The text is
+    empty if the part is not a ball, or if only harmonics of the ball's form are stated.
     """
     if key not in ("work", "tool"):
         return ""
@@ -98,12 +98,14 @@ def _ball_size(findings: Findings, key: str, words: Words) -> str:
 
 
 def _assumed_form(findings: Findings, term: BallForm, words: Words) -> str:
-    """Return a text with the form that the model assumes of a ball without certificate.
+    """Return a text on the form error that the model assumes for a ball without a certificate.
 
-    The text has U (k = 2) of the form with two and with three waves around the ball, and the
-    sphericity that the model assumes, which is a part of this form. The other part is expected from
-    the higher orders of the form; it has the scale and the decay of the posterior. ``term`` is the
-    model's term of the balls' form.
+    The text states U (k = 2) of the form error with two waves and with three waves around the ball.
+    U combines two contributions: the form error that follows from the sphericity that the model
+    assumes, and the form error that is extrapolated from higher orders. The second contribution has
+    the scale and the decay of the posterior. The text also states the assumed sphericity. If the
+    posterior has no such scale, the text states only the sphericity. ``term`` is the model term of
+    the balls' form.
     """
     draws = findings.posterior["posterior"].dataset
     sphericity = words.number(f"{term.sphericity_um:g}")

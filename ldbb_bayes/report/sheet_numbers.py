@@ -1,4 +1,4 @@
-"""Quantities that the sheets of the certificate state, with remarks on how far each is determined.
+"""Quantities that the sheets of the certificate state, with a remark on how far each is determined.
 
 Compliances and circular deviations are stated at one force. A quantity is confounded with another
 parameter or effect if both change the readings in the same way. The other parameter or effect is
@@ -46,8 +46,8 @@ __all__ = ["SheetNumbers", "remark"]
 # A remark states that a compliance increases with force if the probability of an increase is at
 # least this value. The same limit applies to a decrease.
 _SURE = 0.95
-# The sheets state only a lower limit of the stiffness 1 / C if the credible interval of the
-# compliance C begins below this fraction of the median of C.
+# The sheets state only a lower limit of the stiffness 1 / C if the lower end of the credible
+# interval of the compliance C is below this fraction of the median of C.
 _HARDLY_POSITIVE = 0.2
 _ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # A is a rotation about X, B about Y, and C about Z
 _SHEET_1_KINDS = ("squareness",)
@@ -233,9 +233,9 @@ class SheetNumbers:
     def stiffnesses(self) -> dict[str, StatedQuantity]:
         """Stiffness 1 / C of every axis, where C is the median of the axis' direct compliance.
 
-        The keys are the labels of the compliances, such as ``C_XXX``. If the credible interval of a
-        compliance begins below a fifth of its median, only a lower limit of the stiffness is
-        stated.
+        The keys are the labels of the compliances, such as ``C_XXX``. If the lower end of the
+        credible interval of a compliance is below a fifth of its median, only a lower limit of the
+        stiffness is stated.
         """
         stated = {}
         for compliance in bound_of(self.findings.numbers).compliances:
@@ -246,9 +246,10 @@ class SheetNumbers:
     def _stiffness(self, compliance: Any) -> StatedQuantity:
         """Return the stiffness 1 / C for a direct compliance C.
 
-        The stiffness has a value and an uncertainty if the credible interval of C begins above a
-        fifth of the median of C. Otherwise only a lower limit is stated, which is the stiffness at
-        the upper end of the interval of C. If this end is not positive, no stiffness is stated.
+        The stiffness has a value and an uncertainty if the lower end of the credible interval of C
+        is above a fifth of the median of C. Otherwise only a lower limit is stated, which is the
+        stiffness at the upper end of the interval. If the upper end is not positive, no stiffness
+        is stated.
         """
         summary = self._summaries[compliance.label]
         median = summary["median"]

@@ -51,8 +51,8 @@ def banner(numbers: SheetNumbers) -> Banner:
     forces_N = campaign_of(findings.numbers).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
-        # A force outside the tested range is the first reason for caution. Only the reason why the
-        # numbers cannot be used at all stands before it, if there is such a reason.
+        # A force outside the tested range is the first reason for caution. Only a reason why the
+        # numbers cannot be used at all comes before it.
         reasons.insert(1 if is_unusable else 0, outside)
 
     kind = "usable"
@@ -108,7 +108,7 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
 def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     """Return texts on what the readings do not determine, each with a reason.
 
-    If the readings determine everything, the only text says so.
+    If the readings determine all quantities, a single text says so.
     """
     words = numbers.words
     items = []

@@ -35,7 +35,7 @@ __all__ = ["sheets"]
 def sheets(
     findings: Findings, *, language: str = "en", force_N: float | None = None
 ) -> tuple[ReportSheet, ...]:
-    """Return the two sheets of the certificate; sheet 2 has all results.
+    """Return the two sheets of the certificate. Sheet 2 has all results.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def sheets(
 
 
 def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
-    """Yield the blocks of sheet 1 from top to bottom."""
+    """Yield the content of sheet 1 (figures, tables and lists) from top to bottom."""
     words = numbers.words
     findings = numbers.findings
     yield banner(numbers)
@@ -160,7 +160,7 @@ def _averaged_models(findings: Findings, words: Words) -> str:
 
 
 def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
-    """Yield the blocks of sheet 2, with all parameters and figures, from top to bottom."""
+    """Yield the content of sheet 2, with all parameters and figures, from top to bottom."""
     words = numbers.words
     findings = numbers.findings
     compliances = []

@@ -172,7 +172,7 @@ def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
-    """Return a table that states how many credible intervals contain the simulated true value [%].
+    """Return a table of the percentage of credible intervals that contain the simulated true value.
 
     The table has one row for each quantity. It also states whether the ranks of the true values are
     uniformly distributed. A rank is the number of posterior draws below the true value. Two

@@ -3,8 +3,8 @@
 The templates of the sentences are in the files sentences.toml and sentences.j2. The program never
 draws conclusions from the text of a sentence, because all decisions are part of the results. Most
 templates have a key, which is the kind of the result, such as the kind of a remark. A degeneracy is
-a combination of parameters and other effects that no reading can resolve. A nuisance coefficient
-describes an effect that is modelled but not of interest.
+a combination of parameters and other effects that the readings cannot separate. A nuisance
+coefficient describes an effect that is modelled but not of interest.
 """
 
 from __future__ import annotations
@@ -248,7 +248,8 @@ def _point_words(point: Sequence[float]) -> str:
 def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
     """Return the sentences that a macro in the file sentences.j2 makes from results.
 
-    ``macro`` is the name of the macro; ``findings``, the arguments of the macro, are results.
+    ``macro`` is the name of the macro. ``findings`` are the results that the macro takes as its
+    arguments.
     """
     module = _environment().get_template("sentences.j2").module
     return tuple(_lines(getattr(module, macro)(*findings)))
@@ -257,7 +258,8 @@ def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
 def _sentence(macro: str, *findings: Any) -> str:
     """Return one line with all sentences that a macro in the file sentences.j2 makes.
 
-    ``macro`` is the name of the macro; ``findings``, the arguments of the macro, are results.
+    ``macro`` is the name of the macro. ``findings`` are the results that the macro takes as its
+    arguments.
     """
     return " ".join(_sentences(macro, *findings))
 
@@ -335,10 +337,10 @@ def unit_words(name: str) -> tuple[float, str]:
 def source_unit_words(source: str, term: str, unit: str) -> tuple[float, str]:
     """Return the unit in which an uncertainty budget shows the standard uncertainty of a source.
 
-    The first returned value is the factor that converts the internal unit to the unit shown. The
-    second returned value is the label of the unit shown. ``source`` is the name of a nuisance
-    coefficient, and ``term`` the class name of its model term. For noise, both names are the same.
-    ``unit`` is the internal unit; it is used only for noise.
+    The unit is returned as two values: the factor that converts the internal unit to the unit
+    shown, and the label of the unit shown. ``source`` is the name of a nuisance coefficient, and
+    ``term`` the class name of its model term. For noise, both names are the same. ``unit`` is the
+    internal unit; it is used only for noise.
     """
     if source == term:
         if unit == "N":
@@ -400,10 +402,11 @@ def _amount_words(value: float, factor: float, label: str, name: str, plus: str 
 def statement(degeneracy: Degeneracy) -> str:
     """Return a sentence that describes a degeneracy.
 
-    A degeneracy is a combination of parameters and other effects that no reading can resolve. If
-    the degeneracy has no model term, the sentence states amounts of parameters that together change
-    no reading. If the degeneracy has a model term, the sentence states which amounts of the
-    parameters change the readings exactly as an amount of the term's effect does.
+    A degeneracy is a combination of parameters and other effects that the readings cannot separate.
+    If a parameter can be traded for other parameters or effects, the sentence states the amounts
+    that together change no reading. If an effect can be traded for parameters, the sentence states
+    which amounts of the parameters change the readings exactly as a stated amount of the effect
+    does.
     """
     sign = -1.0 if degeneracy.term else 1.0
     changes = []
@@ -426,7 +429,7 @@ def statement(degeneracy: Degeneracy) -> str:
 def _effect_words(degeneracy: Degeneracy) -> str:
     """Return a text with the amounts of the nuisance effects in a degeneracy.
 
-    A degeneracy is a combination of parameters and other effects that no reading can resolve,
+    A degeneracy is a combination of parameters and other effects that the readings cannot separate,
     because the effects together change the readings in the same way as the parameters.
     """
     amounts = []
@@ -444,7 +447,7 @@ def _effect_words(degeneracy: Degeneracy) -> str:
 def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
     """Return a sentence on measures that would remove a degeneracy.
 
-    A degeneracy is a combination of parameters and other effects that no reading can resolve.
+    A degeneracy is a combination of parameters and other effects that the readings cannot separate.
     ``cures`` are the kinds of measures, such as other forces or a calibration. If ``cures`` is
     empty, the sentence recommends a narrower prior.
     """
@@ -462,7 +465,7 @@ def degeneracy_items(
 ) -> tuple[str, ...]:
     """Return one text on each degeneracy, with the measures that would remove the degeneracy.
 
-    A degeneracy is a combination of parameters and other effects that no reading can resolve.
+    A degeneracy is a combination of parameters and other effects that the readings cannot separate.
     ``cures`` holds the measures for each degeneracy, in the order of ``degeneracies``.
     """
     items = []
@@ -525,9 +528,9 @@ def fit_verdict(fit: Fit) -> str:
 def sensitive_words(names: Sequence[str]) -> str:
     """Return a text that names the parameters that are sensitive to their prior.
 
-    ``names`` are the names of these parameters, the most sensitive first. The text has at most
-    three names. Slopes (coefficients of the change of compliances with force) are not named; the
-    text states only the number of sensitive slopes.
+    ``names`` are the names of these parameters, the most sensitive first. The text names at most
+    three parameters. Sensitive slopes (coefficients of the change of compliances with force) are
+    not named; the text states only their number.
     """
     named = [display_name(name) for name in names if not is_slope(name)]
     count = len(names) - len(named)
@@ -572,8 +575,8 @@ def sampler_words(sampler: Mapping[str, Any]) -> str:
     """Return a sentence that states whether the sampler has converged, and the number of draws.
 
     The sampler has converged if its draws have reached the effective sample size that the user
-    asked for. The sentence also states the effective sample size and R-hat. ``sampler`` is the JSON
-    record of the sampler.
+    required. The sentence also states the effective sample size reached, and R-hat. ``sampler`` is
+    the JSON record of the sampler.
     """
     return _sentence("sampler_words", sampler)
 
@@ -696,11 +699,11 @@ def _add_remarks(record: dict[str, Any], remarks: Sequence[Remark]) -> None:
 
 
 def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
-    """Return two texts on an error of the instrument: its name, and its place in campaign.toml.
+    """Return the name of an instrument error, and the place in campaign.toml where it is stated.
 
     The place is the entry of campaign.toml in which the user can state the value from a
-    certificate. If there is no such entry, the second text names the model term that describes the
-    error.
+    certificate. If there is no such entry, the text on the place names the model term that
+    describes the error.
     """
     table, _, key = uncertainty.certificate.partition("_")
     if key:
@@ -775,9 +778,9 @@ def origin_words(origin: str) -> str:
 def origins_in_words(entry: ParameterIdentifiability) -> str:
     """Return a text with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
 
-    The origin states where the size of a source of variance comes from. The first share [%] belongs
-    to sources whose size was measured in the campaign, the second share to sources whose size the
-    user stated, and the third share to sources whose size the model assumes.
+    The origin states where the size of a source of variance comes from. The text has three shares
+    [%] in this order: that of the sources whose size was measured in the campaign, that of the
+    sources whose size the user stated, and that of the sources whose size the model assumes.
     """
     return " / ".join(f"{100.0 * share:.0f}" for share in entry.origin_shares.values())
 
@@ -943,12 +946,11 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
 def certificate_rows(result: Identifiability, most: int | None = None) -> list[tuple[str, str]]:
     """Return the rows of a table of calibration certificates of the instrument.
 
-    Each row has two cells. The first cell is the name of the certificate. The second cell lists the
-    parameters whose standard uncertainty the certificate would reduce by more than a tenth. For
-    example, "C_XXX 60 %" means a reduction to 60 % of the present value. The parameter with the
-    largest reduction comes first. Slopes (coefficients of the change of compliance with force) are
-    left out. ``most`` is the largest number of parameters that a row names; an ellipsis stands for
-    the other parameters.
+    Each row has two cells: the name of the certificate, and a list of the parameters whose standard
+    uncertainty the certificate would reduce by more than a tenth. For example, "C_XXX 60 %" means a
+    reduction to 60 % of the present value. The parameter with the largest reduction comes first.
+    Slopes (coefficients of the change of compliance with force) are left out. ``most`` is the
+    largest number of parameters that a row names; an ellipsis stands for the other parameters.
     """
     sd_by_certificate = dict(result.certificates)
     sd_without = sd_by_certificate.pop("none of these", {})
@@ -976,7 +978,7 @@ def cure_items(
     Parameters
     ----------
     degeneracies
-        Combinations of parameters and effects that no reading of a set of tests can resolve.
+        Combinations of parameters and effects that no reading of a set of tests can separate.
     cures
         Measures that would remove each degeneracy, in the order of ``degeneracies``.
 
@@ -1353,8 +1355,8 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 def population_doubts(doubts: Any) -> tuple[str, ...]:
     """Return sentences on the limitations of the results for a population of machines.
 
-    ``doubts`` is the result for the population, and contains a list of the limitations. The
-    limitations matter above all if the population serves as a prior for another machine.
+    ``doubts`` is the result for the population, and contains a list of the limitations. These
+    limitations matter most if the population serves as a prior for another machine.
     """
     return _sentences("population_doubts", doubts)
 
@@ -1375,9 +1377,9 @@ def annex_words(degree: int, averaged: bool) -> str:
 def averaged_over(probabilities: Mapping[str, float]) -> str:
     """Return a heading that names the models and explanations that were averaged.
 
-    A rival explanation is an effect other than compliance, such as a nonlinear mount, that may
-    explain why the readings change with force. ``probabilities`` holds the probabilities of the
-    averaged models and of the rival explanations. The keys are the names of models and
+    An alternative explanation is an effect other than compliance, such as a nonlinear mount, that
+    may explain why the readings change with force. ``probabilities`` holds the probabilities of the
+    averaged models and of the alternative explanations. The keys are the names of models and
     explanations.
     """
     degrees = [name for name in probabilities if name in DEGREE_NAMES]
@@ -1402,13 +1404,14 @@ def difference_doubts(
 ) -> tuple[str, ...]:
     """Return sentences on reasons not to use the differences between two campaigns, if any.
 
-    ``first`` and ``other`` are the names of the campaigns. Two reasons are possible. The first is
-    that the fit of the second campaign has not converged; ``converged`` is then false. The second
-    is that both campaigns used the same instrument, but their fits disagree about an error of the
-    instrument, which is a coefficient of the model. ``conflict`` holds the name of the coefficient
-    with the largest disagreement, and the p-value of this disagreement, multiplied by the number of
-    compared coefficients (Bonferroni). A sentence names the coefficient only if this p-value is
-    below 1 %. ``conflict`` is None if no coefficient can be compared.
+    ``first`` and ``other`` are the names of the campaigns. There are two possible reasons:
+
+    - The fit of the second campaign has not converged; ``converged`` is then false.
+    - The campaigns used the same instrument, but their fits disagree about an error of the
+      instrument, which is a coefficient of the model. ``conflict`` holds the name of the
+      coefficient with the largest disagreement, and the p-value of this disagreement, multiplied by
+      the number of compared coefficients (Bonferroni). A sentence names the coefficient only if
+      this p-value is below 1 %. ``conflict`` is None if no coefficient can be compared.
     """
     return _sentences("difference_doubts", first, other, converged, conflict)
 
