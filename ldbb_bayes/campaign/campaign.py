@@ -71,9 +71,10 @@ LABELS = (
     "ball_bar_calibrated",
     "force_device",
 )
-# Longest one-line text (``repr``) by which Python displays a campaign [characters].
+# Largest number of characters of the one-line text (``repr``) that Python shows for a campaign.
 _LONGEST_REPR = 80
-# Names of the fields of a test whose values always enter the SHA-256 digest of its campaign.
+# Names of the fields of a test whose values always contribute to the SHA-256 digest of its
+# campaign.
 _DIGESTED_ALWAYS = (
     "force_N",
     "pressure_bar",
@@ -85,9 +86,9 @@ _DIGESTED_ALWAYS = (
     "centre_x_mm",
     "centre_y_mm",
 )
-# Names and usual values of those fields of a test that enter the SHA-256 digest of the campaign
-# only if their value is not the usual one. Digests from older versions of the program, which lacked
-# these fields, therefore stay valid.
+# Names and usual values of those fields of a test that contribute to the SHA-256 digest of the
+# campaign only if their value is not the usual one. Older versions of the program lacked these
+# fields; the digests that they computed therefore stay valid.
 _DIGESTED_UNLESS_USUAL = {
     "centre_z_mm": 0.0,
     "setup": 1.0,
@@ -128,7 +129,7 @@ class CampaignFields(Shown):
     plane: str = "XY"  #: plane (XY, YZ or ZX) of all tests that state no plane
     radius_mm: Length = 150.0  #: radius [mm] of all tests that state no radius
     name: Label | None = None  #: name of the campaign
-    #: name that tells the machines of a fleet apart; by default the machine's serial number
+    #: name that distinguishes the machines of a fleet; by default the machine's serial number
     machine_id: Label | None = None
     #: date of the measurement in ISO 8601, such as 2026-11-20 or 2026-11-20T14:30
     date: Date | None = None
@@ -252,7 +253,7 @@ class Campaign(CampaignFields):
         )
 
     def _complete(self, test: CircularTest) -> CircularTest:
-        """Return a test with radius, plane, centre, set-up, force and pressure filled in.
+        """Return a test in which radius, plane, centre, set-up, force and pressure are filled in.
 
         If the test states no radius, plane or centre, the value that the campaign states is filled
         in. A missing set-up becomes number 1. If only the force or only the pressure is stated, the
@@ -333,7 +334,7 @@ class Campaign(CampaignFields):
     def without(self, *names: str) -> Campaign:
         """Return the campaign without the tests that ``names`` lists.
 
-        If the tests state no times, it is assumed that the remaining tests were run directly one
+        If the tests state no times, the remaining tests are assumed to have been run directly one
         after another. Raise an `InputError` for an unknown name, or if no test is left.
         """
         check_known("test", names, [test.name for test in self.tests])
@@ -409,9 +410,9 @@ def require_campaign(campaign: object) -> None:
 
 
 def _digested_fields(test: CircularTest) -> list[Any]:
-    """Return the values of a test that enter the SHA-256 digest of its campaign.
+    """Return the values of a test that contribute to the SHA-256 digest of its campaign.
 
-    The angles and readings are not returned, although they enter the digest too.
+    The angles and readings contribute to the digest too, but are not returned.
     """
     digested: list[Any] = [test.name]
     digested += [getattr(test, name) for name in _DIGESTED_ALWAYS]

@@ -45,8 +45,8 @@ class _TestFile(_PlannedTest):
 
 
 # The classes _Balls, _Bar, _Mount, _Force and _Angle describe the tables of campaign.toml that hold
-# certified values. Each key becomes a field of `Instrument`, whose name begins with the name of the
-# table: U_um of the table [bar] becomes bar_U_um.
+# certified values. Each key of a table becomes a field of `Instrument`. The name of the field
+# begins with the name of the table: the key U_um of the table [bar] becomes the field bar_U_um.
 @dataclass(frozen=True, config=_STRICT)
 class _Balls:
     work: Ball = field(default_factory=Ball)
@@ -198,14 +198,14 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
 
 
 def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> MountCompensation:
-    """Return the deflection of the work ball's mount, and whether readings are compensated for it.
+    """Return the deflection of the work ball's mount, and whether readings are corrected for it.
 
-    The deflection is in µm per bar of air pressure. If campaign.toml states a stiffness [N/µm]
-    instead of a deflection, the deflection is the slope of the force law [N/bar] divided by the
-    stiffness. The force law is the force of the ball bar as a linear function of the pressure.
-    ``path`` is the path of campaign.toml. ``file`` is its validated content, with defaults filled
-    in; ``content`` is its content without defaults. Raise an `InputError` if campaign.toml states
-    both stiffness and deflection.
+    The deflection is in µm per bar of air pressure. campaign.toml may state a stiffness [N/µm]
+    instead of the deflection. The deflection is then computed as the slope of the force law [N/bar]
+    divided by the stiffness, where the force law is the force of the ball bar as a linear function
+    of the pressure. ``path`` is the path of campaign.toml. ``file`` is its validated content, with
+    defaults filled in; ``content`` is its content without defaults. Raise an `InputError` if
+    campaign.toml states both stiffness and deflection.
     """
     stated = content.get("mount", {}).keys()
     require(

@@ -35,7 +35,7 @@ _LONGEST_LABEL = 200
 
 @dataclass(frozen=True)
 class CertifiedQuantity:
-    """One number of a calibration certificate, as the certificate writes it.
+    """One number of a calibration certificate, in the form in which the certificate states it.
 
     ``name`` is the name that the certificate gives the quantity; it is empty if the certificate
     gives no name. ``value`` is the number.
@@ -103,7 +103,7 @@ class CertifiedQuantity:
         Parameters
         ----------
         factor
-            Unit of the returned numbers, given by its size in SI units (bar for pressure). For
+            Size of the unit of the returned numbers, in SI units (for a pressure, in bar). For
             example, 1e-6 stands for µm.
 
         Raises
@@ -128,7 +128,7 @@ class CertifiedQuantity:
         return value, _without_rounding(U * size.factor / factor)
 
     def magnitude(self) -> float:
-        """Return the absolute value of the quantity in SI units, with bar as unit of pressure."""
+        """Return the absolute value of the quantity in SI units (for a pressure, in bar)."""
         value, _ = self.numbers()
         return abs(value)
 
@@ -190,7 +190,7 @@ class CalibrationCertificate(Shown):
         too small. If it states the actual length and the nominal length, the actual length is
         subtracted from the nominal length. If the certificate states several bars, the bar of the
         nominal length ``length_mm`` is used. Raise an `InputError` if no uncertainty is stated, or
-        if several errors remain after the choice of the bar.
+        if the certificate still states several errors after the bar has been chosen.
         """
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths, length_mm)
@@ -207,7 +207,7 @@ class CalibrationCertificate(Shown):
         quantities in units of length; the keys state what the quantities are, such as
         ``deviation``. If several quantities state an error, the quantity of a bar of the nominal
         length ``length_mm`` is returned. Raise an `InputError` if no quantity states an error, or
-        if several quantities are left after this choice.
+        if several quantities remain after this choice.
         """
         candidates = lengths.get("indication") or lengths.get("deviation") or []
         if not candidates and "nominal" in lengths:
@@ -430,7 +430,7 @@ def _name_apart(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]
     """Return a text that distinguishes a certified quantity from the quantities ``others``.
 
     The text consists of the names of the XML elements that contain the quantity and of the quantity
-    itself. Names that all of ``others`` have too are left out. If no name is left, return the
+    itself. Names that occur in all of ``others`` are left out. If no name remains, return the
     quantity's title.
     """
     names = []

@@ -95,7 +95,7 @@ class Ball(Shown):
 
     @property
     def stated_sphericity_um(self) -> float | None:
-        """Deviation from sphericity [µm] that certificate or grade states; None if neither does."""
+        """Deviation from sphericity [µm] that the certificate or the grade states, or None."""
         if self.grade is None:
             return self.sphericity_um
         return _SPHERICITY_BY_GRADE_UM[self.grade]

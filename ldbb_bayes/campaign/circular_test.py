@@ -46,14 +46,14 @@ _MINIMUM_ARC_DEG = 180.0
 # Largest reading that a circular test may have [mm]. A test with a larger reading is refused,
 # because its readings are probably in another unit.
 _LARGEST_READING_MM = 100.0
-# Largest gap between neighbouring angles of its readings with which a circle counts as full, as a
-# multiple of a usual gap (see `usual_gap`).
+# A circle counts as full if the largest gap between neighbouring angles of its readings is at most
+# this multiple of the usual gap (see `usual_gap`).
 _ORDINARY_GAP = 3.0
-# Largest difference between forces of several tests that count as equal, as a fraction of the
-# largest force. A pressure regulator does not repeat a force more closely.
+# Forces of several tests count as equal if they differ by at most this fraction of the largest
+# force. A pressure regulator does not repeat a force more closely.
 _SAME_FORCE_SHARE = 1e-3
-# Relative tolerance with which two things are decided: whether the steps from one angle of a test
-# to the next are equal, and whether its angles extend over at most one turn.
+# Relative tolerance for two decisions: whether the steps from one angle of a test to the next are
+# equal, and whether the angles of a test extend over at most one turn.
 _EVEN_TOLERANCE = 1e-6
 # Relative tolerance within which the arc of a planned test counts as a full turn.
 _TURN_TOLERANCE = 1e-6
@@ -238,7 +238,7 @@ class CircularTest(TestFields):
         return array
 
     def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
-        """Yield a text for each fault of a test: what the test must have, and what the user can do.
+        """Yield a text on each fault of a test: what is required, and what the user can do.
 
         ``angle`` holds the angles of the test [deg], and ``reading`` the readings [µm]. Each of
         these arguments is None if the user did not give it.
@@ -327,8 +327,8 @@ class CircularTest(TestFields):
 
         Angles in unequal steps, or over more than one turn, are replaced with the same number of
         angles in equal steps over the same arc, which is at most one turn. Angles in equal steps
-        are computed anew from their number, first angle and arc. If the planned test is stored in
-        campaign.toml and read again, exactly the same angles result.
+        are computed anew from their number, first angle and arc. A planned test that is stored in
+        campaign.toml and read again therefore has exactly the same angles.
         """
         readings = len(self.angle_deg)
         if self.step_deg:
@@ -360,9 +360,9 @@ class CircularTest(TestFields):
     def circle(self) -> Circle:
         """Nominal circle of the test: its radius, centre and plane.
 
-        For a radius or a coordinate of the centre that the test does not state, zero is assumed;
-        for a plane, XY. Tests of a campaign always state radius, centre and plane, because the
-        campaign fills in missing values.
+        If the test does not state its radius or a coordinate of its centre, zero is assumed; if it
+        does not state its plane, XY is assumed. Tests of a campaign always state radius, centre and
+        plane, because the campaign fills in missing values.
         """
         x, y, z = (float(getattr(self, key) or 0.0) for key in CENTRE)
         return Circle(float(self.radius_mm or 0.0), (x, y, z), self.plane or "XY")
@@ -434,8 +434,8 @@ def distinct_forces(forces_N: ArrayLike) -> Array:
 def planned_angles(readings: int, start_deg: float, arc_deg: float) -> Array:
     """Return the angles of a planned test in equal steps [deg], shape (readings,).
 
-    The number of angles is ``readings``, the first angle is ``start_deg``, and ``arc_deg`` is the
-    arc that the angles cover; it is negative if the angles decrease. The angles include both ends
+    The number of angles is ``readings``, the first angle is ``start_deg``, and the angles cover the
+    arc ``arc_deg``. If ``arc_deg`` is negative, the angles decrease. The angles include both ends
     of the arc, but in a full turn the first angle is not repeated.
     """
     steps = readings - 1

@@ -1,7 +1,7 @@
 """Reading of digital calibration certificates (DCC, schema 2 and 3) from XML.
 
-A file that declares a document type, which may define entities, is refused, because the file is
-not trusted.
+The file is not trusted. It is therefore refused if it declares a document type, because a document
+type may define entities.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ _T = TypeVar("_T")
 def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
     """Return a digital calibration certificate (DCC) with the numbers of its results.
 
-    The versions 2 and 3 of the DCC schema are understood. A file that declares a document type,
-    which may define entities, is refused, because the file is not trusted.
+    The versions 2 and 3 of the DCC schema are understood. The file is not trusted. It is therefore
+    refused if it declares a document type, because a document type may define entities.
 
     Parameters
     ----------

@@ -28,9 +28,9 @@ def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
 def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
     """Raise an `InputError` if a test of ``campaign`` in a plane states no direction of travel.
 
-    ``plane`` is the name of the plane. ``reason`` is the end of the clause in the message that says
-    why a direction is needed, such as "run, or are to run, both ways". The clause begins with "as
-    circles of plane" and the name of the plane.
+    ``plane`` is the name of the plane. The error message states why a direction is needed, in a
+    clause that begins with "as circles of plane" and the name of the plane. ``reason`` is the end
+    of this clause, such as "run, or are to run, both ways".
     """
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None

@@ -212,7 +212,7 @@ def files_of(folder: Path) -> set[str]:
 
 
 def pilot_of_plan(folder: Path | None) -> set[str]:
-    """Return a set with the name of the pilot's folder; the set is empty if a plan has no pilot.
+    """Return a set with the name of the pilot's folder, or an empty set if a plan has no pilot.
 
     The pilot is the campaign or plan from which the plan was designed. Its folder, which is inside
     the folder of the plan, holds only a copy and may be deleted when the plan is replaced.

@@ -32,7 +32,7 @@ class ForceLaw(Shown):
     2.0
     """
 
-    slope_N_per_bar: Positive = 126.04  #: increase of the bar's force per pressure [N/bar]
+    slope_N_per_bar: Positive = 126.04  #: increase of the bar's force per unit of pressure [N/bar]
     offset_N: Number = -14.2  #: force of the bar at zero pressure [N]
 
     def force_N(self, pressure_bar: float) -> float:
@@ -40,18 +40,17 @@ class ForceLaw(Shown):
         return self.slope_N_per_bar * pressure_bar + self.offset_N
 
     def pressure_bar(self, force_N: float) -> float:
-        """Return the pressure of the regulator [bar] that gives a force of the bar [N]."""
+        """Return the pressure of the regulator [bar] that produces a force of the bar [N]."""
         return (force_N - self.offset_N) / self.slope_N_per_bar
 
 
 @raises_input_error("mount ([mount])")
 @dataclass(frozen=True, config=STRICT)
 class MountCompensation(Shown):
-    """Deflection of the work ball's mount, and whether readings are compensated for it.
+    """Deflection of the work ball's mount, and whether it is compensated in the readings.
 
-    The deflection is ``deflection_um_per_bar`` times the regulator's pressure in bar. If the
-    readings are not compensated for the deflection, the model adds the deflection to the predicted
-    readings.
+    The deflection is ``deflection_um_per_bar`` times the regulator's pressure in bar. If it is not
+    compensated in the readings, the model adds the deflection to the predicted readings.
 
     Examples
     --------
@@ -59,7 +58,7 @@ class MountCompensation(Shown):
     MountCompensation(deflection_um_per_bar=1.8, compensated=False)
     """
 
-    #: nominal deflection of the work ball's mount per pressure of the regulator [µm/bar]
+    #: nominal deflection of the work ball's mount per unit of the regulator's pressure [µm/bar]
     deflection_um_per_bar: Annotated[Number, Field(ge=0.0, le=1e3)] = 2.33
     #: whether the readings are compensated for the deflection of the work ball's mount
     compensated: bool = True

@@ -38,9 +38,9 @@ _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # Width above which a gap between neighbouring angles of a test is reported, as a multiple of the
 # usual step from one angle to the next.
 _GAP_STEPS = 10.0
-# Limit of the difference between two forces of a test: the stated force, and the force that follows
-# from the pressure and the campaign's force law. A larger difference is reported. The unit is the
-# force that follows from the campaign's largest pressure.
+# A difference between two forces of a test is reported if it exceeds this fraction of the force at
+# the campaign's largest pressure. The two forces are the force that the test states, and the force
+# that the campaign's force law gives for the pressure of the test.
 _FORCE_LAW_SHARE = 0.02
 # Usual range of a campaign's largest force [N]. If the force is outside this range, the unit of the
 # forces is probably wrong.
@@ -48,31 +48,32 @@ _FORCES_N = (5.0, 10_000.0)
 # Usual range of a circle's radius [mm]. If the radius is outside this range, its unit is probably
 # wrong.
 _RADII_MM = (10.0, 2000.0)
-# Smallest usual peak-to-peak value of a test's readings, as a multiple of the resolution of the
-# readout. If the value is smaller, the unit of the readings is probably wrong.
+# Smallest peak-to-peak value of a test's readings that is usual, as a multiple of the resolution of
+# the readout. If the value is smaller, the unit of the readings is probably wrong.
 _SMALLEST_SPAN_RESOLUTIONS = 3.0
-# Largest usual peak-to-peak value of a test's readings [µm]. If the value is larger, the unit of
-# the readings is probably wrong.
+# Largest peak-to-peak value of a test's readings that is usual [µm]. If the value is larger, the
+# unit of the readings is probably wrong.
 _LARGEST_SPAN_UM = 1000.0
 # Range of the number of readings of a test within which a preview fits a Fourier series to the
 # readings.
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
-# Limit of the deviation of a reading from the Fourier series fitted to its test, in standard
-# deviations of the readings about the series. A reading that deviates more is a spike.
+# A reading is a spike if its deviation from the Fourier series fitted to its test exceeds this
+# multiple of the standard deviation of the readings about the series.
 _SPIKE_SCATTERS = 8.0
-# Limit of the jump between the last and the first reading of a test that goes once round the
-# circle, in units of the noise level. If the jump is larger, the preview reports that the trace of
-# the readings is not closed. The noise level is the standard deviation of the noise or the
-# resolution of the readout, whichever is larger.
+# For a test that goes once round the circle, the preview reports that the trace of the readings is
+# not closed if the jump between the last and the first reading exceeds this multiple of the noise
+# level. The noise level is the standard deviation of the noise or the resolution of the readout,
+# whichever is larger.
 _OPEN_SCATTERS = 10.0
-# Largest number of fits in each of the two steps of the search for spikes. In the first step, this
-# number of fits is made, and each fit gives new weights to the readings. In the second step, each
-# fit leaves out the spikes found by the fit before.
+# Number of fits in each of the two steps of the search for spikes. In the first step, each fit
+# gives new weights to the readings, and exactly this number of fits is made. In the second step,
+# each fit leaves out the spikes that the previous fit shows, and at most this number of fits is
+# made.
 _MAX_ROUNDS = 20
-# The sign of the readings is examined if a circle has at least this number of tests over a whole
-# turn, which is an arc of more than `_WHOLE_TURN_DEG` [deg]. There is a remark if the mean reading
-# falls by more than `_SMALLEST_FALL_UM` [µm] over the tested forces, and if its correlation with
-# the force is below `_FALLING`.
+# The sign of the readings is examined if at least this number of tests of the same circle each
+# cover a whole turn, which is an arc of more than `_WHOLE_TURN_DEG` [deg]. A remark is made if the
+# mean reading falls by more than `_SMALLEST_FALL_UM` [µm] over the tested forces, and if its
+# correlation with the force is below `_FALLING`.
 _FEWEST_FOR_SIGN = 3
 _WHOLE_TURN_DEG = 340.0
 _SMALLEST_FALL_UM = 2.0
@@ -80,8 +81,8 @@ _FALLING = -0.95
 # Ratio of the standard deviation of a normal distribution to its median absolute deviation (MAD).
 # The MAD of readings times this factor is an estimate of their standard deviation.
 _SD_PER_MAD = 1.4826
-# Smallest resolution [µm] that is believed if more than nine tenths of the readings are distinct. A
-# smaller step between readings then only shows with how many digits they were written.
+# Smallest resolution [µm] that is accepted if more than nine tenths of the readings are distinct. A
+# smaller step between readings only shows with how many digits they were written.
 _FINEST_STEP_UM = 0.005
 # Smallest number of distinct readings from which a resolution is determined if more than nine
 # tenths of the readings are distinct.
@@ -179,8 +180,8 @@ class TestPreview:
     centre_mm: tuple[float, ...]
     work_ball_deg: float
     tool_ball_deg: float
-    #: resolution of the readings [µm]: the digital step; all differences between readings are
-    #: multiples of this step
+    #: resolution of the readings [µm]: the digital step, of which all differences between readings
+    #: are multiples
     resolution_um: float | None
     #: number of spikes, which are readings that deviate from a fitted Fourier series of order 12 by
     #: more than eight standard deviations. The series is fitted without the spikes.
@@ -335,9 +336,9 @@ def _remark_on_angles(
 ) -> None:
     """Add remarks on the angles of ``test`` to ``remarks``.
 
-    There is a remark if the order of the angles contradicts the stated direction of travel, if the
-    angles cover only an arc, or if they leave a wide gap. ``campaign`` is the campaign of the test,
-    and ``angles`` holds the steps, gaps and direction of the angles.
+    A remark is made if the order of the angles contradicts the stated direction of travel, if the
+    angles cover only an arc, or if there is a wide gap between them. ``campaign`` is the campaign
+    of the test, and ``angles`` holds the steps, gaps and direction of the angles.
     """
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
@@ -352,8 +353,8 @@ def _remark_on_angles(
 def _order_shows_no_travel(campaign: Campaign) -> bool:
     """Return whether the angles of all tests increase although the tests state both directions.
 
-    If so, the tables of readings were sorted by angle, and the order of the readings does not show
-    the direction of travel.
+    If they do, the tables of readings were sorted by angle, and the order of the readings does not
+    show the direction of travel.
     """
     directions = {test.direction for test in campaign.tests}
     all_rise = all(np.all(np.diff(test.angle_deg) > 0) for test in campaign.tests)
@@ -417,11 +418,11 @@ def _path(
 ) -> tuple[float, int]:
     """Return the scatter of readings about a Fourier series of order 12, and the number of spikes.
 
-    The scatter is the standard deviation [µm] of all readings except spikes, which are readings far
-    from the series. If the test goes once round the circle (``closes``), a drift linear in the
-    angle is fitted too; this drift shows the jump between last and first reading. Remarks on this
-    jump and on spikes are added to ``remarks``. ``resolution_um`` is the resolution of the readout
-    [µm].
+    The scatter is the standard deviation [µm] about the series of all readings except spikes, which
+    are readings far from the series. If the test goes once round the circle (``closes``), a drift
+    linear in the angle is fitted too, and the jump between the last and the first reading is
+    computed from this fit. Remarks on the jump and on spikes are added to ``remarks``.
+    ``resolution_um`` is the resolution of the readout [µm].
     """
     turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
     reading = np.asarray(test.reading_um)
@@ -483,15 +484,16 @@ def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
 
     A reading is a spike if it deviates from a fitted curve by more than eight standard deviations.
     The first curve minimises the sum of absolute deviations. Then the spikes are left out and a new
-    curve is fitted by least squares. This step is repeated until the same readings as before are
-    spikes, at most 20 times. ``columns`` (n, k) are the values of the k fitted functions at the
+    curve is fitted by least squares. This step is repeated until the set of spikes no longer
+    changes, at most 20 times. ``columns`` (n, k) are the values of the k fitted functions at the
     angles of the readings, and ``reading`` (n,) [µm] are the readings.
     """
     deviation, p = _least_absolute_deviations(columns, reading)
     regular = np.ones(len(reading), dtype=bool)
     for _ in range(_MAX_ROUNDS):
-        # A curve of p functions with the least sum of absolute deviations goes through p readings
-        # exactly. These readings say nothing about the scatter and are left out.
+        # The curve with the least sum of absolute deviations, fitted with p functions, passes
+        # exactly through p of the readings. These readings say nothing about the scatter and are
+        # left out.
         scatter = _SD_PER_MAD * float(np.median(np.sort(np.abs(deviation))[p:]))
         previous = regular
         regular = np.abs(deviation) <= _SPIKE_SCATTERS * max(scatter, 1e-9)
@@ -586,7 +588,7 @@ def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
 
 
 def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark on the times from which a fit will compute the drift of bar and circle."""
+    """Add a remark on the times that a fit will use to compute the drift of bar and circle."""
     number = len(campaign.tests)
     times_s = [test.time_s for test in campaign.tests if test.time_s is not None]
     span_min = None
@@ -645,8 +647,8 @@ def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
 def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
     """Add a remark for tests of one circle whose mean reading falls as the force rises.
 
-    The bar pushes tool and table apart, so that the mean reading must rise with the force. If it
-    falls, the sign of the readings is probably wrong.
+    The bar pushes tool and table apart, so that the mean reading must rise with the force. If the
+    mean reading falls, the sign of the readings is probably wrong.
     """
     tests_of_circle: dict[Any, list[tuple[float, float]]] = {}
     for test, test_force_N in zip(campaign.tests, campaign.forces_N, strict=True):

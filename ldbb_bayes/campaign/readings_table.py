@@ -24,7 +24,7 @@ _LARGEST_COLUMNS = 1000
 _SHOWN_NAME = 60
 _ANGLES = ("angle_deg", "angle_rad")
 _READINGS = ("reading_um", "reading_mm")
-# Names of those columns of a tidy table that must have the same value in all rows of one test.
+# Names of those columns of a tidy table whose value must be the same in all rows of a test.
 _TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
 # Names that the columns of a tidy table may have.
 _TIDY_COLUMNS = ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS)
@@ -50,8 +50,8 @@ def is_tidy_table(path: Path) -> bool:
     """Return whether a file is a tidy CSV that `tests_of_table` can read.
 
     The first line must hold the names of the columns. A column "test" must be among them, and all
-    names must be known to `tests_of_table`. Tables that are not tidy must be imported; the import
-    finds out what their columns mean.
+    names must be known to `tests_of_table`. Other tables must be imported; the import determines
+    what their columns mean.
     """
     if path.suffix.lower() != ".csv":
         return False
@@ -108,7 +108,7 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
 
     If semicolons or tabs separate the cells and no number contains a point, commas are read as
     decimal marks. ``known`` are the permitted names of columns. Raise an `InputError` for a name
-    that is not permitted, and for a cell that should hold a number and does not.
+    that is not permitted, and for a cell without a number in a column of numbers.
     """
     rows, separator = read_strict_table(path)
     names = [""]

@@ -8,7 +8,8 @@ from ldbb_bayes.campaign.campaign import Campaign
 
 __all__ = ["SECONDS_PER_TEST", "TimeSource", "time_source", "times_stated"]
 
-# Time from one test to the next [s] that is assumed if a campaign states no times of its tests.
+# Time [s] that is assumed from the start of one test to the start of the next if a campaign states
+# no times of its tests.
 SECONDS_PER_TEST = 360.0
 
 

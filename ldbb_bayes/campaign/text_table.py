@@ -41,7 +41,7 @@ __all__ = [
 LARGEST_TABLE = 4_000_000
 # Longest line that a text table may have [characters].
 _LONGEST_LINE = 100_000
-# Largest number of characters that an error message shows of a table's cell.
+# Largest number of characters of a table's cell that an error message shows.
 LONGEST_CELL_SHOWN = 60
 # Byte-order mark with which a text file may begin, for each encoding.
 BYTE_ORDER_MARKS = {
@@ -179,8 +179,8 @@ def _split_line(path: Path, line: int, content: str, separator: str) -> list[str
 def _split_at_blanks(content: str) -> list[str]:
     """Return the cells of a line in which one or more blanks separate two cells.
 
-    A cell in quotation marks may contain blanks. A quotation mark that is not closed, such as a
-    sign for inches, is part of its cell.
+    A cell in quotation marks may contain blanks. A quotation mark that no second mark closes, such
+    as the sign for inches, is part of its cell.
     """
     if '"' not in content:
         return content.split()
@@ -192,7 +192,7 @@ def _split_at_blanks(content: str) -> list[str]:
 
 
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
-    """Return the line numbers and the columns of a table, from its rows.
+    """Return the line numbers of a table's rows, and the columns of the table.
 
     The table has ``width`` columns. Raise an `InputError` for a row with fewer cells, and for a row
     with further cells that are not all empty. ``place`` is the file's name for error messages.
