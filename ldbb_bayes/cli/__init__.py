@@ -27,8 +27,8 @@ __all__ = ["app", "main"]
 # Class of errors in the use of a command. It belongs to the library Click, or to the copy of Click
 # in Typer, the library that reads the command line.
 _UsageError: Any = typer.BadParameter.__base__
-# Options that do not exist, but that a user may type because they are names of arguments of
-# functions in Python. The value for each of these options is the option to type instead.
+# Options that do not exist, but that a user may type because Python functions have arguments of
+# these names. The value for each of these options is the option to type instead.
 _OPTIONS_BY_ARGUMENT = {"--prob": "--ci", "--ci-prob": "--ci"}
 # Names of Python functions that users may type instead of a command. The value for each of these
 # names is the command that does the same.
@@ -40,7 +40,7 @@ _COMMANDS_BY_FUNCTION = {
 
 
 class _Commands(TyperGroup):
-    """Group of all commands; after wrong usage, one message is printed and the exit code is 2."""
+    """Group of all commands. After wrong usage, it prints one message and exits with code 2."""
 
     def main(self, args: Sequence[str] | None = None, *positional: Any, **keywords: Any) -> Any:
         """Run the command that the arguments name, or show the help if they name no command.

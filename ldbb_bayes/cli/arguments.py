@@ -46,8 +46,8 @@ __all__ = [
     "model_from",
 ]
 
-# Default deflection of the work ball's mount per pressure of the regulator that produces the force
-# [µm/bar]. It is the deflection in the published experiment.
+# Default deflection of the work ball's mount per unit of the regulator's pressure, which produces
+# the force [µm/bar]. It is the deflection in the published experiment.
 _MOUNT_UM_PER_BAR = 2.33
 # Quantities that the columns of a table of readings can hold.
 _COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
@@ -220,10 +220,10 @@ def campaign_fields(
     raw
         Whether the readings are not compensated for the deflection of the work ball's mount.
     mount_um_per_bar
-        Deflection of the work ball's mount per pressure of the regulator that produces the force
-        [µm/bar].
+        Deflection of the work ball's mount per unit of the regulator's pressure, which produces the
+        force [µm/bar].
     force_slope, force_offset
-        Force per pressure of the regulator [N/bar], and force at zero pressure [N].
+        Force per unit of the regulator's pressure [N/bar], and force at zero pressure [N].
     no_drift
         Whether the length of the bar and the centre of the circle did not drift from test to test.
     **options
@@ -249,7 +249,7 @@ def campaign_fields(
 
 
 def _column_in(text: str) -> str | int:
-    """Return the number or the header by which a text names a column of a table.
+    """Return the number or the heading by which a text names a column of a table.
 
     The result is a number, counted from 1, if the text consists only of digits.
     """
@@ -371,7 +371,7 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
 
 # Options that describe a tidy CSV, and labels of the measurement, such as its date.
 _TABLE_OPTIONS = options_of("table", "labels")
-# Options that state what calibration certificates say.
+# Options that state values from calibration certificates.
 _CERTIFICATE_OPTIONS = options_of("certificates")
 # Arguments of `instrument_fields` whose values calibration certificates state. The last two have no
 # command-line option, because only the files of certificates can state them.

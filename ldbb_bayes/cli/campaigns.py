@@ -91,7 +91,8 @@ def _size(campaign: lb.Campaign) -> str:
 @command
 def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.JSON]) -> None:
     """Show what is in a campaign, what looks odd, and what a fit will assume. Fits nothing."""
-    planes_run_both_ways(campaign)  # A fit, too, refuses directions that only some tests state.
+    # A fit, too, refuses a plane in which only some tests state a direction.
+    planes_run_both_ways(campaign)
     preview = lb.check_campaign(campaign)
     uncertainties = lb.terms.uncertainties(campaign)
     record = lb.report.with_words(preview) | {

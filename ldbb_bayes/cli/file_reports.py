@@ -41,7 +41,7 @@ _FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json
 # the names of the steps.
 STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
 # Largest numerical error that a report allows in a log evidence [nat]. The command compare allows
-# 0.01, with which the computation takes three to ten times as long.
+# only 0.01, which makes the computation take three to ten times as long.
 _TOLERANCE = 0.05
 
 
@@ -51,7 +51,7 @@ class WrittenReport(NamedTuple):
     document: Document
     #: Tables and sentences to print at the terminal.
     parts: tuple[Any, ...]
-    #: Whether the fit reached the wanted effective number of random draws.
+    #: Whether the random draws of the fit reached the required effective sample size.
     converged: bool
 
 
@@ -184,8 +184,8 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Options for probability, language, annex, sheets and force; the keys are the names of the
-        arguments. Options that the user did not type are left out.
+        Options that set the probability, the language, the annex, the sheets and the force; the
+        keys are the names of the arguments. Options that the user did not type are left out.
     """
     names = ("prob", "language", "annex", "sheets_only", "force_N")
     return {name: settings[name] for name in names if name in settings}
@@ -284,8 +284,8 @@ def _average_or_none(
 ) -> xr.DataTree | None:
     """Return the posterior averaged over ``models``; None if it cannot be computed.
 
-    ``evidences`` holds evidences that have been computed before, and ``seed`` is the seed of the
-    random draws.
+    ``evidences`` holds the evidences of models that have already been computed, and ``seed`` is the
+    seed of the random draws.
     """
     try:
         return lb.average(models, evidences.campaign, evidences=evidences, seed=seed)
@@ -296,7 +296,7 @@ def _average_or_none(
 def _import_in_worker(executor: Executor | None) -> None:
     """Make the second process import the package while the first process computes the fit.
 
-    ``executor`` runs tasks in the second process. If it is None, nothing is done.
+    ``executor`` runs tasks in the second process. If ``executor`` is None, nothing is done.
     """
     start_early(partial(callable, lb.compare), executor)
 
@@ -333,7 +333,8 @@ def _write_beside_page(
     result
         Summary of the fit.
     imported
-        Import of the tables; its layout is written. None if the campaign was not imported.
+        Record of the import of the tables; the layout of the tables is written. None if the
+        campaign was not imported.
     analyses
         Further results; results that could not be computed are not written.
     """
@@ -359,9 +360,9 @@ def _printed_parts(
 ) -> tuple[Any, ...]:
     """Return the assumptions, remarks and results of a report, to be printed at the terminal.
 
-    ``source`` is the campaign with its import. ``stated`` is the posterior averaged over constant
-    and linear compliance, or the fit of linear compliance if there is no average. ``result`` is the
-    summary of ``stated``. ``analyses`` are the further results of the report.
+    ``source`` is the campaign with the record of its import. ``stated`` is the posterior averaged
+    over constant and linear compliance, or the fit of linear compliance if there is no average.
+    ``result`` is the summary of ``stated``. ``analyses`` are the further results of the report.
     """
     campaign = campaign_of(stated)
     constant_names = model_of(stated).with_degree(0).bind(campaign).names

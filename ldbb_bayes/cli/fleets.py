@@ -28,7 +28,8 @@ from ldbb_bayes.results import Table
 
 __all__ = ["batch", "population", "trend"]
 
-_LISTED = 10  # largest number of failed campaigns, and of doubtful campaigns, that a batch prints
+# largest number of failed campaigns that a batch prints; the same limit applies to doubtful ones
+_LISTED = 10
 
 _CAMPAIGNS_HELP = (
     "Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of"

@@ -40,15 +40,15 @@ __all__ = [
     "options_of",
 ]
 
-# exit code if a target was not reached, such as the number of draws, the accuracy of an evidence,
-# or the proof that a design is the best
+# exit code if a target was not reached, such as the required number of draws, the required accuracy
+# of an evidence, or the proof that a design is the best
 EXIT_MISSED = 1
 EXIT_BAD_INPUT = 2  # exit code if options or files cannot be used
 EXIT_INTERRUPTED = 130  # exit code of shells for Ctrl-C: 128 + SIGINT
 # If this value is the default of an option, the user must type the option.
 REQUIRED = inspect.Parameter.empty
-# Placeholder of an option's value in the help, for each type of value. The placeholders are short,
-# so that the names of options fit on narrow terminals.
+# Placeholder that stands for an option's value in the help, for each type of value. The
+# placeholders are short, so that the names of options fit on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
 # Content of the file options.toml, which states the options of all commands.
 CATALOGUE: Mapping[str, Any] = tomllib.loads(
@@ -63,7 +63,8 @@ class Kind(NamedTuple):
     typed: Any
     #: Function that returns the converted value, given the typed value and the option's flag.
     read: Callable[[Any, str], Any]
-    #: Placeholder of the value in the help, such as X,Y,Z; None for the placeholder of the type.
+    #: Placeholder that stands for the value in the help, such as X,Y,Z; None for the placeholder of
+    #: the type.
     metavar: str | None = None
 
 
@@ -78,7 +79,7 @@ class Option:
     #: type of the value that Typer (the library that reads the command line) reads, or a `Kind`
     kind: Any
     help: str  #: help text of the option
-    default: Any  #: value if the user does not type the option; for None, no value is passed on
+    default: Any  #: value used if the option is not typed; for None, no value is passed on
     to: str  #: keyword argument that gets the value; if empty, the argument has the option's name
     #: further arguments of `typer.Option`; the key ``name`` states the flag of the option, if the
     #: flag does not follow from the name of the option
@@ -175,7 +176,7 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     help
         Help text of the option.
     default
-        Value if the user does not type the option. For None, no value is passed on.
+        Value that is used if the user does not type the option. For None, no value is passed on.
     to
         Keyword argument that gets the value. Default: the name of the option.
     **settings
@@ -300,7 +301,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             function(**arguments, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
-            # The program that reads stdout has closed stdout. Output that is flushed at exit is
+            # The program that reads stdout has closed it. Output that is flushed at exit is
             # therefore discarded.
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115, it stays open to the end
         except (OSError, ArithmeticError, ValueError) as error:
@@ -327,7 +328,7 @@ def fail(message: str, code: int) -> NoReturn:
     Parameters
     ----------
     message
-        One sentence or two, without the name of the program.
+        One or two sentences, without the name of the program.
     code
         Exit code.
 
@@ -358,8 +359,8 @@ def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
 
 # Kind of an option whose value is a comma-separated list of numbers.
 NUMBERS = Kind(str, numbers_in)
-# Types and kinds of option values. The keys are the names by which the file options.toml calls
-# these types and kinds.
+# Types and kinds of option values. The keys are the names that the file options.toml uses for these
+# types and kinds.
 _KINDS: Mapping[str, Any] = {
     "text": str,
     "integer": int,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Output", "drawing", "figure_files", "show", "write_files"]
 
 _WIDTH = 120  # width of printed tables if stdout is not a terminal [characters]
-_NARROWEST = 40  # smallest width of printed tables [characters]; narrower terminals break lines
+_NARROWEST = 40  # smallest width of printed tables [characters]; narrower terminals wrap lines
 
 
 def show(*parts: Any) -> None:

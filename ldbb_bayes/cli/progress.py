@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["counting_progress", "sampling_progress", "step_progress", "steps_of"]
 
-# Function that updates a progress bar. For most bars its arguments are the number of things done
-# and the total number of things to do.
+# Function that updates a progress bar. Most bars take two arguments: the number of things done and
+# the total number of things to do.
 Tell = Callable[..., None]
 # Function that begins a named step of a computation, and returns the function that reports the
 # progress of this step.
@@ -101,7 +101,7 @@ def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | 
 def sampling_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
     """Return a progress bar for the random sampling of a posterior.
 
-    The bar shows the effective number of draws (ESS) as a share of the wanted number.
+    The bar shows the effective sample size (ESS) of the draws as a share of the required size.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Questions that ``ldbb-bayes`` asks at a terminal, about files, machine, mount and balls.
 
-Files of readings may, for example, not show in which of two units the readings are. The mount holds
+Files of readings, for example, may not show in which of two units the readings are. The mount holds
 the work ball; the force of the bar deflects the mount.
 """
 
@@ -57,7 +57,7 @@ def import_with_answers(
     import_with
         Function that imports the tables with a layout.
     layout
-        Layout that options state. The answers complete this layout.
+        Layout of the tables according to options. The answers of the user complete this layout.
     ask
         Whether to ask the user. If false, tables that do not give all information are refused.
 
@@ -104,8 +104,8 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
     campaign
         The campaign as read from files.
     unstated
-        Those of ``topology``, ``mount`` and ``balls`` that neither files nor options state. The
-        user is asked only for these.
+        The names, among ``topology``, ``mount`` and ``balls``, of what neither files nor options
+        state. The user is asked only about these.
 
     Returns
     -------
@@ -135,7 +135,8 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
 def _ask_topology(planes: Sequence[str]) -> str:
     """Ask the user for the topology of the machine, and return the topology.
 
-    The question is repeated until the machine has the axes of all ``planes`` of the tests.
+    The question is repeated until the user states a machine that can move in all ``planes`` of the
+    tests.
     """
 
     def read(answer: str) -> str:

@@ -14,8 +14,8 @@ __all__ = ["read_clockings", "read_range"]
 # step.
 _MOST_VALUES = 5000
 # Largest rounding error that is allowed in the number of steps of a range LO:HI:STEP. The range
-# 0:0.3:0.1, for example, must have three steps and end at 0.3, although the computer does not store
-# 0.1 exactly.
+# 0:0.3:0.1, for example, must have three steps and end at 0.3, although a computer cannot store 0.1
+# exactly.
 _ROUNDING = 1e-8
 
 

@@ -69,7 +69,8 @@ def make_report(
     InputError
         If files or options cannot be used; nothing is written.
     typer.Exit
-        With exit code 1, if a fit did not reach the wanted effective number of random draws.
+        With exit code 1, if the random draws of a fit did not reach the required effective sample
+        size.
     """
     check_probability(settings["prob"])
     require(
@@ -200,9 +201,9 @@ def _stored_result(folder: Path, name: str) -> Path | None:
 def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
     """Return the path of the stored design (choice of the next tests) that a report shows.
 
-    The path is that of the option ``--design`` or, without this option, the folder ``fit_folder``
-    of a fit if a design is stored there. Return None if no design is stored, or if the options
-    ``settings`` state the number of tests, because a new design must then be computed.
+    The path is the one that the option ``--design`` states. Without this option, it is the folder
+    ``fit_folder`` of a fit if a design is stored there. Return None if no design is stored, or if
+    the options ``settings`` state the number of tests, because a new design must then be computed.
     """
     if "tests" not in settings:
         return settings.get("design", _stored_result(fit_folder, "design"))

@@ -27,14 +27,14 @@ __all__ = [
     "import_parts",
 ]
 
-# Name of the file that makes a folder a campaign folder.
+# Name of the file that a folder must contain to count as a campaign folder.
 TOML_NAME = "campaign.toml"
 
 
 class SourceCampaign(NamedTuple):
     """A campaign, and the record of its import from tables.
 
-    The record states the assumptions of the import; it is None if nothing was imported.
+    The record states the assumptions of the import. It is None if nothing was imported.
     """
 
     campaign: lb.Campaign
@@ -57,14 +57,15 @@ def has_unstated_balls(campaign: lb.Campaign) -> bool:
 
 
 def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any, ...]:
-    """Return the tables and sentences that state the assumptions about files and balls.
+    """Return the tables and sentences on what is assumed about files and balls.
 
     Parameters
     ----------
     campaign
         The campaign.
     imported
-        Import of the tables with its assumptions; None if the campaign was not imported.
+        Record of the import of the tables, with the assumptions made; None if the campaign was not
+        imported.
 
     Returns
     -------
@@ -94,7 +95,7 @@ def import_parts(source: SourceCampaign) -> tuple[Any, ...]:
     Parameters
     ----------
     source
-        The campaign and its import.
+        The campaign and the record of its import.
 
     Returns
     -------
