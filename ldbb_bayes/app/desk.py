@@ -16,7 +16,7 @@ __all__ = ["Desk"]
 
 MOST_WAITING = 100  # largest number of requests that wait for an answer; more are refused
 ANSWER_S = 120.0  # longest time that the process may take for one answer [s]
-_ATTEMPTS = 2  # largest number of attempts to answer a request; the last uses a new process
+_ATTEMPTS = 2  # largest number of attempts to answer a request; the last attempt uses a new process
 _LONGEST_MESSAGE = 300
 
 

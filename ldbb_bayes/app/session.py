@@ -20,10 +20,10 @@ from ldbb_bayes.app.worker import PROGRESS_NAME
 __all__ = ["JOB", "Session", "kill_process"]
 
 JOB = "job"  # subfolder of a session (one browser tab) in which its report is made
-# A session ends if no request has come for one of these times [s]. ``CLOSED_S`` applies after the
-# session's browser tabs were closed, and is long enough to reload the page. ``UNOPENED_S`` applies
-# if no tab was ever opened. ``SILENT_S`` applies while a tab is open, and is long because tabs in
-# the background may send no requests.
+# Times without a request after which a session ends [s]. ``CLOSED_S`` applies after the session's
+# browser tabs were closed, and is long enough to reload the page. ``UNOPENED_S`` applies if no tab
+# was ever opened. ``SILENT_S`` applies while a tab is open, and is long because tabs in the
+# background may send no requests.
 CLOSED_S = 8.0
 UNOPENED_S = 60.0
 SILENT_S = 3600.0
@@ -82,7 +82,7 @@ class Session:
 
     @property
     def held(self) -> dict[str, int]:
-        """Sizes [bytes] of the added files in the order of import; the keys are the file names."""
+        """Sizes of the added files [bytes] in the order of import; the keys are the file names."""
         paths = sorted((self.folder / FILES).iterdir(), key=_import_order)
         return {path.name: path.stat().st_size for path in paths}
 
@@ -156,7 +156,7 @@ class Session:
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def refusal(self, key: str, **values: object) -> dict[str, Any]:
-        """Return a refusal in the language of the session, in the form that the templates show.
+        """Return a refusal in the language of the session, as the page's templates need it.
 
         ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """
@@ -177,7 +177,7 @@ class Session:
 
 
 class _ImportOrder(NamedTuple):
-    """Key by which files are sorted: first by suffix, then by name.
+    """Sort key for files: they are sorted first by suffix, then by name.
 
     Numbers in names are sorted by their values, so that "2 N" comes before "10 N". Files without a
     suffix come last.

@@ -52,7 +52,7 @@ def _with_decimal_mark(context: jinja2.runtime.Context, value: object) -> str:
 
 @jinja2.pass_context
 def _in_language_of_page(context: jinja2.runtime.Context, message: str) -> str | None:
-    """Return a message in the language of the page; None if it exists only in English.
+    """Return a message in the language of the page, or None if the message exists only in English.
 
     Names of the session's files, of its campaign and of its tests are not translated. ``context``
     holds the values with which the template is filled.
@@ -78,7 +78,7 @@ class Templates:
         self._environment.filters["in_language"] = _in_language_of_page
 
     def show(self, name: str, language: str, **values: Any) -> str:
-        """Return the page, or a section of it, as HTML.
+        """Return the page, or a section of the page, as HTML.
 
         Parameters
         ----------

@@ -23,14 +23,13 @@ from ldbb_bayes.units import two_digits
 
 __all__ = ["refusal", "understand"]
 
-# Approximate largest number of points with which the readings of a test are drawn in a polar plot.
+# Approximate largest number of points that are drawn for the readings of a test in a polar plot.
 # More points would not be visible.
 _MOST_POINTS = 360
 # Radius at which the lowest reading is drawn in a polar plot [units of the SVG drawing].
 _INNER_RADIUS = 22.0
-# The highest reading in a polar plot is drawn at a radius that is larger by this value than the
-# radius of the lowest reading [units of the SVG drawing]. The highest reading is thus drawn at the
-# radius 100.
+# Radius at which the highest reading is drawn in a polar plot, minus the radius at which the lowest
+# reading is drawn [units of the SVG drawing]. The highest reading is thus drawn at the radius 100.
 _WIDTH = 78.0
 # Approximate number of labelled rings of a polar plot between the lowest and the highest reading.
 _RINGS = 4
@@ -56,7 +55,7 @@ def refusal(error: Exception, folder: Path) -> str:
     Raises
     ------
     Exception
-        The same exception, if the cause is neither the input, nor a file, nor a computation.
+        The same exception, if neither the input, nor a file, nor a computation caused it.
     """
     reason = plain_reason(error)
     if reason is None:
@@ -179,11 +178,11 @@ def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[s
 
 
 def _in_one_row(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of assumptions. Successive rows on the same quantity are joined into one.
+    """Return the rows of the table of assumptions, with rows on the same quantity joined into one.
 
-    A quantity such as the force may be assumed for several files. The resulting row lists the
-    values and the places of the rows that were joined, and states the reason that the first of
-    these rows gives.
+    A quantity such as the force may be assumed for several files. Successive rows on the same
+    quantity are then joined into one row, which lists the values and the places of the joined rows,
+    and the reason that the first of them gives.
     """
     merged: list[dict[str, Any]] = []
     for row in rows:
@@ -230,7 +229,7 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
-        # The name of the part is the first word of the name of the instrument's attribute:
+        # The name of the part is the first word in the name of the instrument's attribute:
         # ``bar_U_um`` belongs to the bar.
         certificate_field = assumed.certificate
         part = certificate_field.partition("_")[0] or assumed.name.partition("_")[0]
@@ -264,7 +263,7 @@ _FACTORS = {"1": 100.0, "rad": 180.0 / math.pi, "N": 1.0}
 
 
 def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[str, Any]:
-    """Return what the page shows of one uncertainty of the instrument: description and ± U.
+    """Return what the page shows about one uncertainty of the instrument: description and ± U.
 
     U is twice the prior standard deviation. ``part`` is the part of the instrument. The entry also
     states whether a calibration certificate states the uncertainty.
@@ -328,7 +327,7 @@ def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
 
 
 def _ring_readings(low: float, high: float, spread: float) -> list[float]:
-    """Return the readings [µm] at which a polar plot has rings: about four multiples of a step.
+    """Return the readings [µm] at which a polar plot has rings: multiples of a step, about four.
 
     The rings lie between the lowest and the highest reading, ``low`` and ``high``. The step is 1, 2
     or 5 times a power of ten. ``spread`` is the range of the readings, but at least 0.001 µm.

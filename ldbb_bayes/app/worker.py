@@ -1,4 +1,4 @@
-"""Functions that run in processes of the server: they answer a request, or write a report.
+"""Functions that the server runs in separate processes: they answer a request, or write a report.
 
 A session is one browser tab of ``ldbb-bayes app``.
 """
@@ -29,11 +29,11 @@ CHOICES_NAME = "said.json"  # name of the file with the texts that the user type
 PROGRESS_NAME = "progress.json"  # name of the file with the progress of a fit
 OUTCOME_NAME = "outcome.json"  # name of the file with the outcome of a fit: a result or a refusal
 _LONGEST_MESSAGE = 300
-_LOOK_AT_PARENT_S = 1.0  # time between checks whether the process of the server still runs [s]
+_LOOK_AT_PARENT_S = 1.0  # time between two checks of whether the server's process still runs [s]
 
 
 def warm() -> None:
-    """Do nothing. A new process that calls this function has to import this module first."""
+    """Do nothing. To call this function, a new process must first import this module."""
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) -> dict[str, Any]:

@@ -20,7 +20,7 @@ __all__ = ["effects_of_certificates", "uncertainty_change"]
 _MOST_EFFECTS = 4  # largest number of reduced uncertainties U that are shown for a certificate
 _SMALLEST_EFFECT = 0.05  # smallest relative reduction of an uncertainty U that is shown
 # Part of the instrument that each calibration certificate covers. The keys are the names of the
-# attributes of the instrument that certificates state.
+# instrument's attributes whose values certificates state.
 _PARTS = {
     "work": "balls",
     "tool": "balls",
@@ -48,12 +48,12 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     Returns
     -------
     dict
-        Entry ``today`` has one row for every parameter, with U for the certificates that are stated
-        now. Entry ``effects`` is a dict with one entry for each new certificate. The key is the
-        part of the instrument that the certificate would cover, or ``all`` for all certificates
-        together. The value has the name of the certificate, and at most four rows with the largest
-        reductions of U. Only reductions of more than 5 % have a row. Every row is a dict that
-        `uncertainty_change` returns.
+        Entry ``today`` has one row for every parameter, with U for the certificates that the user
+        has stated so far. Entry ``effects`` is a dict with one entry for each new certificate. The
+        key is the part of the instrument that the certificate would cover, or ``all`` for all
+        certificates together. The value has the name of the certificate, and at most four rows with
+        the largest reductions of U. Only reductions of more than 5 % have a row. Every row is a
+        dict that `uncertainty_change` returns.
 
     Raises
     ------
