@@ -109,11 +109,11 @@ class _Similarity(NamedTuple):
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the known name that is most similar to ``name``, which is probably misspelt.
+    """Return the known name that is most similar to ``name``, a name that is probably misspelt.
 
-    If several names are equally similar, a name that consists of the same letters as ``name`` is
-    preferred, and then the name that has the longer first part in common with ``name``. Capital and
-    small letters are not distinguished.
+    If several known names are equally similar, a name that consists of the same letters as ``name``
+    is preferred, and then the name with the longer first part that also occurs in ``name``. Capital
+    and small letters are not distinguished.
     """
     lower_name = name.lower()
 

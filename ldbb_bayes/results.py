@@ -57,7 +57,7 @@ Array: TypeAlias = NDArray[Any]
 _LARGEST_BYTES = 200_000_000
 # Largest length of the one-line text (``repr``) of an object [characters].
 _LONGEST_REPR = 80
-# Largest length of the text for the value of one field, within the one-line text of an object
+# Largest length of the text for the value of one attribute, within the one-line text of an object
 # [characters].
 _LONGEST_VALUE = 56
 # Largest number of entries of a list, tuple, set or dictionary that one-line texts show. If there
@@ -143,7 +143,7 @@ def entries_of(source: Any) -> dict[str, Any]:
 
 
 def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
-    """Return any value as a text of one line with at most ``longest`` characters.
+    """Return any value as one line of text with at most ``longest`` characters.
 
     For arrays, tables and long collections, the text states only their size. An object is displayed
     as the name of its class with its non-empty attributes. If the text is too long, attributes that
@@ -174,7 +174,7 @@ def _brief_collection(value: Any, longest: int) -> str:
 
 
 def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
-    """Return an object as a text of one line: its class, with ``name=value`` for its attributes.
+    """Return an object as one line of text: its class, with ``name=value`` for its attributes.
 
     ``entries`` holds the names and values of the displayed attributes; empty values are left out.
     If the line is longer than ``longest`` characters, attributes that have their default values are

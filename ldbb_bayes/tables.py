@@ -139,10 +139,10 @@ class Table:
         """Return the table as lines of at most ``width`` characters, if its cells are short enough.
 
         If the table is too wide, the heads of its columns are broken into lines. If it is still too
-        wide, columns with the same value in every row are stated once below the table. If that is
-        not enough, the cells of further columns are moved to lines beneath their rows: first the
-        cells of columns with texts, then of columns with numbers, and finally of columns with an
-        estimate or its uncertainty.
+        wide, columns with the same value in every row are left out, and these values are stated
+        once below the table. If that is not enough, the cells of further columns are moved to lines
+        beneath their rows: first the cells of columns with texts, then of columns with numbers, and
+        finally of columns with an estimate or its uncertainty.
         """
         return _TextLayout(self, width).text()
 
@@ -224,7 +224,7 @@ class _TextLayout:
     def _lines(self, beneath: Sequence[int]) -> list[str]:
         """Return the lines of the table.
 
-        Cells of the columns with the indices ``beneath`` are on lines of their own below each row.
+        Cells of the columns with the indices ``beneath`` are on separate lines below each row.
         """
         lines = wrapped(self._caption, self._width)
         lines += self._lines_of_heads()
@@ -240,8 +240,9 @@ class _TextLayout:
         """Change the layout until the table fits the width, if possible.
 
         First, the heads of columns are broken into lines. If the table is still too wide, columns
-        with the same value in all rows are stated once below the table. If that is not enough, the
-        cells of further columns are moved to lines beneath their rows.
+        with the same value in all rows are left out, and these values are stated once below the
+        table. If that is not enough, the cells of further columns are moved to lines beneath their
+        rows.
         """
         self._break_heads(1)
         if self._is_too_wide() and len(self._rows) > 1:
@@ -340,9 +341,9 @@ class _TextLayout:
 def _entry(head: str, value: str, numeric: bool) -> str:
     """Return the head of a column and one of its cells as one text.
 
-    ``value`` is the text of the cell. If the column is ``numeric``, the unit that stands in
-    brackets in ``head`` is moved behind the value: "noise (µm)" and "0.12" give "noise 0.12 µm". If
-    not, the result is such as "direction: CW".
+    ``value`` is the text of the cell. If the column is ``numeric``, the unit in brackets in
+    ``head`` is moved to a place after the value: "noise (µm)" and "0.12" give "noise 0.12 µm".
+    Otherwise, the head and the text are separated by a colon, as in "direction: CW".
     """
     if not numeric:
         return f"{head}: {value}"

@@ -84,13 +84,13 @@ DISPLAY_UNITS = _display_units()
 
 
 class _Size(NamedTuple):
-    """Size of a unit in mm, N and rad, with its powers of length and force.
+    """Conversion of a unit to mm, N and rad, and the powers of length and force in its dimension.
 
     For angles and ratios, both powers are zero. For mm/N, the power of length is 1 and the power of
     force is −1.
     """
 
-    factor: float  # size of the unit in mm, N and rad; 1e-3 for µm
+    factor: float  # value of the unit in mm, N and rad; 1e-3 for µm
     length: int  # power of length in the dimension of the unit: 1 for mm/N
     force: int  # power of force in the dimension of the unit: −1 for mm/N
 
@@ -100,7 +100,7 @@ _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 
 
 def _units_to_write() -> dict[str, _Size]:
-    """Return the sizes of the units that a user may write; the keys are names such as µm or kN.
+    """Return the conversions of the units that a user may write; the keys are names such as kN.
 
     A user may also write quotients and squares of these units.
     """
@@ -119,23 +119,22 @@ def _units_to_write() -> dict[str, _Size]:
     return sizes
 
 
-# Sizes of the units that a user may write. The keys are the names of the units. A user may also
-# write quotients and squares of these units.
+# Conversions to mm, N and rad of the units that a user may write. The keys are the names of the
+# units. A user may also write quotients and squares of these units.
 UNITS_TO_WRITE = _units_to_write()
 # Superscripts of the minus sign and the digits, for powers of ten.
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Units of settings, such as the standard deviation of a prior. The name of a setting ends with its
 # unit: sd_um is in µm. The keys are the endings, and the values are the units.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
-# Share of a compliance's median. If the lower limit of the compliance's credible interval is below
-# this share, the compliance may be near zero. Its stiffness then has a lower limit, but no upper
-# limit.
+# If the lower limit of a compliance's credible interval is below this fraction of the compliance's
+# median, the compliance may be near zero. Its stiffness then has a lower limit, but no upper limit.
 _NEAR_ZERO_SHARE = 0.2
-# Smallest sort key that counts when items are ranked, as a share of the largest key; smaller keys
-# are treated as zero.
+# Smallest sort key that counts when items are ranked, as a fraction of the largest key; smaller
+# keys are treated as zero.
 _ZERO_SHARE = 1e-12
-# Limit of the distance between the mean and the middle of a credible interval, as a share of half
-# the interval's width. With a larger distance, the interval is treated as skewed.
+# A credible interval is treated as skewed if the distance between the mean and the middle of the
+# interval is above this fraction of half the interval's width.
 _SKEWED_SHARE = 0.2
 
 
@@ -153,7 +152,7 @@ def display_unit(unit: str) -> tuple[float, str]:
 
 
 def to_inside(text: str, unit: str, subject: str = "value") -> float:
-    """Return a quantity, which a text states with any unit, as a number in an internal unit.
+    """Return a quantity that a text states with any unit, as a number in an internal unit.
 
     For the text "0.5 nm/N" and the internal unit mm/N, the result is 5e-7. Any unit of the same
     kind as the internal unit may be used: nm/N, µm/kN or um/kN for a compliance; nm/N per kN or
@@ -206,11 +205,12 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
 
 
 def _ratio(match: re.Match[str] | None, text: str, subject: str) -> float:
-    """Return the number that ``text``, a text without a unit, states.
+    """Return the number in a text that must not contain a unit.
 
-    ``match`` holds, as its groups 1 and 2, the number and the characters after the number; it is
-    None if the text does not begin with a number. Raise an `InputError` if the text is not a number
-    alone; ``subject`` is the name of the quantity in the message.
+    ``match`` is the match of a regular expression: its group 1 is the number, and its group 2 holds
+    the characters after the number. ``match`` is None if the text does not begin with a number.
+    Raise an `InputError` if ``text`` is not a number alone; ``subject`` is the name of the quantity
+    in the message.
     """
     if match is None or match[2].strip():
         raise InputError(f"{subject} must be a number without a unit, got {text!r}. Write 1.5.")
@@ -218,7 +218,7 @@ def _ratio(match: re.Match[str] | None, text: str, subject: str) -> float:
 
 
 def setting_to_inside(name: str, value: Any, subject: str) -> Any:
-    """Return a setting, which is a text with a unit, as a number in the unit that its name states.
+    """Return a setting, stated as text with a unit, as a number in the unit of the setting's name.
 
     For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A setting whose name has no unit
     is a ratio: "10 %" is 0.1. For such a setting, a text that is not a number with a unit is
@@ -250,7 +250,7 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
 
 
 def _size_of(unit: str) -> _Size | None:
-    """Return the size of a unit in mm, N and rad with its powers of length and force.
+    """Return the conversion of a unit to mm, N and rad, with its powers of length and force.
 
     Return None for a text that is no unit.
     """
@@ -322,9 +322,9 @@ def inside_name(text: str) -> str:
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
     """Return items in the order of a sort key, the largest key first.
 
-    ``key`` is a function that gives the sort key of an item. Items whose keys differ by at most the
-    share ``tolerance`` keep their original order; rounding errors therefore do not affect the
-    order. Keys below 1e-12 times the largest key are treated as zero.
+    ``key`` is a function that returns the sort key of an item. Items keep their original order if
+    the relative difference of their keys is at most ``tolerance``; rounding errors therefore do not
+    affect the order. Keys below 1e-12 times the largest key are treated as zero.
     """
     entries = [_Ranked(key(item), i, item) for i, item in enumerate(items)]
     entries.sort(key=_largest_key_first)

@@ -45,8 +45,8 @@ def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
 def _refuse_dangerous(content: bytes) -> None:
     """Raise an `InputError` for XML with a document type or too deeply nested elements.
 
-    This is checked before the tree of elements is built, because such a file could make the tree
-    very large.
+    The check is made before the tree of elements is built, because a file of this kind could make
+    the tree very large.
     """
     depth = 0
 

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Batch", "run_batch"]
 
-# Largest number of failed campaigns that the result of a batch lists, and largest number of
-# campaigns in doubt that it lists. Further campaigns are only counted.
+# The result of a batch lists at most this number of failed campaigns, and at most this number of
+# campaigns with doubtful results. Further campaigns are only counted.
 _LONGEST_NAMED = 10_000
 
 
@@ -62,8 +62,8 @@ class Batch(Result):
     campaigns: int  #: number of all campaigns of the batch
     done: int  #: number of campaigns fitted successfully, in this run or an earlier one
     failures: int  #: number of campaigns that could not be fitted
-    #: number of fitted campaigns for which the sampler did not reach the requested effective number
-    #: of draws
+    #: number of fitted campaigns for which the sampler did not reach the requested effective sample
+    #: size
     not_converged: int
     #: number of fitted campaigns whose readings do not fit the model, or contradict the condition
     #: that no compliance is negative
@@ -132,7 +132,7 @@ def run_batch(
     seed : int
         Seed of the random draws, a whole number from 0 to 2^63 − 1.
     ess : float
-        Effective number of draws at which each fit aims.
+        Effective sample size that each fit aims to reach.
     prob : float
         Probability of the credible intervals in the rows.
     compare : bool
@@ -161,8 +161,8 @@ def run_batch(
     Returns
     -------
     Batch
-        Where the table of the finished batch is, and how many campaigns were fitted, failed or are
-        in doubt.
+        Location of the table of the finished batch, and how many campaigns were fitted, failed or
+        are in doubt.
 
     Raises
     ------
@@ -355,10 +355,10 @@ def _named_campaigns(
     """Return one dictionary for each campaign whose fit has one of the given states.
 
     ``states`` are the given states, such as "doubtful"; "failed" stands for campaigns that could
-    not be fitted. A dictionary has two entries. The key ``campaign`` gives the file path of the
-    campaign. The second key is ``column``, the name of a column of the batch's table such as
-    "reason"; it gives the campaign's value in this column. ``journal`` is the database with the
-    rows of the batch. At most 10 000 dictionaries are returned.
+    not be fitted. A dictionary has two entries. The entry ``campaign`` is the file path of the
+    campaign. The key of the other entry is ``column``, the name of a column of the batch's table
+    such as "reason", and its value is the campaign's value in this column. ``journal`` is the
+    database with the rows of the batch. At most 10 000 dictionaries are returned.
     """
     marks = ", ".join("?" * len(states))
     query = (

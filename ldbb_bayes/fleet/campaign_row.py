@@ -62,7 +62,7 @@ class Settings:
     #: fields of `Instrument` that certificates state; the keys are the names of the fields. The
     #: values replace the values that the campaigns state for the same fields.
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    #: tolerances as texts; the keys are the names of the quantities. They replace the tolerances
+    #: tolerances as texts; the keys are the names of the quantities. These tolerances replace those
     #: that the campaigns state for the same quantities.
     tolerances: Mapping[str, str] = field(default_factory=dict)
 
@@ -78,7 +78,7 @@ _cached_model = lru_cache(maxsize=4)(model_from_toml)
 class Job(NamedTuple):
     """One campaign to be fitted: its number in the batch, counted from 0, and its file path.
 
-    ``path`` is the file path in the user's spelling, and ``absolute_path`` is the same path in
+    ``path`` is the file path as the user wrote it, and ``absolute_path`` is the same path in
     absolute form.
     """
 
@@ -142,8 +142,8 @@ def _read(settings: Settings, path: str) -> Campaign:
 def _reason(error: Exception, job: Job) -> str:
     """Return one line of text that states why a campaign could not be fitted.
 
-    ``error`` is the error that the fit raised. In the text, the file path of the campaign is in the
-    user's spelling.
+    ``error`` is the error that the fit raised. The text names the file path of the campaign as the
+    user wrote it.
     """
     reason = plain_reason(error)
     if reason is None:
@@ -267,10 +267,11 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     """Return a dictionary with the stiffness by direction at the reference force.
 
     The dictionary has one entry, ``stiffness``: a dictionary with the unit and the numbers of each
-    quantity, whose keys are the names of the quantities. If the readings give only a lower limit of
-    a stiffness, all other numbers of this stiffness are None. If the readings do not determine a
-    direction, all numbers of this direction are None. If the reference force is zero, the
-    dictionary returned is empty. ``prob`` is the probability of the credible intervals.
+    quantity, whose keys are the names of the quantities. The quantities are stiffnesses, their
+    ratios and directions, and differences of compliances. If the readings do not determine a
+    quantity, its numbers are None, with one exception: the lower end of the credible interval of a
+    stiffness is kept, because it is a lower limit of the stiffness. If the reference force is zero,
+    an empty dictionary is returned. ``prob`` is the probability of the credible intervals.
     """
     reference_N = fitted.draws.bound.setting.reference_force_N
     if not reference_N > 0.0:

@@ -22,11 +22,11 @@ __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"
 
 # Nodes are values of the hyper-parameters (the scales of the noise and of other effects). At each
 # node, all other unknowns have a Gaussian distribution. The constant is the number of nodes for
-# which the means and covariances of these distributions are computed in one block.
+# which the means and covariances of these distributions are computed at once.
 _NODES_AT_ONCE = 256
-# Moments of the parameters are averages over this number of nodes (values of the hyper-parameters).
-# The nodes are selected with probabilities proportional to their weights. The numerical error of a
-# mean is then a small share of the parameter's standard uncertainty.
+# Number of nodes (values of the hyper-parameters) over which the moments of the parameters are
+# averaged. The nodes are selected with probabilities proportional to their weights. With this
+# number, the numerical error of a mean is a small fraction of the parameter's standard uncertainty.
 _NODES = 512
 # Seed of the random number with which the systematic selection of nodes (values of the
 # hyper-parameters) begins.
@@ -125,9 +125,8 @@ def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
     """Return the coefficients whose moments are needed: parameters, then instrument errors.
 
     Instrument errors are nuisance coefficients, that is, effects that are modelled but not of
-    interest. In the result, the parameters come first. In the vector of all coefficients of the
-    bound model (a model applied to one campaign), in contrast, the nuisance coefficients come
-    first.
+    interest. In the result, the parameters come first. In the vector of all coefficients of
+    ``bound`` (a model applied to one campaign), in contrast, the nuisance coefficients come first.
     """
     nuisance_sds: list[tuple[str, float]] = []
     for term in bound.nuisance_columns:
@@ -159,7 +158,7 @@ def mixture_covariance(
 ) -> tuple[Array, Array]:
     """Return the mean (q,) and covariance (q, q) of a weighted mixture of k distributions.
 
-    Each distribution describes a vector of q elements.
+    Each distribution describes the same vector of q elements.
 
     Parameters
     ----------

@@ -50,11 +50,11 @@ __all__ = [
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
-# Limit for hypotheses of negligible probability, which are left out when quantiles are computed. A
-# hypothesis is left out if its probability, divided by the probability of the most probable
-# hypothesis, is at most this number. A hypothesis states how large the machine's scatter from
-# campaign to campaign is. It also states either which parameter changed by a step, and just before
-# which campaign, or that no parameter changed.
+# Hypotheses of negligible probability are left out when quantiles are computed: those whose
+# probability, divided by the probability of the most probable hypothesis, is at most this number. A
+# hypothesis states the size of the machine's scatter from campaign to campaign. It also states
+# either which parameter changed by a step, and just before which campaign, or that no parameter
+# changed.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 
@@ -82,12 +82,13 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 
 
 def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
-    """Return the Gaussian of levels, instrument errors and step (c, b, Δ) under every hypothesis.
+    """Return the Gaussian posterior of levels, instrument errors and step under every hypothesis.
 
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
     assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
-    or that no parameter changed. c are the levels of the p parameters before the step, b are the
-    errors of the instrument, and Δ is the step; c and b together have q elements.
+    or that no parameter changed. A Gaussian describes the vector (c, b, Δ): c are the levels of the
+    p parameters before the step, b are the errors of the instrument, and Δ is the step; c and b
+    together have q elements.
 
     The Gaussians have the shape (r, n, p, q + 1). The indices 0 to n − 2 of the second array axis
     mean a step just before the campaigns 2 to n; the index n − 1 means no step. Values are in units
@@ -199,7 +200,7 @@ class Levels(NamedTuple):
 
 
 def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 0.95) -> Levels:
-    """Return every parameter's value at the last campaign: its first level plus any step.
+    """Return every parameter's value at the last campaign: its initial level plus any step.
 
     The values describe the mixture of all hypotheses, in which each hypothesis has its
     probability as weight. A hypothesis assumes one of r values of the machine's scatter from

@@ -179,9 +179,9 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
     """Return the lower and upper end of the vertical axis of a panel of a control chart.
 
     The axis covers the range of all credible intervals of the panel, with a small margin. Control
-    limits outside this range extend the axis on each side, by at most half of the range. All
-    credible intervals may consist of the same single value, so that their range is zero. The
-    absolute value of this single value then replaces the range, or 1 if the value is zero.
+    limits outside this range extend the axis on each side, by at most half of the range. If the
+    range is zero, because all credible intervals consist of the same single value, the absolute
+    value of this value is used as the range, or 1 if the value is zero.
     """
     low = float(data.interval[0].min())
     high = float(data.interval[1].max())

@@ -24,8 +24,8 @@ __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 # the machine does not change. It is the probability that a normally distributed value lies within
 # three standard deviations of its mean.
 LIMITS = 0.997
-# Least standard deviation of the distribution that earlier campaigns predict for an estimate;
-# smaller standard deviations are replaced by this number, to prevent divisions by zero.
+# Smallest standard deviation of the distribution that earlier campaigns predict for an estimate. A
+# smaller standard deviation is replaced by this number, to prevent a division by zero.
 _SMALLEST_SD = 1e-300
 
 

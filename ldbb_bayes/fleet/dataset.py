@@ -271,11 +271,11 @@ def read_batch(
 def read_fleet(
     path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
 ) -> pd.DataFrame:
-    """Return, for the campaigns of batches, the columns that a trend or a population needs.
+    """Return the columns of batches that the analysis of a trend or of a population needs.
 
-    These columns are the columns `FLEET_COLUMNS` and, if the batches have them, the columns of the
-    stiffnesses by direction. ``path`` has the same meaning as in `read_batch`, and the same errors
-    are raised.
+    The columns are those named in `FLEET_COLUMNS` and, if the batches contain them, the columns of
+    the stiffnesses by direction. There is one row for each campaign. ``path`` has the same meaning
+    as in `read_batch`, and the same errors are raised.
     """
     return _read(path, FLEET_COLUMNS, STIFFNESS_NAME)
 

@@ -7,8 +7,8 @@ units of the prior sds.
 
 As a function of x = (c + w, b), ln g = −½ xᵀ Λ x + ηᵀ x + const. Λ is the precision matrix (inverse
 covariance matrix) and may be singular. η, the shift, is Λ times the estimate of x. Λ_c are the rows
-of Λ that belong to the parameters, and Λ_cc is the block of Λ whose rows and columns belong to the
-parameters. In the shapes of arrays, c is not the level but the number of parameters. k is the
+of Λ that belong to the parameters, and Λ_cc is the submatrix of Λ whose rows and columns belong to
+the parameters. In the shapes of arrays, c is not the level but the number of parameters. k is the
 number of values of s, n the number of campaigns or machines, and q the number of parameters and
 instrument errors.
 """
@@ -32,10 +32,10 @@ def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> A
     w are the deviations of a campaign's or machine's c parameters from their common level, with the
     standard deviations s; in the formulae s stands for diag s. A likelihood has the precision
     matrix Λ (inverse covariance) and the shift η, which is Λ times the estimate. Λ_c are the rows
-    of Λ that belong to the parameters, Λ_cc is the block of Λ whose rows and columns belong to the
-    parameters, and η_c are the elements of η that belong to the parameters. The precision matrix of
-    w / s is I + s Λ_cc s = L Lᵀ, with the Cholesky factor L. The matrix returned consists of Lᵀ and
-    L⁻¹ s (Λ_c, η_c) side by side.
+    of Λ that belong to the parameters, Λ_cc is the submatrix of Λ whose rows and columns belong to
+    the parameters, and η_c are the elements of η that belong to the parameters. The precision
+    matrix of w / s is I + s Λ_cc s = L Lᵀ, with the Cholesky factor L. The matrix returned consists
+    of Lᵀ and L⁻¹ s (Λ_c, η_c) side by side.
 
     Parameters
     ----------
@@ -98,10 +98,11 @@ class Estimates(NamedTuple):
 
     b are the errors of the instrument. Λ is the precision matrix (inverse covariance) of the
     likelihood, and η is the shift of the likelihood, Λ times the estimate of (c, b). Λ_c are the
-    rows of Λ that belong to the parameters, Λ_cc is the block of Λ whose rows and columns belong to
-    the parameters, and η_c are the elements of η that belong to the parameters. The estimates t are
-    S η_c, where S = (I + Λ_cc)⁻¹ is the posterior covariance for the prior c ~ N(0, I). Given c and
-    b, t ~ N(H (c, b), S Λ_cc S) with the sensitivity H = S Λ_c.
+    rows of Λ that belong to the parameters, Λ_cc is the submatrix of Λ whose rows and columns
+    belong to the parameters, and η_c are the elements of η that belong to the parameters. The
+    estimates t are S η_c, where S = (I + Λ_cc)⁻¹ is the posterior covariance for the prior c ~ N(0,
+    I). For given c and b, the estimates have the distribution t ~ N(H (c, b), S Λ_cc S), where the
+    matrix H = S Λ_c is the sensitivity.
     """
 
     #: posterior covariance of the c parameters, given the errors of the instrument, from each of n

@@ -73,7 +73,7 @@ class FleetStatistics:
     likelihood: Gaussian
     reference_force_N: float  #: force for which the compliances of all campaigns are given [N]
     #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
-    #: such range, the first number exceeds the second
+    #: such range, the lowest force is above the highest force
     forces_N: tuple[float, float]
     topology: str
     #: weighted sum of joint compliances for which each fitted compliance stands; the keys are the

@@ -30,7 +30,7 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
 
     Returns
     -------
-    File paths of the campaigns, in the user's order and spelling.
+    File paths of the campaigns, in the order and spelling of the given paths.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Journal of a batch: an SQLite database in which every row is saved as soon as it is computed.
 
-From the journal, a batch that was stopped can continue with the remaining campaigns. A lock on the
-journal also prevents two runs from writing into the same folder.
+With the journal, a batch that was stopped can be continued with the remaining campaigns. A lock on
+the journal also prevents two runs from writing into the same folder.
 """
 
 from __future__ import annotations
@@ -238,7 +238,7 @@ def _check_same_campaigns(journal: sqlite3.Connection, out: Path, jobs: Sequence
 
 
 def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -> None:
-    """Save the row of a campaign in the journal, in a transaction of its own.
+    """Save the row of a campaign in the journal, in a separate transaction.
 
     Parameters
     ----------

@@ -3,9 +3,9 @@
 φ are the hyper-parameters (the scales of the noise and of other effects). Nodes are weighted values
 of φ. T is the condition that no compliance is negative (truncation). The log evidence of a model
 with truncation is ln Z + ln P(T | y) − ln P(T). Z is the density of the readings y under the model
-without truncation; P(T | y) and P(T) are the posterior and the prior probability of T under that
-model. The model of linear compliance and the model of constant compliance have the same
-hyper-parameters φ; one set of nodes can therefore be used for both models.
+without truncation; P(T | y) and P(T) are the posterior and the prior probability of T under the
+model without truncation. The model of linear compliance and the model of constant compliance have
+the same hyper-parameters φ; one set of nodes can therefore be used for both models.
 """
 
 from __future__ import annotations
@@ -64,13 +64,14 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
 
 
 def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float) -> _LogEvidence:
-    """Return the log evidence of a model with truncation, from nodes of the model without it.
+    """Return the log evidence of a model with truncation, from nodes of the untruncated model.
 
     Truncation is the condition that no compliance is negative. ``nodes`` are weighted values of the
     hyper-parameters that represent their posterior without truncation. ``truncated`` is the
     posterior density of the hyper-parameters with truncation. ``tolerance`` is the error allowed in
-    the log probability that no compliance is negative [nat]. If the nodes do not give this
-    probability precisely enough, the evidence is computed with nodes of ``truncated``.
+    the log probability that no compliance is negative [nat]. If the error of this probability is
+    larger when it is computed from ``nodes``, the evidence is computed from nodes of ``truncated``
+    instead.
     """
     bound = truncated.bound
     value = nodes.evidence.log_value

@@ -37,14 +37,14 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Spreads are the standard deviations of machines about the mean of their population. When one
-# machine is left out, the random draws of the spreads given all machines are weighted. If the
-# weights cannot be trusted, this number of new draws is made from the posterior given the other
-# machines.
+# Number of new random draws of the spreads if a machine is left out. Spreads are the standard
+# deviations of machines about the mean of their population. Usually the draws of the spreads given
+# all machines are weighted instead; new draws are made from the posterior given the other machines
+# if the weights cannot be trusted.
 _DRAWS_WITHOUT = 512
 # Largest number of machines for which new random draws of the spreads (standard deviations of
-# machines about the mean of their population) are made. If new draws are needed for more machines,
-# they are made for the most outlying ones.
+# machines about the mean of their population) are made. If more machines need new draws, they are
+# made for the most outlying ones.
 _MOST_REDRAWN = 200
 # Smallest p-value of a machine's parameter. Smaller p-values are replaced by this number, because
 # the corresponding quantile of the normal distribution would not be finite.
@@ -69,9 +69,9 @@ class JudgedMachines:
     #: shape (n, c). A deviation is stated as the quantile of the standard normal distribution that
     #: has the same two-sided p-value; it is positive if the parameter is above the prediction.
     z: Array
-    #: for each of n machines, whether its p-values cannot be trusted, shape (n,). They cannot be
-    #: trusted if Pareto's k̂ is too high for the weights of the random draws of the spreads
-    #: (standard deviations from machine to machine).
+    #: for each of n machines, whether its p-values cannot be trusted, shape (n,). This is so if
+    #: Pareto's k̂ is too high for the weights of the random draws of the spreads (standard
+    #: deviations from machine to machine).
     doubtful: Array
 
 
@@ -211,11 +211,11 @@ def _compare(
     """Return a log integral for the other machines, and the deviation z of each machine left out.
 
     For each of n machines left out and each of k draws of the spreads, the other machines give a
-    Gaussian of the population's mean μ and the instrument's errors b. The first array returned,
-    shape (k, n), holds the log integral of this Gaussian over μ and b, up to a constant. The second
-    array, shape (c, k, n), holds z: the difference between each of the c parameters of the machine
-    left out and its prediction from the Gaussian and the spreads, divided by the standard deviation
-    of the difference.
+    Gaussian of the population's mean μ and the instrument's errors b. The result is a tuple of two
+    arrays. The log integrals of these Gaussians over μ and b, up to a constant, have the shape (k,
+    n). The deviations z have the shape (c, k, n). z is the difference between a parameter of the
+    machine left out and its prediction from the Gaussian and the spreads, divided by the standard
+    deviation of the difference; there are c parameters.
 
     Parameters
     ----------

@@ -88,9 +88,9 @@ class _DrawLimits(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: largest product of two numbers: the number of random draws of the spreads (standard
-    #: deviations from machine to machine) and the number of machines. At least ``lowest`` draws are
-    #: made, even if the product is then larger.
+    #: largest number of random draws of the spreads (standard deviations from machine to machine),
+    #: multiplied by the number of machines. At least ``lowest`` draws are made, even if the product
+    #: is then larger.
     pairs: int
     #: smallest number of random draws of the spreads (standard deviations from machine to machine)
     #: that are made, however many machines there are
@@ -197,7 +197,7 @@ class Population(Result):
     campaigns: int  #: number of campaigns of all machines in the population
     reference_force_N: float  #: force for which the compliances are given [N]
     #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
-    #: such range, the first number exceeds the second
+    #: such range, the lowest force is above the highest force
     forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
     #: weighted sum of joint compliances for which each fitted compliance stands; the keys are the
@@ -212,7 +212,7 @@ class Population(Result):
     #: seed of the random draws of the spreads (standard deviations from machine to machine)
     seed: int
     #: Pareto's k̂ of the weights of the random draws of the spreads (standard deviations of the
-    #: machines about the mean); the draws are the more reliable, the lower k̂ is
+    #: machines about the mean); a lower k̂ means more reliable draws
     pareto_k: float
     #: whether the random draws of the spreads (standard deviations from machine to machine) can be
     #: trusted. They can be trusted if Pareto's k̂ of their weights is low enough.
@@ -642,7 +642,8 @@ def _pool_machines(
     """Return the estimates for every machine, and its comparison with the other machines.
 
     The keys of the result are the names of the machines. A machine has two sets of estimates: the
-    first set uses the population, and the second set uses only the campaigns of the machine itself.
+    estimates ``estimate`` use the population, and the estimates ``alone`` use only the campaigns of
+    the machine itself.
 
     Parameters
     ----------

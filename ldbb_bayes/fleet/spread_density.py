@@ -42,42 +42,43 @@ __all__ = [
     "spread_slices",
 ]
 
-# Largest size of a block of computations: the number of random draws of the spreads in the block,
-# times the number of machines. With this limit, a block fits into the processor's cache. Spreads
-# are the standard deviations of machines about the mean of their population.
+# Largest number of pairs of a random draw of the spreads and a machine that are computed at once.
+# With this limit, the numbers fit into the processor's cache. Spreads are the standard deviations
+# of machines about the mean of their population.
 _PAIRS_AT_ONCE = 4096
-# The spreads s are the standard deviations of machines about the mean of their population. ln s is
-# drawn from a Student t distribution with this number of degrees of freedom.
+# Degrees of freedom of the Student t distribution from which ln s is drawn. The spreads s are the
+# standard deviations of machines about the mean of their population.
 _DEGREES_OF_FREEDOM = 5.0
-# The spreads s are the standard deviations of machines about the mean of their population. The
-# Hessian of the log density of ln s is computed by central differences with this step of ln s.
+# Step of ln s in the central differences from which the Hessian of the log density of ln s is
+# computed. The spreads s are the standard deviations of machines about the mean of their
+# population.
 _DIFFERENCE_STEP = 1e-4
-# The spreads s are the standard deviations of machines about the mean of their population. The
-# search for the mode of the density of ln s ends if a step of the search increases the log density
-# by less than this number [nat].
+# Gain of log density [nat] in one step of the search for the mode of the density of ln s. The
+# search ends if a step gains less than this number. The spreads s are the standard deviations of
+# machines about the mean of their population.
 _MODE_GAIN = 1e-10
-# The spreads s are the standard deviations of machines about the mean of their population; τ is the
-# scale of the prior of the spreads. Random draws of ln s are limited to a range. The lower end of
-# the range is ln τ − ``_RANGE_BELOW``. The upper end is m + ``_RANGE_ABOVE``, where m is ln τ or,
-# if it is larger, the largest element of the mode of ln s.
+# Range to which random draws of ln s are limited. The lower end of the range is ln τ −
+# ``_RANGE_BELOW``. The upper end is m + ``_RANGE_ABOVE``, where m is ln τ or, if it is larger, the
+# largest element of the mode of ln s. The spreads s are the standard deviations of machines about
+# the mean of their population; τ is the scale of the prior of the spreads.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# A second set of random draws of the machines' spreads (standard deviations about their mean) is
-# made unless the first set is good enough. The first set is good enough if its weights can be
-# trusted, and if its effective number of draws, divided by its actual number of draws, is above
-# this number.
+# Smallest effective sample size, as a fraction of the number of draws, with which a first set of
+# random draws of the machines' spreads (standard deviations about their mean) is good enough. A
+# second set is drawn if the first set does not exceed this limit, or if its weights cannot be
+# trusted.
 _EFFECTIVE_SHARE = 0.2
-# The machines' spreads (standard deviations about their mean) are drawn a second time if the first
-# set of draws is not good enough. The covariance of the second set is the sum of two parts: the
-# covariance of the first set, and this share of the covariance that follows from the curvature of
-# the density at its mode.
+# Fraction of a covariance that is added when the machines' spreads (standard deviations about their
+# mean) are drawn a second time. The covariance of the second set of draws is the sum of two parts:
+# the covariance of the first set, and this fraction of the covariance that follows from the
+# curvature of the density at its mode.
 _ADDED_VARIANCE = 0.05
-# The spreads s are the standard deviations of machines about the mean of their population. In the
-# curvature matrix at the mode of the density of ln s, eigenvalues below this number are replaced by
-# this number.
+# Smallest eigenvalue of the curvature matrix at the mode of the density of ln s; smaller
+# eigenvalues are replaced by this number. The spreads s are the standard deviations of machines
+# about the mean of their population.
 _SMALLEST_CURVATURE = 1e-3
-# Least distance of the coordinates of quasi-random points from 0 and from 1, where the quantile of
-# the normal distribution would be infinite.
+# Smallest distance of the coordinates of quasi-random points from 0 and from 1, where the quantile
+# of the normal distribution would be infinite.
 _POINT_MARGIN = 1e-12
 
 
@@ -103,10 +104,10 @@ def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], G
 
 
 def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
-    """Yield slices that divide k values of the spreads into blocks.
+    """Yield slices, each of which selects some of k values of the spreads, until all are selected.
 
-    Spreads are the standard deviations of machines about the mean of their population. A block is
-    so small that its numbers for all machines fit into the processor's cache.
+    Spreads are the standard deviations of machines about the mean of their population. A slice
+    selects so few values that the numbers for all machines fit into the processor's cache.
 
     Parameters
     ----------
@@ -214,12 +215,12 @@ def _explained_variance(root: Array, response: Array) -> Array:
     """Return the parts of variances that are due to the uncertainty of μ and b, shape (c, k, n).
 
     μ is the population's mean and b are the instrument's errors; together they are q quantities.
-    The function is used for two kinds of quantities: for the c parameters of each of n machines,
-    and for the values z, which are the differences between these parameters and μ, divided by the
-    spreads. Spreads are the standard deviations of the machines about μ; there are k values of the
-    spreads. ``root``, shape (k, q, q), is the transposed square root of the covariance of μ and b.
-    ``response``, shape (c, q, k, n), holds the derivatives of the quantities with respect to μ and
-    b. The sign of the derivatives does not matter.
+    The variances are those of c values for each of n machines and for each of k values of the
+    spreads, which are the standard deviations of the machines about μ. The c values are either the
+    parameters of the machine, or the values z: the differences between the parameters and μ,
+    divided by the spreads. ``root``, shape (k, q, q), is the transposed square root of the
+    covariance of μ and b. ``response``, shape (c, q, k, n), holds the derivatives of the c values
+    with respect to μ and b. The sign of the derivatives does not matter.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
@@ -306,8 +307,7 @@ class Spreads:
     log_weight: Array
     #: importance weights of the k random draws, Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array
-    #: Pareto's k̂ of the weights of the random draws; the larger k̂ is, the less can the weights be
-    #: trusted
+    #: Pareto's k̂ of the weights of the random draws; the weights are less reliable if k̂ is larger
     pareto_k: float
     #: largest value of Pareto's k̂ with which the random draws can be trusted
     good_k: float
@@ -322,7 +322,7 @@ class Spreads:
 
     @property
     def effective(self) -> float:
-        """Effective number of random draws, 1 / Σ w², with weights w that sum to one."""
+        """Effective sample size of the random draws, 1 / Σ w², with weights w that sum to one."""
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:
@@ -379,8 +379,8 @@ def _better(first: Spreads, second: Spreads) -> Spreads:
 
     Spreads are the standard deviations of the machines about the mean of their population. A set
     whose weights can be trusted is better than a set whose weights cannot be trusted. Of two
-    trusted sets, the set with the larger effective number of draws is better. Of two sets that
-    cannot be trusted, the set whose weights have the smaller Pareto's k̂ is better.
+    trusted sets, the set with the larger effective sample size is better. Of two sets that cannot
+    be trusted, the set whose weights have the smaller Pareto's k̂ is better.
     """
     if first.trusted != second.trusted:
         second_is_better = second.trusted

@@ -26,10 +26,9 @@ _NOT_DETERMINED = "not determined"
 class StiffnessOfVisit(Result):
     """One stiffness by direction at the reference force of a campaign, from this campaign alone.
 
-    The quantity may also be the ratio of stiffnesses, a direction, or a difference of compliances.
-    Numbers that the readings do not determine are None. If a direction is not determined, all
-    numbers are None. If the readings give only a lower limit of a stiffness, all numbers except the
-    lower end of the interval are None.
+    The quantity may also be a ratio of stiffnesses, a direction, or a difference of compliances. If
+    the readings do not determine the quantity, its numbers are None, with one exception: the lower
+    end of the interval of a stiffness is kept, because it is a lower limit of the stiffness.
     """
 
     campaign: str  #: label of the campaign

@@ -236,8 +236,9 @@ def _table_row(name: str, parameter: ParameterChange) -> list[str]:
 
     The row holds the name of the parameter, its present level, the part of the level's expanded
     uncertainty U that is common to all campaigns, the probability of a change of the parameter, and
-    the size of this change, also in per cent. Sizes that are too uncertain to be stated are
-    replaced by a dash.
+    the size of this change, also in per cent. The size is replaced by a dash if the probability of
+    a change is negligible. The percentage is also replaced by a dash if the level before the change
+    is too uncertain.
     """
     factor, unit = display_unit(parameter.unit)
     level = parameter.level_now

@@ -57,17 +57,16 @@ _BASINS = 3
 # points of the search for modes. The distance is in normal scores of the hyper-parameters,
 # coordinates in which most of the priors are standard normal.
 _SEPARATION = 1.5
-# Depth below the highest maximum of the log posterior density of the hyper-parameters [nat] from
-# which another maximum is negligible.
+# Another maximum of the log posterior density of the hyper-parameters is negligible if it is lower
+# than the highest maximum by this value [nat] or more.
 _NEGLIGIBLE_DEPTH = 12.0
-# Distance below the mode at which a scale is held near zero, in posterior standard deviations of
-# the scale's coordinate. Maxima of the posterior density are sought with one scale at a time held
-# there.
+# Maxima of the posterior density are also sought with one scale at a time held near zero: at this
+# number of posterior standard deviations below the mode, in the coordinate of the scale.
 _BELOW_MODE = 4.0
-# Limits beyond which a maximum of the density with one scale held near zero does not matter. The
-# maximum is not sought if the log density, where the search would start, is lower than at the mode
-# by more than ``_NEGLIGIBLE_START`` [nat]. A maximum that was found is negligible if it is lower
-# than the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
+# Limits for neglecting a maximum of the density with one scale held near zero. The maximum is not
+# sought if the log density at the start of the search is lower than at the mode by more than
+# ``_NEGLIGIBLE_START`` [nat]. A maximum that was found is negligible if it is lower than the mode
+# by at least ``_NEGLIGIBLE_CORNER`` [nat].
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
 # Gain of log density [nat] in one step of the search for a maximum with one scale near zero; the
@@ -79,9 +78,9 @@ _CORNER_GAIN = 1e-2
 # Gaussian fitted at the highest mode.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
-# The tolerance [nat] divided by this number is the largest share of the integral in nodes that are
-# left out: the nodes (values of the hyper-parameters) of smallest weight, at which the probability
-# that no compliance is negative is not computed.
+# Where the probability that no compliance is negative is computed, the nodes (values of the
+# hyper-parameters) of smallest weight are left out. The share of the integral in these nodes is at
+# most the tolerance [nat] divided by this number.
 _PARTS_OF_TOLERANCE = 20.0
 # Largest share of the integral in nodes at which the probability that no compliance is negative is
 # not computed, whatever the tolerance.
@@ -107,11 +106,11 @@ _PICKED_GROWTH = 4
 # Error allowed in the logarithm of the posterior probability that no compliance is negative [nat],
 # where a rough value suffices.
 _PROBABILITY_TOLERANCE = 0.02
-# Limits that keep the logarithm of a mean probability finite. The mean is of the probabilities, for
-# many values of the hyper-parameters, that no compliance is negative. They are divided by the
-# largest of them before their mean is computed. ``_LEAST_LOG_PROBABILITY`` replaces a smaller
-# logarithm of the largest probability; ``_LEAST_SHARE_INSIDE`` replaces a smaller mean of the
-# quotients.
+# Limits that keep the logarithm of a mean probability finite. The mean is taken over the
+# probabilities that no compliance is negative, one for each of many values of the hyper-parameters.
+# They are divided by the largest of them before their mean is computed. If the logarithm of the
+# largest probability is below ``_LEAST_LOG_PROBABILITY``, it is replaced by this limit; if the mean
+# of the quotients is below ``_LEAST_SHARE_INSIDE``, it is replaced by that limit.
 _LEAST_LOG_PROBABILITY = -700.0
 _LEAST_SHARE_INSIDE = 1e-300
 # Largest share of the weight in nodes (weighted values of the hyper-parameters) that are left out
@@ -122,8 +121,8 @@ _SPARE = 1e-7
 # belongs to one value of the hyper-parameters.
 _COMPONENTS = 8192
 # Smallest standard deviation of a Gaussian in the mixture from which quantiles of parameters are
-# computed, as a share of the standard deviation of the means of all Gaussians. Narrower Gaussians
-# are widened to this limit.
+# computed, as a fraction of the standard deviation of the means of all Gaussians. Narrower
+# Gaussians are widened to this limit.
 _LEAST_SD_SHARE = 1e-6
 
 
@@ -175,8 +174,8 @@ class HyperPosterior:
 
         The density is taken in normal scores of the h hyper-parameters, coordinates in which most
         of the priors are standard normal (`normal_scores`). Negligible modes are left out. Each
-        mode is a pair: the scores, shape (h,), and a square root, shape (h, h), of the inverse of
-        minus the Hessian of the log density there.
+        mode is described by a pair of arrays: its scores, shape (h,), and a square root, shape (h,
+        h), of the inverse of minus the Hessian of the log density at the mode.
         """
         summits: list[Array] = []
 
@@ -225,9 +224,9 @@ class HyperPosterior:
         """Return the joint log density of readings and hyper-parameters at w points, shape (w,).
 
         ``free``, shape (w, h), holds w values of the h hyper-parameters φ (scales of the noise and
-        of other effects) in unbounded coordinates. If this object is ``truncated``, the log
+        of other effects) in unbounded coordinates. If ``truncated`` of this object is True, the log
         probability that no compliance is negative, given φ and the readings, is added. If
-        ``smooth`` is True, an upper bound of this probability is used instead, which is cheaper to
+        ``smooth`` is True, this probability is replaced by an upper bound, which is cheaper to
         compute and is a smooth function of φ.
         """
         log_density = self.bound.hyper_prior.log_density_of_free(free)
@@ -253,11 +252,12 @@ class HyperPosterior:
         the logarithm of the integral of the density [nat], which is the log evidence. If the nodes
         do not reach this tolerance, their ``error`` is larger.
 
-        If the posterior density contains the probability that no compliance is negative
-        (``truncated``), the first nodes come from the density that allows negative compliances;
-        their weights are multiplied by the probability, given φ, that no compliance is negative. If
-        these nodes miss the tolerance, other nodes are computed where the product is large, and the
-        nodes with the smaller error are returned.
+        If ``truncated`` of this object is True, the density contains the probability, given φ, that
+        no compliance is negative. The nodes are then first computed for the density that allows
+        negative compliances, and their weights are multiplied by this probability. If these nodes
+        miss the tolerance, other nodes are computed for the density that contains an upper bound of
+        the probability; in their weights, the bound is then replaced by the probability. The nodes
+        with the smaller error are returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -306,7 +306,7 @@ class HyperPosterior:
 
         Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other
         effects). P(T | y, φ) is the probability, given the readings y and φ, of the condition T
-        that no compliance is negative. This probability is computed at some of the nodes only
+        that no compliance is negative. This probability is computed only at some of the nodes
         (`density_ratio`). If the error would then exceed the tolerance, the probability is computed
         at all nodes.
 
@@ -432,8 +432,8 @@ class HyperPosterior:
     def coarse_probability(self) -> ProbabilityInside:
         """Posterior probability that no compliance is negative, from a few nodes.
 
-        The error allowed in the logarithm of the probability is 0.02 nat. The error is larger if
-        even all nodes do not suffice.
+        The error allowed in the logarithm of the probability is 0.02 nat. If the average over all
+        nodes still misses this tolerance, the error is larger.
 
         Nodes are values of the hyper-parameters. The few nodes are picked from the `proposal` of
         the density that allows negative compliances.
@@ -506,9 +506,10 @@ class HyperPosterior:
         """Maxima of the density with one scale held near zero: one maximum for each scale.
 
         The posterior density may extend far towards the value zero of a scale, a region in which
-        the other hyper-parameters have other values than at the mode. A proposal (the density drawn
-        from) that is also fitted at these maxima covers this region. Negligible maxima are left
-        out. The result has the form of `modes`.
+        the other hyper-parameters have other values than at the mode. The proposal, which is the
+        density from which points are drawn, covers this region if it is also fitted at these
+        maxima. Negligible maxima are left out. Each maximum is described by the same pair of arrays
+        as in `modes`.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
@@ -557,9 +558,10 @@ class HyperPosterior:
         ``point``, shape (h,), holds the normal scores of the h hyper-parameters. The log density is
         the log posterior density of these scores. If this density contains the probability that no
         compliance is negative, the smooth log density contains an upper bound of the probability
-        instead. The noise factors of two circles, which are hyper-parameters, hardly depend on each
-        other. Unless ``exact`` is True, mixed second derivatives with respect to two noise factors
-        are not computed, so that the work grows in proportion to the number of circles.
+        instead. Among the hyper-parameters are the noise factors of the circles; the noise factors
+        of two circles hardly depend on each other. Unless ``exact`` is True, mixed second
+        derivatives with respect to two noise factors are not computed, so that the work grows in
+        proportion to the number of circles.
         """
         of_circle = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)
@@ -651,7 +653,7 @@ class _ConditionalMoments(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Weighted nodes that represent the posterior of the hyper-parameters; averages over the nodes.
+    """Weighted nodes that represent the posterior of the hyper-parameters, and averages over them.
 
     Parameters
     ----------

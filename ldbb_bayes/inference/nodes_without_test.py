@@ -1,18 +1,19 @@
-"""Nodes of a campaign without one test, computed from the nodes of the whole campaign.
+"""Nodes for a campaign without one test, computed from the nodes for the whole campaign.
 
 φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points
 that represent p(φ | y), where y are the readings. If a campaign has many tests, its posterior of φ
-hardly changes when one test is left out. The nodes of the whole campaign, weighted by the density
-without the test, then represent the posterior without the test, and the ratio of the two densities
-needs to be known at a few hundred of these nodes only (`density_ratio`).
+hardly changes when one test is left out. The nodes for the whole campaign then also represent the
+posterior without the test, if they are weighted by the density without the test. The ratio of the
+two densities needs to be known only at a few hundred of these nodes (`density_ratio`).
 
-The noise factor λ of the test left out is an exception. Without the test's readings, λ has its
-prior, which is much wider than its posterior. The ratio of the two densities would therefore vary
-strongly with λ. To avoid this, the prior of λ in the density without the test is replaced by a
-Gaussian that is about as wide as the posterior of λ. It is a density of ln λ given the other
-coordinates of a node, and is fitted to the nodes of the whole campaign. Both the Gaussian and the
-prior have the integral one over λ, so that the integral over φ does not change. The λ of the
-resulting nodes are then drawn anew from the prior.
+The noise factor λ of the test left out (a hyper-parameter that concerns this test alone) is an
+exception. Without the test's readings, λ has its prior, which is much wider than its posterior. The
+ratio of the two densities would therefore vary strongly with λ. To avoid this, the prior of λ in
+the density without the test is replaced by a Gaussian that is about as wide as the posterior of λ.
+This Gaussian is a density of ln λ given the other coordinates of a node, and is fitted to the nodes
+for the whole campaign. Both the Gaussian and the prior integrate to one over λ, so that the
+integral over φ does not change. Afterwards, the values of λ at the nodes are replaced by random
+draws from the prior.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NodesWithoutTest"]
 
-# Seed of the random draws by which the noise factor of a test that is left out gets values from its
-# prior.
+# Seed of the random draws from the prior that replace the values of the noise factor of a test that
+# is left out.
 _SEED = 0
 # Smallest standard deviation of the Gaussian that is fitted to the logarithm of a noise factor. A
 # smaller standard deviation is replaced by this value.
@@ -143,10 +144,10 @@ class NodesWithoutTest:
     def _with_prior_of_noise_factor(self, integral: Integral, factor: GaussianFactor) -> Integral:
         """Return an integral whose nodes have new values of a noise factor, drawn from its prior.
 
-        The nodes of ``integral`` are values of the hyper-parameters. One of these is the noise
-        factor of the test that is left out. In ``integral``, the Gaussian density ``factor`` stands
-        in place of the prior of the noise factor; in the result, the prior is put back. The weights
-        of the nodes and the value of the integral do not change.
+        The nodes of ``integral`` are values of the hyper-parameters. One of the hyper-parameters is
+        the noise factor of the test that is left out. In ``integral``, the prior of this noise
+        factor is replaced by the Gaussian density ``factor``; in the result, the density contains
+        the prior again. The weights of the nodes and the value of the integral do not change.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))

@@ -28,10 +28,10 @@ __all__ = ["NormalScores"]
 # Smallest distance of a hyper-parameter from its bounds. A smaller distance is replaced by this
 # value, so that the logarithm of the distance is finite.
 _LEAST_DISTANCE = 1e-300
-# Limit below which a value of a hyper-parameter counts as near to a bound. The limit applies to the
-# logarithm of the prior probability of the interval between the value and the bound. The distance
-# of a near value from the bound is this probability divided by the prior density at the bound; the
-# difference between value and bound would be inaccurate.
+# A value of a hyper-parameter counts as near a bound if the log prior probability of the interval
+# between the value and the bound is below this limit. The distance of such a value from the bound
+# is computed as the prior probability of the interval divided by the prior density at the bound.
+# The difference between value and bound would be inaccurate.
 _NEAR_BOUND = -20.0
 # Largest logarithm of a probability. A larger logarithm is replaced by this value, so that the
 # normal quantile for the probability is finite.
@@ -124,8 +124,8 @@ class NormalScores:
         """Return ln(φ − a) and ln(b − φ), each of shape (..., k).
 
         φ are the k hyper-parameters with restricted normal priors, and a and b their lower and
-        upper bounds. Where b is infinite, the second result is zero. ``scores``, shape (..., h),
-        holds the normal scores of all h hyper-parameters.
+        upper bounds. Where b is infinite, ln(b − φ) is replaced by zero. ``scores``, shape (...,
+        h), holds the normal scores of all h hyper-parameters.
         """
         lower, upper = self._bounds
         values = self._values(scores)

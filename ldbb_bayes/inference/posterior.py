@@ -90,9 +90,10 @@ _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 # counts as damaged.
 _LARGEST_EXPANSION = 20
 _SMALL_FILE_BYTES = 2**20
-# Number of the present edition of the default model, which is increased when its terms or priors
-# change. The record of a posterior states the edition with which it was computed; draws from
-# another edition are refused. The presets ``first`` and ``paper`` are the same in all editions.
+# Number of the present edition of the default model. It is increased whenever the terms or priors
+# of the default model change. The record of a posterior states the edition with which it was
+# computed; draws from another edition are refused. The presets ``first`` and ``paper`` are the same
+# in all editions.
 MODEL_EDITION = 3
 # Cache of the campaigns from which posteriors were computed, the oldest first. A key holds all that
 # a posterior states about its campaign. Because of the cache, all analyses of a posterior use the
@@ -107,7 +108,7 @@ _LONGEST_REASON = 120
 def build_tree(
     groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, record: Mapping[str, Any]
 ) -> xr.DataTree:
-    """Return a DataTree with groups of arrays, and a record as JSON in the group ``provenance``.
+    """Return a DataTree with groups of arrays, and with a record as JSON text in ``provenance``.
 
     ``groups`` holds the arrays; the first key is the name of the group, the second key the name of
     the array. Arrays of random draws have the shape (chains, draws, …). ``bound``, the model
@@ -499,14 +500,15 @@ def _stack_draws(group: Any, names: tuple[str, ...]) -> Array:
 
 
 def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[ModelDraws]:
-    """Return posterior draws in a list, with one item for each set of rival explanations.
+    """Return posterior draws in a list, with one item for each set of alternative explanations.
 
     If the posterior is of one model, the list has one item. The models of an average differ in
-    their rival explanations: effects that look like a change of compliance with force. The effect
-    of a rival explanation on the readings can be computed only from draws of models that contain
-    this explanation. An item holds the draws of all models with the same rival explanations. Each
-    draw has all parameters of the average; parameters that the model of the draw lacks are zero. If
-    ``size`` is given, at most that many draws are returned in total, evenly spaced.
+    their alternative explanations: effects that look like a change of compliance with force. The
+    effect of an alternative explanation on the readings can be computed only from draws of models
+    that contain this explanation. An item of the list therefore holds the draws of all models with
+    the same alternative explanations. Each draw has all parameters of the average; parameters that
+    the model of the draw lacks are zero. If ``size`` is not None, at most that many draws are
+    returned in total, evenly spaced.
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)
@@ -534,8 +536,8 @@ def curves_of(
     reference force and its slopes (changes with force); see `compliance_curves`. At most ``size``
     draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
     several models, the draws are in the order of `model_draws_of`: draws of models with the same
-    rival explanations follow each other. ``seed`` determines the random draws of effects that are
-    not among the parameters.
+    alternative explanations (effects that look like a change of compliance with force) are next to
+    each other. ``seed`` determines the random draws of effects that are not among the parameters.
     """
     rng = np.random.default_rng(seed)
     curves = [
@@ -555,11 +557,12 @@ def elastic_draws_of(
 ) -> ElasticDraws:
     """Return posterior draws of compliances and of the elastic deflection around circles.
 
-    ``circles`` holds the indices of the tests whose circles are used; ``force_N``, shape (n,),
-    holds n forces of the bar [N]; see `elastic_draws`. At most ``size`` draws are used; if ``size``
-    is None, all draws are used. If the posterior is an average over several models, the draws are
-    in the order of `model_draws_of`: draws of models with the same rival explanations follow each
-    other. ``seed`` determines the random draws of effects that are not among the parameters.
+    ``circles`` holds the indices of the tests for whose circles the deflection is returned;
+    ``force_N``, shape (n,), holds n forces of the bar [N]; see `elastic_draws`. At most ``size``
+    draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
+    several models, the draws are in the order of `model_draws_of`: draws of models with the same
+    alternative explanations (effects that look like a change of compliance with force) are next to
+    each other. ``seed`` determines the random draws of effects that are not among the parameters.
     """
     rng = np.random.default_rng(seed)
     by_model = [
@@ -621,7 +624,8 @@ def _plain_unit(name: str, unit: str) -> tuple[float, str]:
     """Return factor and label of the unit in which draws of a variable are shown, such as nm/N.
 
     The factor converts from ``unit``, the internal unit of the variable called ``name``. In the
-    unit shown, draws are about 0.1 or more in size, because other libraries round to two decimals.
+    returned unit, most draws have a magnitude of at least about 0.1, because other libraries round
+    to two decimals.
     """
     factor, label = display_unit(unit)
     is_scale = unit == "mm" and not name.startswith("E_")

@@ -2,8 +2,8 @@
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. Shared nuisances are effects that
-are modelled but not of interest and that several tests have in common. The 25 basis coefficients of
-a circle are its harmonics of the orders 0 to 12. Draws are random draws.
+are modelled but not of interest and that are common to several tests. A circle is described by 25
+Fourier coefficients of the orders 0 to 12. Draws are random draws.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_lef
 
 # Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
-# Number of random draws for each value of the hyper-parameters, where the circle of a test that is
-# left out is predicted from the other tests. Each draw holds the parameters and the nuisances
-# (effects that are modelled but not of interest) that several tests have in common.
+# Number of random draws for each value of the hyper-parameters when a test is left out and its
+# circle is predicted from the other tests. Each draw holds the parameters and those nuisances
+# (effects that are modelled but not of interest) that are common to several tests.
 _DRAWS_PER_NODE = 8
 
 
@@ -56,13 +56,14 @@ def predict(
 
     The circles are predicted for the bar, balls, mount and force device of the posterior's
     campaign. The effects of the machine and of shared nuisances (effects that are modelled but not
-    of interest, such as ball form) are drawn from the posterior. Set-up shift (of zero and centre),
-    discrepancy (unexplained deviations of a circle), random force error and white noise are drawn
-    anew. Set-up shift and discrepancy of the new circles scatter as much as in the measured
-    circles. Effects that do not occur in the campaign, such as the length of the bar at another
-    radius, are drawn from their prior. If times are not stated, the new circles are predicted as if
-    they were run after the measured circles. To predict a circle that is run between measured
-    circles, state ``time_s`` of all tests.
+    of interest, such as ball form) are drawn from the posterior. Effects that differ between
+    circles are drawn at random for each new circle: set-up shift (of zero and centre), discrepancy
+    (unexplained deviations of a circle), random force error and white noise. Set-up shift and
+    discrepancy of the new circles scatter as much as in the measured circles. Effects that do not
+    occur in the campaign, such as the length of the bar at another radius, are drawn from their
+    prior. If the times of the tests are not stated, the new circles are predicted as if they were
+    run after the measured circles. To predict a circle that is run between measured circles, state
+    ``time_s`` of all tests.
 
     Parameters
     ----------
@@ -175,12 +176,12 @@ def _draw_shared_of_plan(
 ) -> Array:
     """Return the effects of the machine and of shared nuisances on the planned tests [mm].
 
-    Shared nuisances are effects that are modelled but not of interest and that several tests have
-    in common. The result holds random draws of Fourier coefficients of the orders 0 to 12, shape
-    (draws, tests, 25). Nuisances that the measured tests also have are drawn from their posterior,
-    all other nuisances from their prior. ``measured`` and ``planned`` are the model applied to the
-    measured and to the planned tests. ``phi``, shape (draws, h), holds draws of the h
-    hyper-parameters; ``beta``, shape (draws, p), holds posterior draws of the p parameters.
+    Shared nuisances are effects that are modelled but not of interest and that are common to
+    several tests. The result holds random draws of Fourier coefficients of the orders 0 to 12,
+    shape (draws, tests, 25). Nuisances that also occur in the measured tests are drawn from their
+    posterior, all other nuisances from their prior. ``measured`` and ``planned`` are the model
+    applied to the measured and to the planned tests. ``phi``, shape (draws, h), holds draws of the
+    h hyper-parameters; ``beta``, shape (draws, p), holds posterior draws of the p parameters.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
     learnt: list[str] = []

@@ -2,10 +2,10 @@
 
 φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points
 that represent p(φ | y), where y are the readings. Related models have the same hyper-parameters.
-They may differ in three ways: how compliances change with force, which rival explanations they
-contain (effects that look like a change of compliance with force), and whether compliances may be
-negative. Their posteriors of φ are much alike. With other weights, the nodes of one model therefore
-represent the posterior of another model as well.
+They may differ in three ways: how compliances change with force, which alternative explanations of
+such a change they contain (effects that look like a change of compliance with force), and whether
+compliances may be negative. The posteriors of φ under related models are similar. With other
+weights, the nodes of one model therefore represent the posterior of another model as well.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ class RelatedModels:
 
     Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other effects)
     that represent their posterior. All models use the same values of φ, but each model has its own
-    weights, in proportion to p(y | φ) p(φ) under this model, with the readings y.
+    weights. The weights are proportional to p(y | φ) p(φ) under the model, where y are the
+    readings.
 
     Parameters
     ----------
@@ -52,11 +53,11 @@ class RelatedModels:
     def nodes(self, posterior: HyperPosterior) -> Nodes:
         """Return the nodes of another model, which are weighted values of its hyper-parameters.
 
-        ``posterior`` is the posterior of the hyper-parameters under that model. The nodes are the
-        nodes of the given model with other weights. If possible, the density of the other model is
-        evaluated at some of the nodes only (`density_ratio`). The nodes are computed anew if the
-        other model has other hyper-parameters, or if the error of its log evidence would exceed the
-        tolerance.
+        ``posterior`` is the posterior of the hyper-parameters under the other model. The result
+        consists of the nodes of the given model with other weights. If possible, the density of the
+        other model is evaluated only at some of the nodes (`density_ratio`). The nodes are computed
+        anew if the other model has other hyper-parameters, or if the error of its log evidence
+        would exceed the tolerance.
         """
         if posterior.bound.hyper_prior.names != self._names:
             return posterior.nodes(self._tolerance)
@@ -73,10 +74,10 @@ class RelatedModels:
         return posterior.nodes(self._tolerance)
 
     def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
-        """Return the given nodes with new weights, for which a density is evaluated at all nodes.
+        """Return the nodes of the given model with the weights that another model gives them.
 
-        The density is ``posterior``, the posterior density of the hyper-parameters under another
-        model.
+        ``posterior`` is the posterior density of the hyper-parameters under the other model. It is
+        evaluated at all nodes.
         """
         plain = replace(
             self._integral,
@@ -91,8 +92,8 @@ def log_values(posterior: HyperPosterior, free: Array, tolerance: float) -> LogV
     """Return the joint log density of readings and hyper-parameters at w points, with errors.
 
     ``free``, shape (w, h), holds w values of the h hyper-parameters in unbounded coordinates.
-    ``posterior`` belongs to the model and the readings. ``tolerance`` is the error allowed in a log
-    evidence [nat].
+    ``posterior`` is the posterior density of the hyper-parameters under the model and for the
+    readings. ``tolerance`` is the error allowed in a log evidence [nat].
     """
     log_density = posterior.bound.hyper_prior.log_density_of_free(free)
     log_evidence, conditional = posterior.given(free)

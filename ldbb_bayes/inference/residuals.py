@@ -1,8 +1,7 @@
 """Readings minus predicted readings, and the quality of a fit (Eq. 34-35 of the paper).
 
-A prediction holds 25 basis coefficients for every test: the harmonics of its circle of the orders 0
-to 12. The readings of a test are reduced to m numbers that contain all information about these
-coefficients.
+A prediction holds 25 Fourier coefficients of the orders 0 to 12 for the circle of every test. The
+readings of a test are reduced to m numbers that contain all information about these coefficients.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ __all__ = [
     "tests_in_order",
 ]
 
-# Share of the largest singular value below which a singular value counts as zero, for the matrix
-# that holds the values of the Fourier functions at the angles of a test.
+# A singular value of a matrix counts as zero if it is below this fraction of the largest singular
+# value. The matrix holds the values of the Fourier functions at the angles of a test.
 RANK_TOLERANCE = 1e-6
 
 

@@ -55,7 +55,7 @@ _SURPLUS = 1.3
 # size, which scatters, reaches the required value for every parameter.
 _SURPLUS_DRAWS = 50
 # Effective sample size that a run of emcee must have if nearly independent draws are picked from
-# it, as a multiple of the number of draws picked.
+# the run, as a multiple of the number of draws picked.
 _THINNING = 4.0
 # Further conditions on a run of emcee from which nearly independent draws are picked: R-hat of the
 # run is at most ``_RHAT_WHEN_THINNED``, and the run spans at least ``_LENGTHS_WHEN_THINNED``
@@ -65,7 +65,7 @@ _LENGTHS_WHEN_THINNED = 2.0
 
 
 class SampledDraws(NamedTuple):
-    """Record of a run of a sampler, and the draws of parameters and hyper-parameters it gave."""
+    """Statistics of a run of a sampler, and its draws of parameters and hyper-parameters."""
 
     run: EnsembleRun
     #: posterior draws of the p parameters (compliances, their changes with force, geometric errors)
@@ -116,9 +116,9 @@ def sample(
         Campaign with readings.
     sampler : {"joint", "independent"}
         ``joint``: emcee samples all parameters and hyper-parameters. ``independent``: independent
-        draws by rejection from a density fitted to the posterior of the hyper-parameters; if the
-        importance weights of this density cannot be trusted, ``joint`` is used instead, and the
-        record states this.
+        draws by rejection sampling with a density fitted to the posterior of the hyper-parameters;
+        if the importance weights of this density cannot be trusted, ``joint`` is used instead, and
+        the record of the posterior states this.
     seed : int
         Seed of all random numbers.
     ensembles : int
@@ -250,7 +250,7 @@ def fit_model(
     rule : StoppingRule
         Rule that decides when sampling stops.
     prior_draws : int
-        Number of random draws from the prior that the posterior also contains.
+        Number of random draws from the prior that are stored with the posterior.
     **options
         Further arguments of `run_sampler`.
     """
@@ -298,11 +298,11 @@ def run_sampler(
 ) -> SampledDraws:
     """Return posterior draws of parameters and hyper-parameters, drawn by the named sampler.
 
-    ``run`` of the result says how sampling went; its ``converged`` states whether the draws meet
-    the stopping rule. They do unless the sampler gave up. If independent draws are asked for but
-    their weights cannot be trusted, emcee samples parameters and hyper-parameters jointly instead.
-    For independent draws, ``steps`` of ``run`` is the number of draws of one chain, ``walkers`` is
-    1, and ``acceptance`` is the share of proposals accepted.
+    ``run`` of the result describes the run of the sampler; ``converged`` of ``run`` states whether
+    the draws meet the stopping rule. If they do not, the sampler gave up. If independent draws are
+    asked for but their weights cannot be trusted, emcee samples parameters and hyper-parameters
+    jointly instead. For independent draws, ``steps`` of ``run`` is the number of draws of one
+    chain, ``walkers`` is 1, and ``acceptance`` is the share of proposals accepted.
 
     Parameters
     ----------
@@ -384,13 +384,13 @@ def _sample_jointly(
 ) -> SampledDraws:
     """Return a run of emcee over parameters and hyper-parameters, and its posterior draws.
 
-    The walkers start from random hyper-parameters (scales of the noise and of other effects), drawn
-    from a density a little wider than the posterior ``start``, and from parameters drawn given
-    these hyper-parameters. ``ensembles`` is the number of ensembles of walkers, and ``walkers`` the
-    number of walkers of each ensemble. By default there are four times as many walkers as
-    coordinates (parameters and hyper-parameters), but at least 128. ``rule`` decides when the run
-    stops, ``seed`` is the seed of the random numbers, and ``progress`` is called at every
-    assessment of convergence.
+    The walkers start from random points. Their hyper-parameters (scales of the noise and of other
+    effects) are drawn from a density a little wider than the posterior ``start``; their parameters
+    are drawn given these hyper-parameters. ``ensembles`` is the number of ensembles of walkers, and
+    ``walkers`` the number of walkers of each ensemble. By default there are four times as many
+    walkers as coordinates (parameters and hyper-parameters), but at least 128. ``rule`` decides
+    when the run stops, ``seed`` is the seed of the random numbers, and ``progress`` is called at
+    every assessment of convergence.
     """
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)
@@ -420,9 +420,10 @@ def draw(
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``. If ``sampler``
     is "joint", the draws are thinned from a run of emcee with an effective sample size four times
-    as large as the number of draws. If ``sampler`` is "independent", the draws are independent; if
-    the weights of the density drawn from cannot be trusted, emcee is used instead. ``seed`` is the
-    seed of the random numbers. Raise an `InputError` if emcee does not converge.
+    as large as the number of draws. If ``sampler`` is "independent", the draws come from rejection
+    sampling and are independent; if the importance weights of the rejection sampler cannot be
+    trusted, emcee is used instead. ``seed`` is the seed of the random numbers. Raise an
+    `InputError` if emcee does not converge.
     """
     if sampler == "independent":
         try:

@@ -47,10 +47,10 @@ def draw_with_shared(
     """Return ``repeats`` random draws of nuisances and parameters for each of w values of φ.
 
     Nuisances are effects that are modelled but not of interest. φ are the h hyper-parameters
-    (scales of the noise and of other effects); ``free``, shape (w, h), holds their values in
-    unbounded coordinates. ``bound`` is the model, applied to its campaign. There are w ×
-    ``repeats`` draws; the draws for one value of φ follow each other. Raise an `InputError` if the
-    model allows no negative compliances and no draw without negative compliances is found.
+    (scales of the noise and of other effects); ``free``, shape (w, h), holds the w values of φ in
+    unbounded coordinates. ``bound`` is the model, applied to its campaign. The result has w ×
+    ``repeats`` draws; the draws for one value of φ are next to each other. Raise an `InputError` if
+    the model allows no negative compliances and no draw without negative compliances is found.
     """
     p = len(bound.names)
     phi = bound.hyper_prior.phi(free)

@@ -2,7 +2,7 @@
 
 Parameters are compliances, their changes with force, and geometric errors. Hyper-parameters φ are
 the scales of the noise and of other effects. Shared nuisances are effects that are modelled but not
-of interest and that several tests have in common, such as ball form and bar length.
+of interest and that are common to several tests, such as ball form and bar length.
 """
 
 from __future__ import annotations
@@ -110,12 +110,12 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
 
 
 def _with_changes(table: pd.DataFrame, posterior: xr.DataTree, prob: float) -> pd.DataFrame:
-    """Return ``table`` such that it displays changes of compliances instead of coefficients.
+    """Return ``table``, which then prints changes of compliances in place of coefficients.
 
-    The change is the change of the compliance C(F) from the smallest force tested to the largest.
-    The coefficients, such as C_XXX_1, are the parameters that describe how C(F) depends on F.
-    ``prob`` is the probability of the credible interval of each change, and ``posterior`` the
-    posterior that the table summarizes.
+    A change is the change of a compliance C(F) from the smallest force tested to the largest. The
+    coefficients, such as C_XXX_1, are the parameters that describe how C(F) depends on F. ``prob``
+    is the probability of the credible interval of each change, and ``posterior`` the posterior that
+    the table summarizes.
     """
     curves = force_curves(posterior)
     if not curves.compliances:
@@ -213,8 +213,8 @@ def interval_numbers(draws: Array, prob: float) -> dict[str, float]:
 def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     """Return a table of the posterior of the shared nuisance coefficients.
 
-    Shared nuisances are effects that are modelled but not of interest and that several tests have
-    in common, such as ball form and bar length.
+    Shared nuisances are effects that are modelled but not of interest and that are common to
+    several tests, such as ball form and bar length.
 
     Parameters
     ----------
@@ -259,9 +259,9 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
     """Return a table with term, unit and prior standard deviation of shared nuisance coefficients.
 
-    Shared nuisances are effects that are modelled but not of interest and that several tests have
-    in common. The prior standard deviation depends on the hyper-parameters; ``phi``, shape (h,),
-    holds the values of the h hyper-parameters at which the standard deviation is computed.
+    Shared nuisances are effects that are modelled but not of interest and that are common to
+    several tests. The prior standard deviation depends on the hyper-parameters; ``phi``, shape
+    (h,), holds the values of the h hyper-parameters at which the standard deviation is computed.
     ``bound`` is the model, applied to its campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))

@@ -1,6 +1,6 @@
 """Limit of one thread per process for BLAS, the linear algebra library behind NumPy.
 
-The matrices of this package are small. Several threads would therefore lose more time in waiting
+The matrices of this package are small. Several threads would therefore lose more time by waiting
 for each other than they save.
 """
 

@@ -1,9 +1,9 @@
 """Executor that runs jobs in worker processes of Dask, on this computer or on a cluster.
 
 Dask is a library that distributes computations over several computers. Dask's own executor,
-`distributed.Client.get_executor()`, is not used: if the result of a job is lost after its arrival,
-that executor raises a ValueError. This package would treat the ValueError as an error of the job
-itself, and would not run the job again.
+`distributed.Client.get_executor()`, is not used. If the result of a job has arrived and is then
+lost, Dask's executor raises a ValueError. This package would treat the ValueError as an error of
+the job itself, and would not run the job again.
 """
 
 from __future__ import annotations
@@ -32,8 +32,7 @@ ANSWER_S = 10.0
 # Number of threads of this process that wait for results of Dask workers. Each thread waits for one
 # job; Dask therefore has at most this number of jobs at the same time.
 _WAITING_THREADS = 64
-# Names of Dask's loggers that are silenced, because the errors that are raised state the same
-# faults.
+# Names of Dask's loggers that are silenced. This package raises errors that state the same faults.
 _LOGGERS = (
     "distributed",
     "distributed.client",

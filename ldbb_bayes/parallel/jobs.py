@@ -127,7 +127,7 @@ def done(
 
 
 def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[], R]:
-    """Begin a call in another process, and return a function that waits for its result.
+    """Begin a call in another process, and return a function that waits for the call's result.
 
     Parameters
     ----------
