@@ -23,6 +23,7 @@ from ldbb_bayes.reading.campaign_fields import (
     note_assumed_fields,
     take_stated_fields,
 )
+from ldbb_bayes.reading.companion_files import or_left_out
 from ldbb_bayes.reading.diameters import halve_diameters
 from ldbb_bayes.reading.file_patterns import matching
 from ldbb_bayes.reading.force_laws import check_force_law
@@ -41,6 +42,7 @@ from ldbb_bayes.reading.names import unknown_length_in_name
 from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.planes import take_plane_option, unread_plane
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
+from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.sheet_selection import SheetSelection, select_sheets
 from ldbb_bayes.reading.splitting import layout_names, split_sheet
 from ldbb_bayes.reading.spreadsheet import read_sheets
@@ -206,7 +208,7 @@ def _not_understood_of(recording: Recording) -> dict[str, str]:
 
 
 def _select_tables(
-    paths: Iterable[Path], matched: set[Path], layout: Layout, log: AssumptionLog
+    paths: Sequence[Path], matched: set[Path], layout: Layout, log: AssumptionLog
 ) -> SheetSelection:
     """Return the sheets of all files: the sheets with a table of readings, and the other sheets.
 
@@ -215,11 +217,21 @@ def _select_tables(
     """
     sheets = []
     for path in paths:
-        for sheet in read_sheets(
-            path, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets
-        ):
+        for sheet in _sheets_of_file(path, layout, is_only_file=len(paths) == 1):
             sheets += split_pairs(with_loads_in_header(sheet), layout)
     return select_sheets(sheets, layout, log, matched)
+
+
+def _sheets_of_file(path: Path, layout: Layout, is_only_file: bool) -> list[Sheet]:
+    """Return the sheets of a file. If it is one of several, an error names leaving it out."""
+    try:
+        return read_sheets(
+            path, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets
+        )
+    except InputError as error:
+        if is_only_file:
+            raise
+        raise or_left_out(error, path) from error
 
 
 def _split_into_tests(

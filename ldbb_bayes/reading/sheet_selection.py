@@ -11,6 +11,13 @@ from typing import NamedTuple
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.companion_files import (
+    holds_temperatures,
+    holds_text_only,
+    or_left_out,
+    without_columns,
+    without_table,
+)
 from ldbb_bayes.reading.headers import Heading, NoTableError, find_heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number
@@ -45,10 +52,10 @@ def select_sheets(
 ) -> SheetSelection:
     """Return the sheets with a table of angles and readings, and the sheets that are left out.
 
-    A sheet without such a table is left out in two cases: if it is one of several sheets in a
-    workbook, or if the file was found by a pattern with ``*`` or ``?``. Each sheet that is left out
-    is noted. An `InputError` is raised for any other sheet without a table. It is also raised if no
-    file has a table.
+    A sheet without such a table is left out in three cases: if it is one of several sheets in a
+    workbook, if the file was found by a pattern with ``*`` or ``?``, or if it is a text without
+    numbers beside files with tables. Each sheet that is left out is noted. An `InputError` is
+    raised for any other sheet without a table. It is also raised if no file has a table.
 
     Parameters
     ----------
@@ -68,6 +75,7 @@ def select_sheets(
     optional = {*matched}
     if not layout.sheets:
         optional |= _workbooks_of_several_sheets(sheets)
+    optional |= _companions(sheets, layout, optional)
     for sheet in sheets:
         is_optional = sheet.path in optional
         try:
@@ -94,9 +102,51 @@ def select_sheets(
         return _mark_only_tables(selection, list(incomplete))
     reason = "it holds no table of angles and readings"
     for sheet in selection.left_out:
-        kind = "the sheet" if sheet.name else "the file"
-        log.add(sheet.place, "left out", kind, reason, "--sheets")
+        if sheet.name:
+            log.add(sheet.place, "left out", "the sheet", reason, "--sheets")
+        else:
+            log.add(sheet.place, "left out", "the file", reason, "a table in it")
     return _mark_only_tables(selection, selection.tables)
+
+
+def _companions(sheets: Sequence[Sheet], layout: Layout, optional: Collection[Path]) -> set[Path]:
+    """Return the files that hold only text, if other files hold tables of readings.
+
+    ``optional`` are the files that need not have a table anyway.
+
+    Raises
+    ------
+    InputError
+        If another file beside the files with tables has numbers, but no table of readings. The step
+        that the message names is to leave this file out.
+    """
+    errors: dict[Path, InputError] = {}
+    with_table: set[Path] = set()
+    texts: set[Path] = set()
+    for sheet in sheets:
+        try:
+            heading = find_heading(sheet, layout)
+        except NoTableError as error:
+            if holds_text_only(sheet):
+                texts.add(sheet.path)
+            else:
+                errors[sheet.path] = without_table(sheet, error)
+        except InputError as error:
+            if _has_no_readings(sheet, error):
+                errors[sheet.path] = or_left_out(error, sheet.path)
+        else:
+            if _is_complete(heading) and not holds_temperatures(heading):
+                with_table.add(sheet.path)
+            else:
+                errors[sheet.path] = without_columns(sheet, heading)
+    if not with_table:
+        return set()
+    for sheet in sheets:
+        path = sheet.path
+        if path in errors and path not in {*with_table, *optional}:
+            check_not_transposed(sheet)
+            raise errors[path]
+    return texts - with_table
 
 
 def _heading_of(sheet: Sheet, layout: Layout, is_optional: bool) -> Heading:

@@ -16,6 +16,7 @@ from ldbb_bayes.campaign.text_table import (
 )
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.cell_units import number_in_cell, split_units
+from ldbb_bayes.reading.companion_files import is_document
 from ldbb_bayes.reading.encodings import encoding_of
 from ldbb_bayes.reading.labview import is_labview, rows_of_labview
 from ldbb_bayes.reading.sheet import Sheet
@@ -26,8 +27,6 @@ __all__ = ["read_sheets"]
 
 # Table that replaces the wide characters of East Asian text, including the wide blank, by ASCII.
 _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x20}
-# First bytes of PDF files and pictures, which hold no table that can be read.
-_PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Separators that seldom occur inside a cell.
@@ -54,8 +53,8 @@ def read_sheets(
     Parameters
     ----------
     path
-        Path of a workbook (XLSX, XLS, ODS) or a text file. A PDF file or a picture gives one sheet
-        without rows.
+        Path of a workbook (XLSX, XLS, ODS) or a text file. A picture, or a document such as a PDF
+        file, gives one sheet without rows.
     encoding, separator
         Encoding and separator of a text file; None to determine them from its content.
     sheets
@@ -73,14 +72,14 @@ def read_sheets(
         path.suffix.lower() != ".zip",
         f"{path} must be unpacked, got an archive. Unpack it and name the files in it.",
     )
+    if is_document(raw):
+        return [Sheet(path, "", [])]
     is_workbook = raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE))
     if is_workbook or path.suffix.lower() in WORKBOOK_SUFFIXES:
         tables = []
         for sheet in read_workbook(path, raw, sheets):
             tables += split_tables(_with_plain_cells(sheet))
         return tables
-    if raw.startswith(_PICTURE_SIGNATURES):
-        return [Sheet(path, "", [])]
     if sheets:
         raise InputError(
             f"{path} must be a workbook to have sheets, got a text file with sheet {sheets[0]!r}"

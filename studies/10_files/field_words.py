@@ -10,6 +10,7 @@ import field_files as field
 import numpy as np
 from field_directions import direction_cases
 from field_files import TRUTH, Circle, FieldCase
+from field_layouts import layout_cases
 from field_shapes import shape_cases
 from openpyxl import Workbook
 
@@ -43,6 +44,7 @@ def word_cases() -> dict[str, FieldCase]:
         **column_cases(),
         **log_start_cases(),
         **direction_cases(),
+        **layout_cases(),
         **shape_cases(),
         **harmless_cases(),
     }

@@ -1,0 +1,109 @@
+"""Companion files: files beside the measurements that hold no circle, such as a protocol."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from pathlib import Path
+
+from ldbb_bayes.campaign.text_table import ARCHIVE_SIGNATURE
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.headers import Heading
+from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT
+
+__all__ = [
+    "holds_temperatures",
+    "holds_text_only",
+    "is_document",
+    "or_left_out",
+    "without_columns",
+    "without_table",
+]
+
+# First bytes of PDF files and pictures, which hold no table that can be read.
+_PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
+# Parts of which documents consist that are zipped: of a text, and of slides.
+_PARTS_OF_DOCUMENTS = ("word/document.xml", "ppt/presentation.xml")
+# Content of the part "mimetype" of a zipped text of OpenDocument.
+_MIME_TYPE_OF_TEXT = b"application/vnd.oasis.opendocument.text"
+# A text with at least this number of lines of numbers may hold a circle.
+_FEWEST_LINES = 9
+# Units of temperature as headers write them.
+_UNITS_OF_TEMPERATURE = ("°C", "degC", "C", "K", "°F", "℃")
+# Regular expression for a number that is no part of a word.
+_NUMBER = re.compile(rf"(?<![\w.,]){NUMBER_IN_TEXT}(?!\w)")
+
+
+def is_document(raw: bytes) -> bool:
+    """Return whether a file is a picture, a PDF file, or a document of a word processor.
+
+    ``raw`` is the content of the file.
+    """
+    if raw.startswith(_PICTURE_SIGNATURES):
+        return True
+    if not raw.startswith(ARCHIVE_SIGNATURE):
+        return False
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            names = archive.namelist()
+    except zipfile.BadZipFile:
+        return False  # the reader of workbooks says that the file is damaged
+    if any(name in names for name in _PARTS_OF_DOCUMENTS):
+        return True
+    # The part "mimetype" is the first part, and it is not packed.
+    return _MIME_TYPE_OF_TEXT in raw[:200]
+
+
+def holds_text_only(sheet: Sheet) -> bool:
+    """Return whether a sheet holds words and so few numbers that they are no circle.
+
+    An example is a description of the measurement. The result is false for a sheet without rows,
+    such as that of a PDF file, because nobody knows what this file holds.
+    """
+    n_lines = 0
+    for _, text in sheet.texts(sheet.rows):
+        numbers = _NUMBER.findall(text[:LONGEST_TEXT])
+        is_number = len(numbers) == 1 and text.strip(" ;,|\t") == numbers[0].strip()
+        n_lines += len(numbers) >= 2 or is_number
+    return bool(sheet.rows) and n_lines < _FEWEST_LINES
+
+
+def holds_temperatures(heading: Heading) -> bool:
+    """Return whether the header states a unit of temperature for every column of readings."""
+    units = [heading.units[column] for column in heading.readings]
+    return bool(units) and all(unit in _UNITS_OF_TEMPERATURE for unit in units)
+
+
+def without_table(sheet: Sheet, error: InputError) -> InputError:
+    """Return the error for a file without a table beside files with tables.
+
+    ``error`` is the error that the search for the table raised.
+    """
+    if not sheet.rows:
+        return InputError(
+            f"{sheet.place} must hold a table, got a document or a picture. Leave it out, or save"
+            " its table as CSV."
+        )
+    return or_left_out(error, sheet.path)
+
+
+def or_left_out(error: InputError, path: Path) -> InputError:
+    """Return an error about one of several files, with a second step: to leave this file out."""
+    return InputError(f"{error} If it holds no circle, leave this file out: {path.name}.")
+
+
+def without_columns(sheet: Sheet, heading: Heading) -> InputError:
+    """Return the error for a table without angles or readings beside files with circles.
+
+    Examples are a table of pressures and forces, and a table of temperatures.
+    """
+    headers = ", ".join(repr(header[:LONGEST_NAME]) for header in heading.headers if header)
+    return InputError(
+        f"{sheet.place} must hold a column of angles or times and a column of readings, got"
+        f" {headers[:LONGEST_TEXT] or 'columns without names'}. If it holds no circle, leave this"
+        f" file out: {sheet.path.name}. Else name its columns as in the other files, or say which"
+        " they are: --angle-column, --reading-column."
+    )
