@@ -6,12 +6,13 @@ Names, planes and directions for the columns may stand in further lines next to 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.merged_cells import with_merged_cells_filled
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.planes import plane_named
@@ -30,19 +31,31 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
     column except the first. If the first cell of this line names force or pressure with a unit, the
     other cells may be numbers without units. For example, the header ``Deviation [um]`` below 100 N
     is changed to ``100 N Deviation [um]``. Lines next to the line of loads may state a name, a
-    plane or a direction for each column; their words are put into the header, too. A sheet without
-    a line of loads is returned unchanged.
+    plane or a direction for each column; their words are put into the header, too. In these lines,
+    a text in merged cells belongs to all columns below. The headers of further columns of angles
+    are left as they are. A sheet without a line of loads is returned unchanged.
     """
     header = first_header(sheet.rows)
     if not header:
         return sheet
     names = sheet.rows[header]
-    lines = _lines_of_columns(sheet.rows[:header], len(names.cells))
+    rows_above = []
+    merged_lines = set()  # numbers of the lines with merged cells
+    for row in sheet.rows[:header]:
+        filled = with_merged_cells_filled(row, names.cells)
+        rows_above.append(filled)
+        if filled is not row:
+            merged_lines.add(row.line)
+    lines = _lines_of_columns(rows_above, len(names.cells), merged_lines)
     if not lines:
         return sheet
     first = header - len(lines)
     merged = [names.cells[0]]
+    is_named = _columns_named(names.cells)
     for column, name in enumerate(names.cells[1:]):
+        if not is_named[column + 1]:
+            merged.append(name)
+            continue
         above = " ".join(words[column] for words in lines)
         unit_or_name = f"[{name}]" if unit_named(name) else name
         merged.append(f"{above} {unit_or_name}")
@@ -50,34 +63,55 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
     return replace(sheet, rows=rows)
 
 
-def _lines_of_columns(rows: Sequence[Row], width: int) -> list[list[str]]:
+def _columns_named(names: Sequence[str]) -> list[bool]:
+    """Return, for each column, whether the texts above the header belong to its name.
+
+    They do not belong to columns of angles and to columns without a name. If there are several
+    columns of angles, and the names of other columns are those of readings, they belong to these
+    columns only.
+    """
+    angles = [has_role(unit_of(name).name, "angle") for name in names]
+    readings = [has_role(unit_of(name).name, "reading") for name in names]
+    if sum(angles) > 1 and sum(readings) == sum(angles):
+        return readings
+    return [bool(name) and not angle for name, angle in zip(names, angles, strict=True)]
+
+
+def _lines_of_columns(
+    rows: Sequence[Row], width: int, merged_lines: Collection[int]
+) -> list[list[str]]:
     """Return, for each line that describes the columns below, one text for each column.
 
     The texts are loads, names, planes or directions. The lines stand directly above the header, and
-    one of them must state loads; if none does, the list is empty. The first column has no text.
+    one of them must state loads; if none does, the list is empty. The line of loads comes first, so
+    that no number of a name stands in front of a load. The first column has no text.
     ``rows`` are the rows above the header, and ``width`` is the number of cells of the header.
+    ``merged_lines`` are the numbers of the lines with merged cells.
     """
     lines: list[list[str]] = []
-    has_loads = False
+    line_of_loads: list[str] = []
     for row in reversed(rows):
         if len(row.cells) != width:
             break
         loads = _loads_of(row.cells)
-        words = loads or _words_of_columns(row.cells)
-        if not words or (loads and has_loads):
+        words = loads or _words_of_columns(row.cells, row.line in merged_lines)
+        if not words or (loads and line_of_loads):
             break
-        has_loads = has_loads or bool(loads)
-        lines.insert(0, words)
-    if not has_loads:
+        if loads:
+            line_of_loads = words
+        else:
+            lines.insert(0, words)
+    if not line_of_loads:
         return []
-    return lines
+    return [line_of_loads, *lines]
 
 
-def _words_of_columns(cells: Sequence[str]) -> list[str]:
+def _words_of_columns(cells: Sequence[str], is_merged: bool) -> list[str]:
     """Return the names, planes or directions in a line, one for each cell except the first.
 
-    In a line of names, all names must differ, and the first cell must be empty. The result is an
-    empty list if the line is no line of names, planes or directions.
+    In a line of names without merged cells (``is_merged``), all names must differ, and the first
+    cell must be empty. The result is an empty list if the line is no line of names, planes or
+    directions.
     """
     words = list(cells[1:])
     if not all(words):
@@ -89,7 +123,8 @@ def _words_of_columns(cells: Sequence[str]) -> list[str]:
         return directions
     has_letters = all(re.search(r"[^\W\d]", word) for word in words)
     is_unit = any(unit_named(word.strip("[]()")) for word in words)
-    if not cells[0] and has_letters and not is_unit and len(set(words)) == len(words):
+    are_names = not cells[0] and len(set(words)) == len(words)
+    if has_letters and not is_unit and (are_names or is_merged):
         return words
     return []
 

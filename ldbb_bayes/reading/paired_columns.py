@@ -32,7 +32,7 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     header = first_header(sheet.rows)
     if header is None:
         return [sheet]
-    names = list(sheet.rows[header].cells)
+    names = _with_last_gap(sheet.rows[header].cells)
     width = _width_of_tables(names)
     if not width:
         return [sheet]
@@ -45,6 +45,22 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     for start, title in zip(starts, titles, strict=True):
         tables.append(_columns_of(sheet, header, range(start, start + width), title))
     return tables
+
+
+def _with_last_gap(names: Sequence[str]) -> list[str]:
+    """Return the headers of all columns, with the empty columns that the last table lacks.
+
+    Empty columns may stand between the tables. Files do not always have them behind the last table.
+    """
+    padded = list(names)
+    starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
+    if len(starts) < 2:
+        return padded
+    width = starts[1] - starts[0]
+    n_missing = -len(names) % width
+    if not any(names[starts[1] - n_missing : starts[1]]):
+        padded += [""] * n_missing
+    return padded
 
 
 def _width_of_tables(names: Sequence[str]) -> int:

@@ -101,7 +101,7 @@ def first_header(rows: Sequence[Row]) -> int | None:
         cells = rows[k].cells
         if not (names_columns(cells) and any(names_any_role(cell) for cell in cells)):
             continue
-        if _describes_columns(cells):
+        if _describes_columns(cells) or _names_circle(rows[k + 1].cells):
             continue
         if (
             count_numbers(rows[k + 1].cells) >= 2
@@ -109,6 +109,15 @@ def first_header(rows: Sequence[Row]) -> int | None:
         ):
             return k
     return None
+
+
+def _names_circle(cells: Sequence[str]) -> bool:
+    """Return whether a row is a header with both a column of angles and a column of readings."""
+    if not names_columns(cells):
+        return False
+    names = [unit_of(cell).name for cell in cells]
+    has_angle = any(has_role(name, "angle") for name in names)
+    return has_angle and any(has_role(name, "reading") for name in names)
 
 
 def _describes_columns(cells: Sequence[str]) -> bool:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Sequence
+
 import field_files as field
-from field_files import FieldCase
+from field_files import TRUTH, FieldCase
+from openpyxl import Workbook
 
 __all__ = ["layout_cases"]
 
@@ -12,7 +16,7 @@ HEADER = "Angle [deg],Reading [um]"
 
 def layout_cases() -> dict[str, FieldCase]:
     """Return the cases of companion files and of layouts of several tables."""
-    return {**companion_cases()}
+    return {**companion_cases(), **merged_cases()}
 
 
 def companion_cases() -> dict[str, FieldCase]:
@@ -44,4 +48,57 @@ def companion_cases() -> dict[str, FieldCase]:
             refusal="eave it out" if name.endswith("pdf") else f"leave this file out: {name}",
             mended=circles,
         )
+    return cases
+
+
+def pairs_of(k: int) -> list[str]:
+    """Return angle and reading of each circle at one angle."""
+    cells: list[str] = []
+    for circle in TRUTH:
+        cells += [str(cell) for cell in field.plain(circle, k)]
+    return cells
+
+
+def merged_workbook(rows_above: Sequence[Sequence[object]]) -> dict[str, bytes]:
+    """Return a workbook of pairs of columns below merged cells; the header is the last row."""
+    book = Workbook()
+    sheet = book.active
+    for row in rows_above:
+        sheet.append(list(row))
+    for line in range(1, len(rows_above)):
+        for first in "ACE":
+            sheet.merge_cells(f"{first}{line}:{chr(ord(first) + 1)}{line}")
+    for k in range(len(field.ANGLES_DEG)):
+        sheet.append([float(cell) for cell in pairs_of(k)])
+    stream = io.BytesIO()
+    book.save(stream)
+    return {"m.xlsx": stream.getvalue()}
+
+
+def merged_cases() -> dict[str, FieldCase]:
+    """Return tables in which one cell with the force stands above each pair of columns."""
+    kind = "forces in merged cells"
+    header = ";".join(["Angle [deg];Deviation [um]"] * 3)
+    lines = (
+        "100 N;;300 N;;600 N;",
+        ";F = 100 N;;F = 300 N;;F = 600 N",
+        "Kraft [N];100;;300;;600",
+        "Maschine;M 1\n100 N;;300 N;;600 N",
+    )
+    cases = {}
+    for number, above in enumerate(lines):
+        cases[f"merged_{number}"] = FieldCase(
+            kind,
+            f"{above.splitlines()[-1]!r} above pairs of columns",
+            field.wide(header, pairs_of, above=above),
+        )
+    forces = ["100 N", None, "300 N", None, "600 N", None]
+    names = ["Test 1", None, "Test 2", None, "Test 3", None]
+    columns = ["Winkel [°]", "Abweichung [µm]"] * 3
+    cases["merged_sheet"] = FieldCase(
+        kind, "merged cells in a workbook", merged_workbook([forces, columns])
+    )
+    cases["merged_sheet_names"] = FieldCase(
+        kind, "merged cells with forces and names", merged_workbook([forces, names, columns])
+    )
     return cases

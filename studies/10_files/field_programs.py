@@ -124,8 +124,6 @@ def side_by_side_cases() -> dict[str, FieldCase]:
             field.wide(
                 ";".join(["Angle [deg];Reading [um]"] * 3), pairs, above="100 N;;300 N;;600 N;"
             ),
-            refusal="--forces-N",
-            step=given,
         ),
         "pairs_repeated_without_forces": FieldCase(
             kind,

@@ -1,0 +1,79 @@
+"""Merged cells above the header: one cell, such as ``100 N``, above several columns.
+
+A file states the text of merged cells in one of them, usually the first; the others are empty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.column_roles import has_role, unit_of
+
+__all__ = ["with_merged_cells_filled"]
+
+
+def with_merged_cells_filled(row: Row, names: Sequence[str]) -> Row:
+    """Return a row above the header in which every cell has the text of its group of columns.
+
+    A group of columns is one of several tables beside each other, which begins at a column of
+    angles. If only the first column holds angles, a group begins at each filled cell of the row,
+    and all groups have equally many columns. A label, such as ``Force [N]``, may stand in the first
+    cell of the row. A row that does not have one text for each of several groups is returned
+    unchanged.
+
+    Parameters
+    ----------
+    row
+        A row above the header.
+    names
+        Headers of all columns.
+    """
+    cells = [*row.cells, *[""] * (len(names) - len(row.cells))]
+    if len(cells) > len(names) or all(cells[1:]):
+        return row
+    starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
+    if not starts or starts[0] != 0:
+        return row
+    if len(starts) == 1:
+        starts = _starts_of_even_groups(cells)
+    if len(starts) < 2:
+        return row
+    filled = _filled(cells, starts)
+    if filled is None and cells[0]:
+        filled = _filled(["", *cells[1:]], starts)  # the first cell is a label
+        if filled is not None:
+            filled[0] = cells[0]
+    if filled is None:
+        return row
+    return Row(row.line, filled)
+
+
+def _starts_of_even_groups(cells: Sequence[str]) -> list[int]:
+    """Return the indices of the filled cells except the first cell, if they are evenly spaced.
+
+    The last group of columns must be as wide as the others. Return an empty list otherwise.
+    """
+    starts = [k for k, cell in enumerate(cells) if cell and k > 0]
+    if len(starts) < 2 or starts[0] != 1:
+        return []
+    width = starts[1] - starts[0]
+    if starts != list(range(1, len(cells), width)) or (len(cells) - 1) % width:
+        return []
+    return starts
+
+
+def _filled(cells: Sequence[str], starts: Sequence[int]) -> list[str] | None:
+    """Return the cells of a row, each with the text of its group of columns.
+
+    ``starts`` are the indices of the columns at which the groups begin. Return None if a group does
+    not have exactly one text.
+    """
+    filled = list(cells[: starts[0]])
+    ends = [*starts[1:], len(cells)]
+    for start, end in zip(starts, ends, strict=True):
+        texts = [cell for cell in cells[start:end] if cell]
+        if len(texts) != 1:
+            return None
+        filled += texts * (end - start)
+    return filled
