@@ -30,14 +30,14 @@ __all__ = [
 ]
 
 Branch = Literal["tool", "workpiece"]
-# Names of the linear axes, in the order of the components of vectors.
+# Letters of the linear axes, in the order of the components of a vector.
 LINEAR = "XYZ"
-# Names of the rotations about X, Y and Z, in the order of the components of vectors.
+# Letters of the rotations about X, Y and Z, in the order of the components of a vector.
 ROTARY = "ABC"
 # Letters that axes may have in a topology; U, V, W are secondary axes, S is the spindle.
 _AXIS_LETTERS = "XYZABCUVWS"
-# Largest coordinate [mm] that the frame of a joint may have; a larger number is probably in another
-# unit.
+# Largest permitted coordinate of a joint's frame [mm]. A larger number was probably entered in
+# another unit.
 LARGEST_MM = 1e5
 
 
@@ -62,9 +62,9 @@ PLANES: Mapping[str, Axes] = {
 
 @dataclass(frozen=True)
 class Circle(Shown):
-    """The nominal circle of a test, on which the tool ball runs around the work ball.
+    """The nominal circle of a test, on which the tool ball moves around the work ball.
 
-    The centre of the circle is stated in the machine coordinate system.
+    The centre of the circle is given in machine coordinates.
 
     Examples
     --------
@@ -75,8 +75,8 @@ class Circle(Shown):
     """
 
     radius_mm: float = 150.0  #: nominal distance between the balls [mm]
-    #: position (X, Y, Z) of the work ball [mm]; the coordinate normal to the plane affects only
-    #: lever arms
+    #: position (X, Y, Z) of the work ball [mm]; the coordinate normal to the plane of the circle
+    #: changes only lever arms
     centre_mm: Sequence[float] = (0.0, 0.0, 0.0)
     plane: str = "XY"  #: plane of the circle; angles are measured from the plane's first axis
 
@@ -86,7 +86,8 @@ class Circle(Shown):
     def direction(self, angle_rad: Array) -> Array:
         """Return the direction from work ball to tool ball as unit vectors, shape (n, 3).
 
-        ``angle_rad`` are n angles from the first axis of the plane [rad].
+        ``angle_rad`` holds the n angles of the bar, measured from the first axis of the plane
+        [rad].
         """
         direction = np.zeros((len(angle_rad), 3))
         direction[:, LINEAR.index(self.plane[0])] = np.cos(angle_rad)
@@ -96,17 +97,18 @@ class Circle(Shown):
     def position_mm(self, angle_rad: Array) -> Array:
         """Return the nominal coordinates X, Y and Z of the tool ball, shape (n, 3) [mm].
 
-        ``angle_rad`` are n angles of the bar from the first axis of the plane [rad].
+        ``angle_rad`` holds the n angles of the bar, measured from the first axis of the plane
+        [rad].
         """
         return self.radius_mm * self.direction(angle_rad) + np.asarray(self.centre_mm)
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Joint of a linear axis: name of the axis, what the axis carries, and position of the frame.
+    """Joint of a linear axis: letter of the axis, what the axis carries, and position of the frame.
 
-    The frame is the coordinate system about whose origin the compliances and error motions of the
-    joint are defined.
+    The frame is the coordinate system of the joint. The compliances and error motions of the joint
+    refer to the origin of this frame.
     """
 
     axis: str  #: name of the linear axis: X, Y or Z
@@ -117,7 +119,7 @@ class Joint:
 
     @property
     def index(self) -> int:
-        """Index of the joint's axis in vectors: X is 0, Y is 1, Z is 2."""
+        """Index of the joint's axis in a vector (X, Y, Z): 0 for X, 1 for Y, 2 for Z."""
         return LINEAR.index(self.axis)
 
     @property
@@ -196,10 +198,10 @@ class Machine(Shown):
         )
 
     def _check_topology(self) -> None:
-        """Raise an `InputError` if the topology is not written as w…F…t or has a faulty axis.
+        """Raise an `InputError` if the topology is not valid.
 
-        An axis is faulty if its letter is unknown or occurs twice. The error is also raised if the
-        topology lacks an axis of a tested plane.
+        A valid topology has the form w…F…t. It consists of known axis letters, each of which occurs
+        once, and it contains both axes of every tested plane.
         """
         topology = self.topology
         inner = topology[1:-1]
@@ -229,15 +231,15 @@ class Machine(Shown):
 
     @property
     def plane(self) -> str:
-        """Tested planes as one text, such as XY + YZ."""
+        """Names of the tested planes, joined by plus signs, such as XY + YZ."""
         return " + ".join(self.planes)
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """Joints of linear axes; the model has compliances and geometric errors at these joints.
+        """Joints at which the model has compliances and geometric errors.
 
-        There is one joint for each axis that moves in a tested plane, in the order in which the
-        names of the planes list the axes.
+        There is one joint for each linear axis that moves in a tested plane. The joints have the
+        order in which their axes first occur in the names of the planes.
         """
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))
 
@@ -249,12 +251,12 @@ class Machine(Shown):
         return Joint(axis, branch, self.frames_mm.get(axis, (0.0, 0.0, 0.0)))
 
     def squareness_joints(self, plane: str) -> tuple[Joint, Joint]:
-        """Return the two joints between which the squareness error of a plane is defined.
+        """Return the reference joint of a plane's squareness error, and the plane's other joint.
 
-        The first joint is the reference. If both joints carry the tool, or both the workpiece, the
-        reference is the joint nearer the foundation. If one joint carries the tool and the other
-        the workpiece, the reference is the joint that carries the workpiece. The squareness error
-        turns the axis of the second joint. ``plane`` is XY, YZ or ZX.
+        If both joints carry the tool, or both carry the workpiece, the reference is the joint
+        nearer to the foundation. If one joint carries the tool and the other the workpiece, the
+        reference is the joint that carries the workpiece. The squareness error turns the axis of
+        the joint that is not the reference. ``plane`` is XY, YZ or ZX.
         """
         a = self.joint(plane[0])
         b = self.joint(plane[1])
@@ -301,8 +303,8 @@ class Machine(Shown):
         """Return the position (X, Y, Z) of a ball with all axes at zero, shape (n, 3) [mm].
 
         There is one position for each of n angles of the bar. The work ball is at the circle's
-        centre. The tool ball is at the origin. If the machine lacks one of the linear axes X, Y and
-        Z, the coordinate of the tool ball along this axis is its nominal coordinate on the circle.
+        centre, and the tool ball is at the origin. A machine may lack one of the linear axes X, Y
+        and Z. The tool ball then has its nominal coordinate on the circle along this axis.
 
         Parameters
         ----------

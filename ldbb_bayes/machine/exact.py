@@ -28,10 +28,10 @@ def exact_reading_mm(
 ) -> Array:
     """Return the exact reading of one circle: geometric part (Eq. 1-14) plus elastic part (Eq. 20).
 
-    The geometric part is the distance of the balls minus the radius; homogeneous transforms of the
-    whole chain give this distance. The elastic part is F Σ j_C · C, where F is the force, C are the
-    compliances, and j_C is the reading per unit force and per unit of each compliance. Equations
-    are those of the paper.
+    The geometric part is the distance between the balls minus the radius. The distance is computed
+    with homogeneous transforms of the whole chain. The elastic part is F Σ j_C · C, where F is the
+    force, C are the compliances, and j_C is the reading per unit force and per unit of each
+    compliance. Equation numbers are those of the paper.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def exact_reading_mm(
 
     Examples
     --------
-    An axis X with 60 nm/N, loaded with 500 N along X and at 45° to it:
+    An X axis with a compliance of 60 nm/N, under a bar force of 500 N along X and at 45° to X:
 
     >>> lb.machine.exact_reading_mm(
     ...     lb.Machine(),
@@ -90,7 +90,8 @@ def geometric_reading_mm(
 ) -> Array:
     """Return the exact effect of geometric errors on the reading at n angles, shape (n,) [mm].
 
-    The effect is the distance of the two balls minus the nominal radius (Eq. 13-14 of the paper).
+    The effect is the distance between the two balls minus the nominal radius (Eq. 13-14 of the
+    paper).
 
     Parameters
     ----------
@@ -136,12 +137,12 @@ def _branch_transform(
 def _joint_transform(
     machine: Machine, joint: Joint, coordinate: Array, errors: Mapping[str, Any]
 ) -> Array:
-    """Return the homogeneous transforms of one joint about its frame, shape (n, 4, 4).
+    """Return the homogeneous transforms of one joint at n positions, shape (n, 4, 4).
 
     The transforms contain the nominal motion and the error motions of the joint (Eq. 4-5 and 8-9 of
-    the paper). ``coordinate`` (n,) holds n nominal displacements along the joint's axis [mm]. For a
-    joint that carries the workpiece, the displacement is the machine coordinate times −1.
-    ``errors`` maps the names of geometric errors to their values.
+    the paper). ``coordinate``, shape (n,), holds the nominal displacements along the joint's axis
+    [mm]. For a joint that carries the workpiece, the displacement is the machine coordinate times
+    −1. ``errors`` maps the names of geometric errors to their values.
     """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate
@@ -169,7 +170,7 @@ def _joint_transform(
 def _translation(vector: Array) -> Array:
     """Return the homogeneous transforms of n translations, shape (n, 4, 4).
 
-    ``vector`` (n, 3) are the translations along X, Y and Z.
+    ``vector``, shape (n, 3), holds the translations along X, Y and Z [mm].
     """
     transform = np.tile(np.eye(4, dtype=vector.dtype), (len(vector), 1, 1))
     transform[:, :3, 3] = vector

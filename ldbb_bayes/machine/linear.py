@@ -1,4 +1,4 @@
-"""Linear effects of compliances and geometric errors on readings, and separable compliances.
+"""Linear effects of compliances and geometric errors on readings; identifiable compliances.
 
 A unit force along the bar, whose direction is B̂, loads joint k with the wrench g_k, shape (6,):
 three forces and three moments about the joint's frame. The wrench is g_k = J_kᵀ B̂ =
@@ -10,9 +10,9 @@ rotations about the same frame, changes the reading by g_k · e if the joint car
 −g_k · e if it carries the workpiece (Eq. 16-23). If all levers lie in the plane of the circle, this
 is the paper's planar model.
 
-Circles cannot separate all compliances (Table 2 of the paper). Some compliances never change a
-reading (null columns), and some change readings in proportion to each other (proportional sets).
-One compliance of each set is kept; it represents the set.
+Circular tests cannot identify all compliances (Table 2 of the paper). Some compliances never change
+a reading (null columns). Others change the readings in proportion to each other (proportional
+sets); one compliance of each proportional set is kept and represents the set.
 """
 
 from __future__ import annotations
@@ -50,25 +50,23 @@ __all__ = [
     "wrench_jacobian",
 ]
 
-# Number of angles of a full circle at which the effects of compliances are compared.
+# Number of angles of a full circle at which the effects of compliances on the reading are compared.
 _ANGLES = 64
-# The effects of two compliances on the readings are proportional if the cosine of the angle between
-# their columns differs from ±1 by at most this number. A column holds the readings per unit of a
-# compliance.
+# A column holds the readings per unit of a compliance. Two columns count as proportional if the
+# cosine of the angle between them differs from ±1 by at most this number.
 _PARALLEL = 1e-10
 # A compliance is treated as having no effect if the norm of its column (the readings per unit of
 # the compliance) is smaller than this fraction of the largest norm of any compliance's column.
 _NULL_SHARE = 1e-10
-# This number is used as a limit of rounding errors in two comparisons. First, a compliance that is
-# not kept as a parameter of the model can have a part of its effect in common with a kept
-# compliance; a part smaller than this fraction of the whole effect is a rounding error. Second, a
-# kept compliance represents a weighted sum of compliances; a negative eigenvalue of the matrix of
-# the weights is a rounding error if its absolute value is smaller than this fraction of the largest
-# weight.
+# Limit for rounding errors in two comparisons. First, a kept compliance represents a weighted sum
+# of compliances. The weight of a compliance in this sum is ignored if its effect on the readings is
+# smaller than this fraction of the whole effect of the compliance. Second, a matrix counts as
+# positive semi-definite if its eigenvalues are larger than minus this number times the largest
+# element.
 _ROUNDING_WEIGHT = 1e-7
-# A column holds the readings per unit of a compliance, scaled to length one. A column is
-# independent of other columns if it has a part that is not a linear combination of the other
-# columns, and this part is longer than this number.
+# A column holds the readings per unit of a compliance, scaled to length one. A column counts as
+# linearly independent of other columns if its component orthogonal to them is longer than this
+# number.
 _INDEPENDENT = 1e-8
 
 
@@ -84,10 +82,10 @@ class ErrorBearer(NamedTuple):
 def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
     """Return the reading per unit force and per unit of each planar compliance, at n angles.
 
-    This is the wrench Jacobian of the paper, for the nominal circle ``circle`` on ``machine``. It
-    has the shape (n, 18) for one plane; the unit of an element is 1, mm or mm². Columns are in the
-    order of `wrench_names`. ``angle_rad`` (n,) are angles of the bar from the first axis of the
-    plane [rad].
+    This matrix is the wrench Jacobian of the paper. It has the shape (n, 18) for one plane, and its
+    elements have the unit 1, mm or mm². The columns are in the order of `wrench_names`. ``circle``
+    is the nominal circle on ``machine``. ``angle_rad``, shape (n,), holds the angles of the bar,
+    measured from the first axis of the plane [rad].
     """
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
@@ -126,10 +124,10 @@ def compliance_jacobian(
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
     """Return the reading per unit of each geometric error, at n angles (Eq. 16-18 of the paper).
 
-    ``circle`` is the nominal circle of the test on ``machine``. The result has the shape (n, number
-    of geometric errors) [mm per unit of the error], with one column for each name that
-    `geometric_names` returns. ``angle_rad`` (n,) are angles of the bar from the first axis of the
-    plane [rad].
+    The result has the shape (n, number of geometric errors) [mm per unit of the error], with one
+    column for each name that `geometric_names` returns. ``circle`` is the nominal circle of the
+    test on ``machine``. ``angle_rad``, shape (n,), holds the angles of the bar, measured from the
+    first axis of the plane [rad].
     """
     columns = [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)]
     return np.stack(columns, axis=1)
@@ -139,8 +137,8 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
     """Return the change of the reading at n angles per unit of a geometric error, shape (n,).
 
     ``name`` is the name of the geometric error. ``circle`` is the nominal circle of the test on
-    ``machine``, and ``angle_rad`` (n,) are angles of the bar from the first axis of the plane
-    [rad].
+    ``machine``. ``angle_rad``, shape (n,), holds the angles of the bar, measured from the first
+    axis of the plane [rad].
     """
     direction = circle.direction(angle_rad)
     component = COMPONENTS.index(name.component)
@@ -157,12 +155,12 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
 def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
     """Return a geometric error's joint, and whether the error acts before the joint's motion.
 
-    A squareness error concerns two axes. If both carry the tool, or both the workpiece, the error
-    acts after the motion of the reference axis. If one axis carries the tool and the other the
-    workpiece, the error acts before the motion of the axis that is not the reference. Gains and
-    straightness deviations act at the joint of their axis, after its motion. ``name`` is the name
-    of the error and ``machine`` the machine that has the error. ``name`` must not be an offset of
-    the tool, because tool offsets act at no joint.
+    A squareness error concerns two axes. If both axes carry the tool, or both carry the workpiece,
+    the error acts after the motion of the reference axis. If one axis carries the tool and the
+    other the workpiece, the error acts before the motion of the axis that is not the reference.
+    Scale errors (gains) and straightness deviations act at the joint of their axis, after its
+    motion. ``name`` is the name of an error of ``machine``; it must not be a tool offset, because
+    tool offsets act at no joint.
     """
     if name.kind != "squareness":
         return ErrorBearer(machine.joint(name.axis), before_motion=False)
@@ -204,19 +202,19 @@ class Kept:
     #: compliance on the reading divided by the effect of the kept compliance; the unit of a weight
     #: is a power of mm.
     weights: tuple[tuple[float, ...], ...]
-    #: for each kept compliance, the weights of further compliances that it represents in part. The
-    #: effects of these further compliances are linear combinations of the effects of several kept
-    #: compliances.
+    #: for each kept compliance, the weights of further compliances in the weighted sum that it
+    #: represents. The effects of these further compliances on the readings are linear combinations
+    #: of the effects of several kept compliances.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: for each kept compliance, whether it is never negative; this is the case if it is a
-    #: deflection in the direction of the load itself
+    #: for each kept compliance, whether it cannot be negative, as is the case for a deflection in
+    #: the direction of its load
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
     #: names of compliances whose effect on the reading is a linear combination of the effects of
     #: several kept compliances. Of each proportional set without a kept compliance, only the
     #: representative is named.
     dependent: tuple[str, ...]
-    #: number of linearly independent effects of all compliances on readings at equally spaced
+    #: rank of the matrix that holds the effects of all compliances on readings at equally spaced
     #: angles of full circles
     rank: int
     #: condition number of the matrix with one column for each kept compliance; a column holds the
@@ -225,13 +223,14 @@ class Kept:
 
 
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
-    """Return the compliances that circles can separate, and the set that each represents (Table 2).
+    """Return the compliances that circular tests can separate, and the set that each represents.
 
-    The compliances and sets are found numerically from the readings per unit compliance. Two kinds
-    of compliances are examined: the planar compliances of every tested plane, and all further
-    compliances of the joints that change a reading. Compliances that change readings in proportion
-    to each other form a set. The representative of a set is chosen by these rules, applied in this
-    order; for the paper's machine, the rules give the paper's choice:
+    The compliances and sets (Table 2 of the paper) are computed numerically from the readings per
+    unit compliance. Two kinds of compliances are examined: the planar compliances of every tested
+    plane, and all further compliances of the joints that change a reading. Compliances that change
+    readings in proportion to each other form a set. The following rules choose the compliance that
+    represents a set, in the order of their importance. For the paper's machine, the rules give the
+    paper's choice:
 
     1. prefer a compliance that is not a translation caused by a moment;
     2. prefer the compliance with the fewest rotary components;
@@ -264,7 +263,7 @@ class _Candidates:
 
 
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
-    """Return the compliances that may change readings on given circles, with their effects.
+    """Return the compliances that may change readings on ``circles``, with their effects.
 
     The compliances are those of ``machine``: all planar compliances of the tested planes, and all
     further compliances of the joints that change a reading on one of ``circles``.
@@ -295,12 +294,13 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
 
 @lru_cache(maxsize=64)
 def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
-    """Return the compliances that circles can separate; they are kept as parameters of the model.
+    """Return the compliances that circular tests can separate: the parameters of the model.
 
-    ``circles`` are the nominal circles of tests on ``machine``. Each kept compliance represents a
-    weighted sum of compliances, which is also returned. A column holds the readings per unit of a
-    compliance. Compliances with proportional columns form a set. One compliance of every set is
-    kept, unless its column depends linearly on the columns of compliances that are already kept.
+    A column holds the readings per unit of a compliance. Compliances with proportional columns form
+    a set. One compliance of each set is kept as a parameter, unless its column is a linear
+    combination of the columns of compliances that are already kept. The result also states the
+    weighted sum of compliances that each kept compliance represents. ``circles`` are the nominal
+    circles of tests on ``machine``.
     """
     candidates = _candidates(machine, circles)
     names = candidates.names
@@ -309,9 +309,9 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     heads = sorted(set_by_head, key=lambda i: _table_order(names[i], machine))
     chosen = _independent(candidates.unit, heads)
     dropped = [i for i in heads if i not in chosen]
-    # A column holds the readings per unit of a compliance. The columns of kept compliances are
-    # scaled to reduce rounding errors; every column is then expressed as a combination of these
-    # columns.
+    # A column holds the readings per unit of a compliance. Express every column as a linear
+    # combination of the columns of the kept compliances. These are scaled first, to reduce rounding
+    # errors.
     scale = np.abs(jacobian[:, chosen]).max(axis=0)
     scaled = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0]
     coefficients = scaled / scale[:, None]
@@ -380,8 +380,8 @@ def _not_negative(
         Weight of each compliance in the sum that each kept compliance represents, shape (number of
         kept compliances, m).
     """
-    # Scale the matrices of weights by the typical size of each force and moment, to make the
-    # elements of the matrices comparable.
+    # Divide the weights by typical magnitudes of the forces and moments, so that the elements of
+    # the matrices become comparable.
     unit = dict.fromkeys(COMPONENTS, 1.0)
     for i, name in enumerate(names):
         if name.twist == name.wrench:
@@ -400,10 +400,9 @@ def _not_negative(
 def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]) -> list[Array]:
     """Return a symmetric matrix of the weights of compliances for each joint, shape (6, 6).
 
-    Rows and columns are in the order X, Y, Z, A, B, C: components along and about the three axes.
-    The weight of a compliance with the components i and j (motion and load) is divided equally
-    between the elements (i, j) and (j, i) of the matrix; ``halves`` holds half of the weight of
-    each compliance in ``names``.
+    Rows and columns are in the order X, Y, Z, A, B, C. A compliance relates a motion component i to
+    a load component j; its weight is divided equally between the elements (i, j) and (j, i) of the
+    matrix. ``halves`` holds half of the weight of each compliance in ``names``.
     """
     matrices: dict[str, Array] = {}
     for name, half in zip(names, halves, strict=True):
@@ -418,10 +417,9 @@ def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]
 def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
     """Return sets of compliances whose effects on the readings are proportional to each other.
 
-    ``candidates`` are all compliances that may change readings. Each set is a list of indices of
-    its compliances, counted from 0 among the candidates. The preferred compliance comes first; it
-    represents the set. A compliance whose effect is not proportional to any other effect forms a
-    set alone.
+    ``candidates`` are all compliances that may change readings. Each set is a list of indices into
+    the candidates. The first index belongs to the compliance that represents the set. A compliance
+    whose effect is not proportional to any other effect forms a set of its own.
     """
     unit = candidates.unit
     sets: list[list[int]] = []
@@ -464,12 +462,12 @@ def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
 
 
 def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
-    """Return the indices of compliances with effects that are linearly independent of each other.
+    """Return the indices of compliances whose effects on the readings are linearly independent.
 
-    ``representatives`` holds the indices of the compliances in the order in which they are
-    examined. A compliance is left out if its effect is a linear combination of the effects of
-    compliances that are already chosen. ``unit`` (n, m) has one column for each of m compliances,
-    which holds the readings at n angles, scaled to length one.
+    The compliances are examined in the order of ``representatives``, which holds their indices. A
+    compliance is left out if its effect is a linear combination of the effects of compliances that
+    were chosen before. ``unit``, shape (n, m), has one column for each of m compliances. A column
+    holds the readings at n angles, scaled to length one.
     """
     chosen: list[int] = []
     basis = np.zeros((unit.shape[0], 0))

@@ -25,8 +25,8 @@ ComplianceKind = Literal[
 # Names of the six components of a twist (displacement and rotation) or of a wrench (force and
 # moment): X, Y, Z are the components along the axes, and A, B, C the components about the axes.
 COMPONENTS = LINEAR + ROTARY
-# Power of the axis' coordinate that multiplies a geometric error. The keys are the kinds of errors;
-# for kinds that are not listed the power is 0.
+# A geometric error is multiplied by this power of the axis coordinate. The keys are the kinds of
+# errors. For kinds that are not listed, the power is 0.
 _ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 
 
@@ -52,7 +52,7 @@ class ComplianceName:
 
     @property
     def rotations(self) -> int:
-        """Number of rotary components of the compliance: 0, 1 or 2.
+        """Number of rotary components (rotation, moment) of the compliance: 0, 1 or 2.
 
         The number is 2 for a rotation caused by a moment, 1 for a rotation caused by a force, 1 for
         a displacement caused by a moment, and 0 for a displacement caused by a force.
@@ -64,7 +64,7 @@ class ComplianceName:
         """Physical kind of the compliance, which determines its unit and its default prior.
 
         Kinds are, for example, "direct" (displacement along the force) and "cross" (displacement
-        across the force).
+        perpendicular to the force).
         """
         same_component = self.twist == self.wrench
         if self.rotations == 2:
@@ -90,11 +90,11 @@ class ComplianceName:
 
     @property
     def preference(self) -> tuple[bool, int, bool, bool, str]:
-        """Sort key of the compliance: the compliance with the smallest key represents its set.
+        """Sort key for the choice of one compliance that represents a set of compliances.
 
-        The compliances of a set change the readings in proportion to each other; circles therefore
-        cannot separate these compliances. `kept_compliances` states the rules by which the
-        representative is chosen.
+        The compliances of such a set affect the readings in proportion to each other. Circular
+        tests therefore cannot separate them. The compliance with the smallest key represents the
+        set. `kept_compliances` lists the rules from which the key is made.
         """
         translation_for_moment = self.wrench in ROTARY and self.twist not in ROTARY
         turned_plane = {axes.rotation: plane for plane, axes in PLANES.items()}
@@ -113,13 +113,13 @@ class GeometricName:
     #: tool)
     kind: GeometricKind
     reference: str = ""  #: reference axis of a squareness error; empty for other errors
-    #: number of the set-up to which a tool offset belongs, if this number is 2 or larger; 0 for the
-    #: tool offsets of set-up 1 and for all other geometric errors
+    #: number of the set-up (2, 3, …) to which a tool offset belongs; 0 for the tool offsets of
+    #: set-up 1 and for all other geometric errors
     setup: int = 0
 
     @property
     def label(self) -> str:
-        """Name of the geometric error in code, such as E_XX1, E_YX2 and E_Xt0.
+        """Name of the geometric error in code and results, such as E_XX1, E_YX2 and E_Xt0.
 
         The squareness error E_C(0Y)X of ISO 230-1 is named E_C0YX. The tool offset E_Xt0 of set-up
         2 is named E_Xt0_2.
@@ -131,7 +131,7 @@ class GeometricName:
 
     @property
     def order(self) -> int:
-        """Power of the axis' coordinate that multiplies the geometric error.
+        """Power of the axis coordinate by which the geometric error is multiplied.
 
         The power is 1 for a gain, 2 for a quadratic straightness deviation, and 0 for other errors.
         """
@@ -174,8 +174,9 @@ def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
 def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
     """Return the names of all compliances of the joints of a machine, 6 × 6 = 36 for each joint.
 
-    Each of three displacements and three rotations may be caused by each of three forces and three
-    moments. The joints are those that move in any tested plane.
+    There is one compliance for each pair of a motion (three displacements, three rotations) and a
+    load (three forces, three moments). The joints are those whose axes move in at least one tested
+    plane.
     """
     names = []
     for joint in machine.joints:
@@ -188,9 +189,9 @@ def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
 def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
     """Return the names of the machine's geometric errors in the order of the paper.
 
-    The errors of each tested plane are gains, quadratic straightness deviations and the squareness
-    error. An error that belongs to two planes is named once. The offsets of the tool are last, one
-    along every linear axis that moves in a tested plane.
+    The errors of each tested plane are scale errors (gains), quadratic straightness deviations and
+    the squareness error. An error that belongs to two planes is named once. The tool offsets come
+    last, one along each linear axis that moves in a tested plane.
     """
     names: list[GeometricName] = []
     for plane in machine.planes:

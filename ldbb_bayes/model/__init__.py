@@ -1,7 +1,7 @@
 """Hybrid model of compliance and geometry: terms, priors, likelihood and truncation.
 
 Terms (nuisance terms) are effects on the readings that are modelled but not of interest. Truncation
-restricts the compliances to values that are not negative.
+restricts compliances that cannot be negative to values of at least zero.
 """
 
 import lazy_loader

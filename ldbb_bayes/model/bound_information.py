@@ -28,8 +28,8 @@ __all__ = ["information_of", "informations_of"]
 class _Noise:
     """Nuisance effect that differs between tests and is therefore treated as noise of each test.
 
-    Nuisance effects are effects that are modelled but not of interest. ``term`` is the class name
-    of the effect, and ``columns`` holds the reading per unit of each of its coefficients.
+    A nuisance effect is modelled but not of interest. ``term`` is the class name of its term, and
+    ``columns`` holds the reading per unit of each of its coefficients.
     """
 
     term: str
@@ -38,7 +38,7 @@ class _Noise:
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
         """Return the covariance of this effect in the m reduced readings of one test, (m, m) [mm²].
 
-        Reduced readings are the at most 25 numbers that replace the readings of a test.
+        The reduced readings are at most 25 numbers that replace the readings of the test.
 
         Parameters
         ----------
@@ -76,11 +76,11 @@ class _SortedColumns(NamedTuple):
 def information_of(bound: BoundModel, phi: Array) -> Information:
     """Return the information that readings carry about all coefficients of a campaign's model.
 
-    The coefficients are the parameters of interest, and all coefficients of nuisances (effects
+    The coefficients are the parameters of interest, and those coefficients of nuisances (effects
     modelled but not of interest) that have the same value in all tests. Nuisances whose
     coefficients differ between tests are treated as noise of each test. ``bound`` is the model of
-    the campaign. ``phi``, shape (h,), are the h hyper-parameters, which are the scales of noise and
-    nuisances; lengths are in mm.
+    the campaign. ``phi``, shape (h,), holds the h hyper-parameters (scales of noise and nuisances),
+    with lengths in mm.
     """
     return next(informations_of(bound, phi[None]))
 
@@ -88,14 +88,13 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     """Yield the information about all coefficients for each of w values of the hyper-parameters.
 
-    The coefficients are the parameters of interest, and all coefficients of nuisances (effects
+    The coefficients are the parameters of interest, and those coefficients of nuisances (effects
     modelled but not of interest) that have the same value in all tests. Nuisances whose
     coefficients differ between tests are treated as noise of each test. ``bound`` is the model of a
-    campaign. ``phi``, shape (w, h), are w values of the h hyper-parameters, which are the scales of
-    noise and nuisances; lengths are in mm. The design matrix holds the effect of one unit of each
-    coefficient on the reduced readings (at most 25 numbers for each test). The design matrix does
-    not depend on the hyper-parameters and is computed once. Tests with the same noise share one
-    covariance.
+    campaign. ``phi``, shape (w, h), holds w values of the h hyper-parameters (scales of noise and
+    nuisances), with lengths in mm. The design matrix, which holds the effect of one unit of each
+    coefficient on the reduced readings (at most 25 numbers for each test), does not depend on the
+    hyper-parameters and is computed once. Tests with the same noise share one covariance.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)
@@ -139,14 +138,14 @@ def _sort_columns(bound: BoundModel) -> _SortedColumns:
 
 
 def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:
-    """Return for each test the index of the first test that has the same noise covariance.
+    """Return, for each test, the index of the first test that has the same noise covariance.
 
-    ``bound`` is the model of the campaign. Two tests have the same noise if both have the same
-    angles, the same noise factor λ of the circle, and the same columns of all nuisance effects that
-    act as noise (``noises``). Nuisances are effects that are modelled but not of interest; a column
-    is the reading per unit of one coefficient. In a campaign with readings, the angles of any two
-    tests count as different. ``phi``, shape (w, h), are w values of the h hyper-parameters, among
-    which are the factors λ. Indices count from 0.
+    Two tests have the same noise covariance if they have the same angles, the same noise factor λ
+    of the circle, and the same columns of all nuisance effects that act as noise (``noises``).
+    Nuisances are effects that are modelled but not of interest; a column is the reading per unit of
+    one coefficient. In a campaign with readings, the angles of any two tests count as different.
+    ``bound`` is the model of the campaign. ``phi``, shape (w, h), holds w values of the h
+    hyper-parameters, among which are the factors λ. Indices count from 0.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}
@@ -166,12 +165,12 @@ def _noise_covariances(
 ) -> dict[str, Array]:
     """Return, for each source of noise, the covariance of one test's reduced readings [mm²].
 
-    The result is a dict of arrays of shape (m, m), for m reduced readings. Its keys are the class
-    names of the nuisance terms (effects modelled but not of interest) in ``noises``, which act as
-    noise; the white noise of the readings has the key ``NOISE``. Reduced readings are the at most
-    25 numbers that replace the readings of a test. ``factor`` (m, 25) turns Fourier coefficients
-    into reduced readings, ``hyper`` holds the hyper-parameters by name, with lengths in mm, and
-    ``test`` is the index of the test, from 0.
+    The result is a dict of arrays of shape (m, m), for m reduced readings (at most 25 numbers that
+    replace the readings of a test). The keys are the class names of the nuisance terms (effects
+    modelled but not of interest) in ``noises``, which act as noise; the white noise of the readings
+    has the key ``NOISE``. ``factor``, shape (m, 25), turns Fourier coefficients into reduced
+    readings. ``hyper`` holds the hyper-parameters by name, with lengths in mm. ``test`` is the
+    index of the test, from 0.
     """
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:

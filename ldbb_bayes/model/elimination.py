@@ -1,8 +1,8 @@
 """Sparse Cholesky elimination for many values of the hyper-parameters φ at once.
 
-The observation equations are r = A x + N(0, D(φ)). r are the readings, x the coefficients of
-nuisances (effects modelled but not of interest), A (rows, columns) has one column for each
-coefficient, D(φ) is the diagonal noise covariance, and the hyper-parameters φ are the scales of
+The observation equations are r = A x + N(0, D(φ)). r are the readings, and x are the coefficients
+of nuisances (effects modelled but not of interest). A (rows, columns) has one column for each
+coefficient. D(φ) is the diagonal noise covariance, and the hyper-parameters φ are the scales of
 noise and nuisances. The module computes the right-hand side L⁻¹ Aᵀ D⁻¹ r and the lower triangular
 factor L of
 
@@ -11,20 +11,19 @@ factor L of
 How it works:
 
 1. Order. `ordering` divides the columns of A into groups, once for each campaign. The columns of a
-   group are eliminated together. When a group of s columns is eliminated, the entries of P change
-   for some of the later columns. These m later columns are the border of the group.
-2. Entries. A group has s columns of L. Each of these columns is stored as s + m + 1 entries: s for
-   the columns of the group, m for the columns of the border, and a last one for the right-hand
-   side. All entries of all groups are rows of one array, the workspace. The second dimension of the
-   workspace has the length w, one element for each value of φ, and is contiguous.
-3. Assembly. Each entry of P and of Aᵀ D⁻¹ r is a sum over kinds of rows of A (rows with the same
-   variance D). A term of the sum is a scalar product of columns, which does not depend on φ, times
-   1/D (`gram_entries`).
-4. Elimination. The groups are treated one after the other. The s columns of L of a group are
-   computed in place (`eliminate`). Each of these columns has m entries for the columns of the
-   border. The products of all pairs of these m entries are then subtracted from the entries of P
-   that belong to pairs of columns of the border. Groups of the same shape that do not depend on
-   each other are a `Front`: they are eliminated by the same function calls.
+   group are eliminated together. Eliminating a group of s columns changes the entries of P in m
+   later columns. These later columns are called the border of the group.
+2. Storage. Each column of L in a group is stored as s + m + 1 entries: s for the columns of the
+   group, m for the columns of the border, and one for the right-hand side. The entries of all
+   groups are the rows of one array, the workspace. The second dimension of the workspace has one
+   element for each of w values of φ and is contiguous in memory.
+3. Assembly. Rows of A with the same variance D form a kind. Each entry of P and of Aᵀ D⁻¹ r is a
+   sum over the kinds. A term of this sum is 1/D times a scalar product of columns, which does not
+   depend on φ (`gram_entries`).
+4. Elimination. The groups are eliminated one after the other. The function `eliminate` computes the
+   s columns of L of a group in place. Products of their entries in the border are then subtracted
+   from the entries of P in the border. Groups of the same shape that do not depend on each other
+   form a `Front`: they are eliminated by the same function calls.
 
 Prior variances may be negative: the coefficient then removes noise from the readings instead of
 adding noise (`Observations.signs`). With negative prior variances, P = L S Lᵀ, where the diagonal
@@ -47,57 +46,57 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "EliminationPlan", "Front"]
 
-# Matrices are factorised for many values of the hyper-parameters in one pass. This is the largest
-# number of values in one pass.
+# Largest number of values of the hyper-parameters for which matrices are factorised in one pass.
 _MOST_PHI = 512
 # Smallest number of values of the hyper-parameters for which matrices are factorised in one pass.
-# The factors of so many values need not fit into the processor's cache.
+# For this number of values, the factors may be larger than the processor's cache.
 FEWEST_PHI = 256
 # Number of floating-point numbers that are assumed to fit into the processor's cache.
 _CACHE_SIZE = 1 << 19
-# Values of the hyper-parameters are processed in multiples of this number. For such numbers of
-# values, the library of matrix products (BLAS) always rounds in the same way, so that results do
-# not depend on how many values are processed together.
+# Values of the hyper-parameters are processed in multiples of this number. The library for matrix
+# products (BLAS) then always rounds in the same way, so that results do not depend on how many
+# values are processed together.
 BLAS_MULTIPLE = 8
 # Largest number of elimination plans (orders in which columns are eliminated) that the cache holds.
-# Design matrices with zeros in the same places have the same plan, so that a comparison of a
-# hundred models needs fewer plans than this number.
+# Design matrices with zeros in the same places share a plan. A comparison of a hundred models
+# therefore needs fewer plans than this number.
 _KEPT_PLANS = 64
 # When columns are eliminated, sums of products of their entries are subtracted from the entries of
-# later columns. Each sum has one term for every eliminated column. If there are at least this many
-# terms, each function call computes the sums for one later column. If there are fewer terms, each
-# function call computes the sums for several later columns; this takes fewer calls but moves more
-# memory.
+# later columns. Each sum has one term for every eliminated column. If a sum has at least this many
+# terms, one function call computes the sums for one later column. If it has fewer terms, one
+# function call computes the sums for several later columns. This needs fewer calls, but moves more
+# data in memory.
 _MANY_TERMS = 12
 
 
 class Update(NamedTuple):
     """Products that are subtracted from matrix entries when groups of columns are eliminated.
 
-    Eliminating a group of columns changes the matrix entries of a set of later columns, which is
-    called the border of the group. The factors of the products are entries of the eliminated
-    columns, in the rows of the border. An update multiplies the entries in the rows ``first`` to
-    ``stop`` − 1 of the border with the entries in all rows of the border from ``first`` on.
+    Eliminating a group of columns changes the matrix entries in a set of later columns, which is
+    called the border of the group. The change is a sum of products of two entries of an eliminated
+    column, both in rows of the border. One update computes the products of which the first factor
+    is in the rows ``first`` to ``stop`` − 1 of the border, and the second factor in any row of the
+    border from ``first`` on.
     """
 
-    #: Slice of the list of all groups of columns that are eliminated together; it selects the
-    #: groups to which this update applies. In this list, groups that change the same later columns
-    #: follow each other.
+    #: Slice of the list of all groups of columns that are eliminated together. The slice selects
+    #: the groups to which this update applies. Groups that change the same later columns are
+    #: adjacent in the list.
     groups: slice
-    #: Number of borders (sets of later columns that a group of columns changes). No two borders
-    #: have a column in common.
+    #: Number of borders to which the update applies. A border is the set of later columns that a
+    #: group of columns changes. No two of these borders have a column in common.
     borders: int
-    #: Index, within the border (the set of later columns that a group changes), of the first row
-    #: whose entries the update multiplies with the entries of this row and of all following rows.
+    #: Index of a row within the border, the set of later columns that a group changes. The update
+    #: multiplies entries in the rows ``first`` to ``stop`` − 1 by entries in all rows from
+    #: ``first`` on.
     first: int
-    #: Index, within the border (the set of later columns that a group changes), of the row after
-    #: the last row whose entries the update multiplies with the entries of the row itself and of
-    #: all following rows.
+    #: Index of a row within the border, the set of later columns that a group changes: the row
+    #: after the last row that ``first`` describes.
     stop: int
     #: Rows of the workspace (the array of all matrix entries) from which the products are
-    #: subtracted, shape (borders, stop − first, m + 1 − first). A border is the set of m later
-    #: columns that a group changes. The matrix is symmetric, and only half of its entries are
-    #: needed; products for the other half are subtracted from the last row of the workspace, which
+    #: subtracted, shape (borders, stop − first, m + 1 − first). Each border is a set of m later
+    #: columns that groups change. Because the matrix is symmetric, only half of its entries are
+    #: needed. Products for the other half are subtracted from the last row of the workspace, which
     #: is never read.
     targets: NDArray[np.intp]
 
@@ -109,13 +108,12 @@ class Front(NamedTuple):
     the border of the group.
     """
 
-    #: Rows of the workspace (the array of all matrix entries) that hold the entries of all groups
-    #: of columns of this front. A group of s columns that changes m later columns has s (s + m + 1)
-    #: entries.
+    #: Rows of the workspace (the array of all matrix entries) that hold the entries of this front's
+    #: columns. A group of s columns that changes m later columns has s (s + m + 1) entries.
     entries: slice
     #: Number of groups of columns, number s of columns in a group, and number s + m + 1 of entries
-    #: of a column. A column has s entries for the columns of its group, m entries for the later
-    #: columns that the group changes, and one entry for the right-hand side.
+    #: of a column: s entries for the columns of the group, m for the later columns that the group
+    #: changes, and one for the right-hand side.
     shape: tuple[int, int, int]
     #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
     #: all are positive. A pivot is negative where a prior variance is negative
@@ -129,11 +127,12 @@ class Front(NamedTuple):
     updates: list[Update]
 
     def eliminate(self, workspace: Array) -> None:
-        """Compute the columns of the Cholesky factor for this front, and change later columns.
+        """Compute the columns of the Cholesky factor for this front, and update later columns.
 
-        A front consists of groups of columns. Products of their computed entries are subtracted
-        from the entries of later columns. ``workspace`` (entries, w) holds all matrix entries for w
-        values of the hyper-parameters, and is changed in place.
+        A front consists of groups of columns that are eliminated together. The columns of these
+        groups are computed; then products of their entries are subtracted from the entries of later
+        columns. ``workspace``, shape (entries, w), holds all matrix entries for w values of the
+        hyper-parameters and is changed in place.
         """
         w = workspace.shape[1]
         columns = self.shape[1]
@@ -151,13 +150,13 @@ class Front(NamedTuple):
             workspace[update.targets] -= np.einsum("akiw,akjw->aijw", left, right)
 
     def solve(self, workspace: Array, solution: Array) -> None:
-        """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for the groups of this front.
+        """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for the columns of this front.
 
         P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
-        The computation is made for w values of the hyper-parameters. ``workspace`` (entries, w)
-        holds the entries of L. ``solution`` (columns of A, w) is changed in place. Before the call,
-        it holds L⁻¹ Aᵀ D⁻¹ r in the rows of the columns of this front, and the coefficients in the
-        rows of all columns that are eliminated after this front.
+        ``workspace``, shape (entries, w), holds the entries of L for w values of the
+        hyper-parameters. ``solution``, shape (columns of A, w), is changed in place. When the
+        method is called, it must hold L⁻¹ Aᵀ D⁻¹ r in the rows of this front's columns, and the
+        coefficients in the rows of all columns that are eliminated after this front.
         """
         columns = self.shape[1]
         matrix = workspace[self.entries].reshape(*self.shape, workspace.shape[1])
@@ -170,7 +169,7 @@ class Front(NamedTuple):
 
 
 class _Family(NamedTuple):
-    """Groups of columns that change the same later columns, which are their border."""
+    """Groups of columns that change the same later columns; these are the border of the groups."""
 
     border: tuple[int, ...]
     groups: list[ColumnGroup]
@@ -179,9 +178,9 @@ class _Family(NamedTuple):
 class EliminationPlan:
     """Order in which columns of a design matrix are eliminated, and places of matrix entries.
 
-    The places are rows of the workspace, which is the array of all matrix entries. A plan depends
-    only on which elements of the design matrix are zero, and on the signs of the prior variances.
-    Several models of one campaign can therefore share a plan.
+    A place is a row of the workspace, the array of all matrix entries. A plan depends only on which
+    elements of the design matrix are zero, and on the signs of the prior variances. Several models
+    of one campaign can therefore share a plan.
 
     Parameters
     ----------
@@ -195,9 +194,8 @@ class EliminationPlan:
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
         #: Index of the row of the workspace (the array of all matrix entries) that holds the entry
-        #: of columns i and j, shape (columns, columns + 1). The last element of row i is for the
-        #: right-hand side of column i. The index is −1 where the workspace has no row for the
-        #: entry.
+        #: of columns i and j, shape (columns, columns + 1). The last element of row i is the index
+        #: for the right-hand side of column i. The index is −1 for entries that are not stored.
         self.place = np.full((size, size + 1), -1, dtype=np.intp)
         start = 0
         for families in families_of_fronts:
@@ -213,10 +211,10 @@ class EliminationPlan:
         self.half_signs = 0.5 * signs
 
     def _place_group(self, group: ColumnGroup, start: int) -> int:
-        """Assign places, from the index ``start`` on, to the matrix entries of a group of columns.
+        """Assign rows of the workspace, from the index ``start`` on, to a group of columns.
 
-        A place is a row of the workspace, the array of all matrix entries. Return the index of the
-        first row that is still free.
+        The workspace is the array of all matrix entries. Each matrix entry of the group gets one
+        row. Return the index of the first row that is still free.
         """
         members = np.concatenate([group.columns, group.border])
         width = len(members) + 1
@@ -230,9 +228,9 @@ class EliminationPlan:
         """Return the front that consists of the groups of all ``families``, in their order.
 
         A front contains groups of columns that are eliminated together. The groups of a family
-        change the same later columns, which are their border. All groups have equal numbers of
-        columns, and borders with equal numbers of columns. ``signs`` are the signs ±1 of the prior
-        variances of all coefficients.
+        change the same later columns, which are called their border. All groups of the front have
+        equal numbers of columns, and their borders have equal numbers of columns. ``signs`` are the
+        signs ±1 of the prior variances of all coefficients.
         """
         groups = [group for family in families for group in family.groups]
         columns = np.array([group.columns for group in groups])
@@ -249,11 +247,11 @@ class EliminationPlan:
         )
 
     def _updates(self, families: list[_Family]) -> list[Update]:
-        """Return the updates of later columns that follow from eliminating the groups of a front.
+        """Return the changes of later columns that follow from eliminating the groups of a front.
 
-        The groups of columns in one family change the same later columns, which are their border.
-        Consecutive families are treated together, in the same `Update`, if they have equal numbers
-        of groups and if their borders have no column in common.
+        The groups of columns in one family change the same later columns, which are called their
+        border. Consecutive families are treated together, in the same `Update`, if they have equal
+        numbers of groups and if their borders have no column in common.
         """
         updates = []
         start = 0
@@ -274,10 +272,10 @@ class EliminationPlan:
         """Return the rows of the workspace from which products for one border are subtracted.
 
         The workspace is the array of all matrix entries. A border is the set of m later columns
-        that a group of columns changes when it is eliminated. Entries in the rows ``first`` to
-        ``stop`` − 1 of the border are multiplied with the entries in all rows of the border from
-        ``first`` on, and with the right-hand side. The result has the
-        shape (stop − first, m + 1 − first).
+        that a group of columns changes when it is eliminated. The products are those of entries in
+        the rows ``first`` to ``stop`` − 1 of the border with the entries in all rows of the border
+        from ``first`` on, and with the right-hand side. The result has the shape
+        (stop − first, m + 1 − first).
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]
@@ -297,7 +295,7 @@ class Elimination:
     values
         Readings r, shape (rows,).
     kinds
-        Index of each row's kind (rows of one kind have the same variance), shape (rows,).
+        Index of each row's kind, shape (rows,). Rows of one kind have the same variance.
     """
 
     def __init__(
@@ -321,8 +319,8 @@ class Elimination:
     def chunk_size(self) -> int:
         """Number of values of the hyper-parameters for which one pass computes the factors.
 
-        It is the largest multiple of 8 for which the factors fit into the processor's cache, but at
-        least 256 and at most 512.
+        The number is the largest multiple of 8 for which the factors fit into the processor's
+        cache, but at least 256 and at most 512.
         """
         fitting = _CACHE_SIZE // self.entries // BLAS_MULTIPLE * BLAS_MULTIPLE
         return max(FEWEST_PHI, min(_MOST_PHI, fitting))
@@ -336,8 +334,8 @@ class Elimination:
         Parameters
         ----------
         weight
-            Reciprocal variance 1/D of every kind of row (rows with the same variance), shape
-            (kinds, w).
+            Reciprocal variance 1/D of every kind of rows, shape (kinds, w). Rows of one kind have
+            the same variance.
         shift
             Array to add to Aᵀ D⁻¹ r, shape (columns of A, w); None for zero.
 
@@ -352,7 +350,7 @@ class Elimination:
         Raises
         ------
         LinAlgError
-            If some coefficient is determined neither by readings nor by its prior.
+            If neither the readings nor its prior determine one of the coefficients.
         """
         workspace = self._gram.assemble(weight)
         if shift is not None:
@@ -391,7 +389,7 @@ class Elimination:
     def copy_factor(
         self, workspace: Array, wanted: NDArray[np.intp], *, lower: Array, white_shift: Array
     ) -> None:
-        """Copy the wanted columns of the Cholesky factors L into the arrays that the caller gives.
+        """Copy the wanted columns of the Cholesky factors L into arrays of the caller.
 
         Parameters
         ----------
@@ -428,7 +426,7 @@ class DesignRows:
         interest. The caller adds the contribution of these rows for given parameters (``shift`` of
         `Elimination.factorize`).
     kinds
-        Index of each row's kind (rows of one kind have the same variance), shape (rows,).
+        Index of each row's kind, shape (rows,). Rows of one kind have the same variance.
     signs
         Signs ±1 of the prior variances of the coefficients, shape (columns,). A coefficient with a
         negative variance removes noise from the readings instead of adding noise
@@ -456,8 +454,9 @@ class DesignRows:
     def elimination(self, last: int) -> Elimination:
         """Return the Cholesky elimination of all coefficients, in an order that needs little work.
 
-        Shared coefficients are the same in all tests. The last ``last`` of the shared coefficients
-        are eliminated after all other coefficients, in the order of their columns.
+        Shared coefficients are coefficients that are the same in all tests. The last ``last``
+        shared coefficients are eliminated after all other coefficients, in the order of their
+        columns.
         """
         if last not in self._eliminations:
             last_columns = np.arange(self._shared - last, self._shared)
@@ -466,11 +465,10 @@ class DesignRows:
 
     @cached_property
     def private_elimination(self) -> Elimination:
-        """Cholesky elimination of the coefficients of single tests, given the shared coefficients.
+        """Cholesky elimination of the coefficients of single tests, for known shared coefficients.
 
-        Shared coefficients are the same in all tests. The columns of shared coefficients are left
-        out: column 0 of the result is the first column of the design matrix whose coefficient
-        belongs to a single test.
+        Shared coefficients are the same in all tests. Their columns are left out: column 0 of the
+        result is the first column of the design matrix whose coefficient belongs to a single test.
         """
         columns = self._columns[:, self._shared :]
         return self._eliminate(columns, self._signs[self._shared :], np.arange(0))
@@ -485,10 +483,10 @@ class DesignRows:
 def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> EliminationPlan:
     """Return the order in which the columns of a design matrix are eliminated.
 
-    ``pattern`` holds, as packed bits, whether each element of the design matrix is not zero, and
-    ``shape`` is the shape of this matrix. ``last`` holds the indices of the columns that are
-    eliminated last, and ``signs`` the signs of the prior variances, both as the bytes of an array.
-    Results are kept in a cache.
+    ``pattern`` holds one bit for each element of the design matrix, which states whether the
+    element differs from zero. ``shape`` is the shape of the matrix. ``last`` holds the indices of
+    the columns that are eliminated last, and ``signs`` the signs of the prior variances, both as
+    the bytes of an array. Results are kept in a cache.
     """
     bits = np.unpackbits(np.frombuffer(pattern, dtype=np.uint8), count=shape[0] * shape[1])
     is_not_zero = bits.reshape(shape).astype(bool)
@@ -499,11 +497,11 @@ def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> 
 def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
     """Sort groups of columns into fronts, and the groups of each front into families.
 
-    The border of a group is the set of later columns that the group changes. The groups of a front
-    do not depend on each other and can be eliminated at the same time: their heights (function
-    `heights`) are equal. The groups of a front also have equal numbers of columns, and borders with
-    equal numbers of columns. The groups of a family have the same border. Fronts are in the order
-    of elimination; within a front, families with more groups come first.
+    Eliminating a group of columns changes a set of later columns, the border of the group. The
+    groups of a front do not depend on each other, because their heights (function `heights`) are
+    equal; they can be eliminated at the same time. They also have equal numbers of columns, and
+    their borders have equal numbers of columns. The groups of a family have the same border. Fronts
+    are in the order of elimination. Within a front, families with more groups come first.
     """
     fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):
@@ -518,10 +516,11 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
 
 
 def _disjoint_families(families: list[_Family]) -> list[list[_Family]]:
-    """Divide families into lists such that no two families of a list have overlapping borders.
+    """Divide families into lists such that the borders of the families in a list do not overlap.
 
-    A family consists of groups of columns that change the same later columns, which are its border.
-    The families of a list have equal numbers of groups and are consecutive in ``families``.
+    A family consists of groups of columns that change the same later columns, which are called
+    their border. The families of a list have equal numbers of groups and are consecutive in
+    ``families``.
     """
     lists: list[list[_Family]] = []
     used_columns: set[int] = set()

@@ -50,11 +50,12 @@ _SHAPE = 1.5
 _RATE = 1.5
 
 
-# Used to carry values of hyper-parameters from one model to another. The keys are hyper-parameters
-# that the first model may lack. The value of a key is the hyper-parameter that describes the same
-# effect in the first model. If all balls keep their clocking (the angle by which a ball is turned
-# in its socket) and none is certified, a model lacks the size ω of the machine's pattern (geometric
-# and cyclic errors of higher orders): the pattern is then part of the balls' form, whose size is τ.
+# Hyper-parameters that are used to carry values from one model to another if the first model lacks
+# a hyper-parameter. A key is a hyper-parameter that the first model may lack; its value is the
+# hyper-parameter that describes the same effect in the first model. Without clocking (turning a
+# ball in its socket between tests) and without certificates of the balls, a model lacks the scale ω
+# of the machine's pattern (geometric and cyclic errors of higher orders). The pattern is then part
+# of the balls' form, whose scale is τ.
 _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 
 
@@ -62,11 +63,14 @@ _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 class HyperPrior:
     """Independent prior densities of the h hyper-parameters, which are of three kinds (``laws``).
 
-    The prior of a length (such as the sd of the noise) is half-normal, with the scale ``scale``
-    [mm] and values not less than ``lower`` [mm]. The prior of a decay p (the amplitude of a form
-    error of order n is proportional to n^(−p)) is Normal(``scale``, ``decay_sd``) restricted to
-    [0.5, 3.5]. The square of the noise factor λ of a circle has an inverse gamma distribution,
-    λ² ~ InvGamma(3/2, 3/2). Decay and λ have no unit.
+    - A length, such as the sd of the noise, has a half-normal prior with the scale ``scale`` [mm],
+      restricted to values of at least ``lower`` [mm].
+    - A decay p (the amplitude of a form error of order n is proportional to n^(−p)) has the prior
+      Normal(``scale``, ``decay_sd``), restricted to [0.5, 3.5].
+    - The square of the noise factor λ of a circle has an inverse gamma prior, λ² ~ InvGamma(3/2,
+      3/2).
+
+    Decay and λ have no unit.
     """
 
     names: tuple[Hyper, ...]
@@ -91,7 +95,7 @@ class HyperPrior:
 
     @property
     def shown(self) -> Array:
-        """Factors from internal to displayed values of the h hyper-parameters, shape (h,).
+        """Factors that convert internal values of the h hyper-parameters to displayed values, (h,).
 
         The factor is 1000 for lengths, which are displayed in µm instead of mm, and 1 for numbers
         without unit.
@@ -111,11 +115,11 @@ class HyperPrior:
 
         This model has h hyper-parameters. ``other`` is the prior of the other model, and ``phi``
         holds values of the other model's hyper-parameters along its last dimension. Each
-        hyper-parameter of this model gets the value of the hyper-parameter of ``other`` with the
-        same name. If ``other`` lacks the size ω of the machine's pattern (geometric and cyclic
-        errors of higher orders), ω gets the size τ of the balls' form, because the pattern is then
-        part of the form. All other hyper-parameters that ``other`` lacks get their prior median.
-        Lengths are in mm.
+        hyper-parameter gets the value of the hyper-parameter of the same name in ``other``. If
+        ``other`` lacks the scale ω of the machine's pattern (geometric and cyclic errors of higher
+        orders), ω gets the scale τ of the balls' form, because the pattern is then part of the
+        form. All further hyper-parameters that ``other`` lacks get their prior median. Lengths are
+        in mm.
         """
         median = self.quantile(np.full(len(self.names), 0.5))
         values = np.broadcast_to(median, (*phi.shape[:-1], len(self.names))).copy()
@@ -137,9 +141,9 @@ class HyperPrior:
 
     @property
     def bounds(self) -> Array:
-        """Least and greatest value of each of the h hyper-parameters, shape (h, 2).
+        """Lower and upper bound of each of the h hyper-parameters, shape (h, 2).
 
-        Lengths are in mm; the greatest value is infinite for lengths and for noise factors.
+        Lengths are in mm. The upper bound is infinite for lengths and for noise factors.
         """
         low = np.where(self._decay, _LEAST_DECAY, self.lower)
         high = np.where(self._decay, _MOST_DECAY, np.inf)
@@ -185,8 +189,7 @@ class HyperPrior:
         constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):
             precision = noise_factor**-2.0
-            # The precision λ⁻² of a noise factor λ overflows if λ is very small. The density is
-            # zero there.
+            # If the noise factor λ is very small, λ⁻² overflows; the density is zero there.
             inside = (noise_factor > 0.0) & np.isfinite(precision)
             precision = np.where(inside, precision, 1.0)
             power = (_SHAPE + 0.5) * np.log(precision)
@@ -195,10 +198,10 @@ class HyperPrior:
         return total
 
     def log_density_of_log_noise(self, log_noise: Array) -> Array:
-        """Return the log prior density of ln λ, shape (w,), at w values of ln λ.
+        """Return the log prior density of ln λ at w values of ln λ, shape (w,).
 
-        ``log_noise``, shape (w,), holds the values of ln λ. λ is the noise factor of a circle, and
-        ln λ its unbounded coordinate.
+        λ is the noise factor of a circle, and ln λ is its unbounded coordinate. ``log_noise``,
+        shape (w,), holds the values of ln λ.
         """
         noise_factor = np.exp(log_noise)[:, None]
         return self._log_density_of_noise_factors(noise_factor) + log_noise
@@ -218,9 +221,9 @@ class HyperPrior:
         return free
 
     def phi(self, free: Array) -> Array:
-        """Return the h hyper-parameters at given unbounded coordinates, shape (..., h).
+        """Return the h hyper-parameters for given unbounded coordinates, shape (..., h).
 
-        ``free``, shape (..., h), holds the coordinates that the method `free` defines. Lengths in
+        ``free``, shape (..., h), holds the coordinates, which the method `free` defines. Lengths in
         the result are in mm.
         """
         with np.errstate(over="ignore"):
@@ -232,8 +235,8 @@ class HyperPrior:
     def log_density_of_free(self, free: Array) -> Array:
         """Return the log of the prior density of the unbounded coordinates, shape (...).
 
-        ``free``, shape (..., h), holds the coordinates of the h hyper-parameters that the method
-        `free` defines. The density includes the Jacobian of the transformation from coordinates to
+        ``free``, shape (..., h), holds the coordinates of the h hyper-parameters; the method `free`
+        defines them. The density includes the Jacobian of the transformation from coordinates to
         hyper-parameters.
         """
         jacobian = free[..., ~self._decay].sum(axis=-1)
@@ -296,19 +299,20 @@ class HyperPrior:
         return phi
 
     def level(self, phi: Array) -> Array:
-        """Return the prior probability that each hyper-parameter is below a given value.
+        """Return the prior probability that each hyper-parameter is smaller than a given value.
 
-        This method is the inverse of `quantile`.
+        The method is the inverse of `quantile`.
 
         Parameters
         ----------
         phi
-            Given values of the h hyper-parameters, shape (..., h), lengths in mm.
+            Values of the h hyper-parameters, shape (..., h), with lengths in mm.
 
         Returns
         -------
         Array
-            Probability that each hyper-parameter is smaller than its given value, shape (..., h).
+            Probability that each hyper-parameter is smaller than its value in ``phi``, shape
+            (..., h).
         """
         level = np.empty(phi.shape)
         length = phi[..., self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)
@@ -341,10 +345,10 @@ class HyperPrior:
     def starts(self, level: Array) -> Array:
         """Return points from which the search for the posterior's maximum starts, shape (..., h).
 
-        The points are in the unbounded coordinates of the h hyper-parameters that the method `free`
-        defines. ``level``, shape (..., h), holds one number in [0, 1] for each coordinate of each
-        point and chooses the coordinate. For lengths, 0 gives a large and 1 a small value; for
-        hyper-parameters without unit, 0 gives a small and 1 a large value.
+        The points are in the unbounded coordinates that the method `free` defines. ``level``, shape
+        (..., h), holds a number in [0, 1] for each coordinate, which selects the value of the
+        coordinate. For lengths, 0 gives a large and 1 a small value; for hyper-parameters without
+        unit, 0 gives a small and 1 a large value.
         """
         reach = np.where(self.lower > 0.0, 12.0, 6.0)
         inside = self.free(self.quantile(0.1 + 0.8 * level))

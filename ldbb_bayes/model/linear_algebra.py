@@ -1,4 +1,4 @@
-"""Least-squares solutions of minimum norm, roots of singular covariances, sparse matrices."""
+"""Least-squares solutions of minimum norm, roots of singular covariances, sparse storage."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def minimum_norm_solution(
     y
         Readings, shape (n,).
     scale
-        Unit of each parameter, shape (p,): the norm of β is computed in these units. By default the
-        units are the reciprocal norms of the columns of ``jacobian``.
+        Unit of each parameter, shape (p,), in which the norm of β is computed. By default the units
+        are the reciprocal norms of the columns of ``jacobian``.
     rank_tolerance
-        Combinations of parameters count as undetermined by the readings if their singular value is
-        below this fraction of the largest singular value.
+        Combinations of parameters whose singular value is below this fraction of the largest
+        singular value count as undetermined by the readings.
     """
     if scale is None:
         norms = np.linalg.norm(jacobian, axis=0)
@@ -56,7 +56,7 @@ def singular_root(covariance: Array) -> Array:
 
 
 def sparse_or_dense(matrix: Array) -> Array | csr_array:
-    """Return a matrix in the form, sparse or dense, with which products are computed faster.
+    """Return a matrix in sparse or dense storage, whichever makes products faster.
 
     The result is a sparse matrix if most elements of ``matrix`` are zero; otherwise it is
     ``matrix`` itself.

@@ -96,7 +96,7 @@ def linearise(
 def nominal_mount_offset(setting: Setting) -> Array:
     """Return the nominal mount deflection that the readings contain, as Fourier coefficients [mm].
 
-    ``setting`` are the conditions of the tests. The mount is that of the work ball; its nominal
+    ``setting`` describes the test conditions. The mount is that of the work ball; its nominal
     deflection is proportional to the pressure. The result has shape (tests, 25), and is zero if the
     readings are compensated for the mount (Eq. 32 of the paper).
     """

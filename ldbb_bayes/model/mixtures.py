@@ -14,8 +14,8 @@ __all__ = ["mixture_moments", "mixture_quantiles", "weighted_quantiles"]
 # Maximum number of steps in the search for a quantile of a Gaussian mixture. Bisection alone would
 # need about fifty steps.
 _ITERATIONS = 100
-# The search for a quantile of a Gaussian mixture ends when a step is not longer than this number of
-# standard deviations of the mixture.
+# The search for a quantile of a Gaussian mixture ends when the length of a step, divided by the
+# standard deviation of the mixture, is at most this number.
 _STEP_TOLERANCE = 1e-12
 # Largest number of values (Gaussian components times mixtures) that are processed at once, so that
 # they fit into the processor's cache.
@@ -27,7 +27,7 @@ def mixture_moments(
     mean: Array,
     sd: Array,
 ) -> tuple[Array, Array]:
-    """Return means and standard deviations of mixtures of k Gaussian densities, shape (...).
+    """Return the means and standard deviations of mixtures of k Gaussian densities, shape (...).
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def mixture_quantiles(
 ) -> Array:
     """Return quantiles of mixtures of k Gaussians, shape (levels, ...).
 
-    Each quantile is found by Newton's method, between bounds that always enclose it.
+    Each quantile is computed by Newton's method, between bounds that always enclose the quantile.
 
     Parameters
     ----------
@@ -105,9 +105,9 @@ def _mixture_quantile(
             newton_x = x - excess / density
         low = np.where(excess <= 0.0, x, low)
         high = np.where(excess >= 0.0, x, high)
-        # Take the step of Newton's method in two cases: if the step is short enough to end the
-        # search, or if the step is at most half as long as the step before and ends between the
-        # bounds of the quantile. In all other cases, go to the middle of the two bounds.
+        # Take the step of Newton's method if it is short enough to end the search, or if it ends
+        # between the bounds of the quantile and is at most half as long as the previous step.
+        # Otherwise bisect the interval between the bounds.
         size = np.abs(newton_x - x)
         converged = size <= _STEP_TOLERANCE * spread
         inside = (newton_x > low) & (newton_x < high)

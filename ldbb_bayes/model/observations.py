@@ -6,13 +6,13 @@ z are the readings of all tests, reduced to at most 26 numbers for each test: 25
 functions to order 12, and the norm of the part of the readings that these functions cannot describe
 (`reduction`). β are the p parameters of interest (compliances, their slopes and geometric errors),
 with the design matrix H (rows, p). x are the coefficients of nuisances, which are effects modelled
-but not of interest, with the design matrix A (rows, coefficients); each coefficient is expressed in
-a unit of its own (`Observations.unit`). Shared coefficients are the same in all tests; each private
-coefficient belongs to a single test. The rows of a test are rotated so that the covariance of all
-noise in the test is diagonal. Every prior of a coefficient adds one row, unless the prior is flat.
-Only the diagonal matrix D depends on the hyper-parameters φ, the scales (standard deviations) of
-the noise and of nuisances. The entries of D are sums of known numbers times squared sources of
-variance; a source is a hyper-parameter or a product of hyper-parameters.
+but not of interest, with the design matrix A (rows, coefficients); each coefficient is rescaled as
+`Observations.unit` describes. Shared coefficients are the same in all tests; a private coefficient
+belongs to a single test. The rows of a test are rotated so that the covariance of all noise in the
+test is diagonal. The prior of each coefficient adds one row, unless the prior is flat. Only the
+diagonal matrix D depends on the hyper-parameters φ, the scales (standard deviations) of the noise
+and of nuisances. The entries of D are sums of known numbers times squared sources of variance,
+where a source is a hyper-parameter or a product of hyper-parameters.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ _LOG_2PI = float(np.log(2 * np.pi))
 class Rows(NamedTuple):
     """The n rows of observation equations z − H β = A x + N(0, D).
 
-    z are reduced readings or prior means, β the p parameters of interest, x the coefficients of
-    nuisances (effects modelled but not of interest), and D is a diagonal covariance.
+    z are reduced readings or prior means, β are the p parameters of interest, x are the
+    coefficients of nuisances (effects modelled but not of interest), and D is a diagonal covariance
+    matrix. Reduced readings are the at most 26 numbers that replace the readings of a test.
     """
 
     #: Design matrix A of the coefficients of nuisances (effects modelled but not of interest),
@@ -48,17 +49,17 @@ class Rows(NamedTuple):
     #: Design matrix H of the p parameters of interest (compliances, their slopes and geometric
     #: errors), shape (n, p) for n rows.
     interest: Array
-    #: Left-hand side z of each of the n rows, shape (n,). It is a reduced reading [mm], the prior
-    #: mean of a coefficient or, in one row for each test, the norm of that part of the readings
+    #: Left-hand side z of each of the n rows, shape (n,). It is a reduced reading [mm] or the prior
+    #: mean of a coefficient. In one row of each test, it is the norm of that part of the readings
     #: which Fourier series to order 12 cannot describe [mm].
     values: Array
     #: Number of readings that each of the n rows represents, shape (n,); 1 for a row that is the
     #: prior of a coefficient.
     readings: Array
-    #: Index of the test that each of the n rows belongs to, shape (n,). For a row that is the prior
-    #: of a coefficient common to all tests, the number of tests is stored instead.
+    #: Index of the test to which each of the n rows belongs, shape (n,). For a row that is the
+    #: prior of a coefficient common to all tests, the entry is the number of tests.
     test: NDArray[np.intp]
-    #: Numbers v, shape (n, sources), that give the variance of each of the n rows as
+    #: Factors v, shape (n, sources), from which the variance of each of the n rows is computed as
     #: Σ v · source². A source of variance is a hyper-parameter (the standard deviation of an
     #: effect) or a product of hyper-parameters.
     variance: Array
@@ -76,9 +77,9 @@ class Observations(NamedTuple):
     #: deviations of effects) and products of hyper-parameters.
     sources: list[Source]
     #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). The unit is the
-    #: prior sd divided by the hyper-parameter that scales this sd, or the prior sd itself if no
-    #: hyper-parameter scales it. For a flat prior, the unit is the reciprocal norm of the
-    #: coefficient's column.
+    #: prior sd of the coefficient divided by the hyper-parameter that scales this sd. If no
+    #: hyper-parameter scales it, the unit is the prior sd. If the prior is flat, the unit is the
+    #: reciprocal norm of the coefficient's column.
     unit: Array
     #: Signs ±1 of the prior variances of the nuisance coefficients, shape (coefficients,). A
     #: coefficient with a negative variance removes noise from the readings instead of adding noise;
@@ -90,28 +91,28 @@ class Observations(NamedTuple):
     #: For every test, the indices of the columns of the design matrix whose coefficients belong to
     #: this test alone; empty if no test has such columns.
     private: list[NDArray[np.intp]]
-    #: Constants that are added to the log density of the readings: one for every test, then one for
-    #: the flat priors of all nuisance coefficients together. Shape (tests + 1,).
+    #: Constants that are added to the log density of the readings, shape (tests + 1,): one constant
+    #: for every test, then one for the flat priors of all nuisance coefficients together.
     log_constants: Array
 
 
 class _Nuisances(NamedTuple):
     """Nuisances (effects modelled but not of interest), sorted by how they enter the equations.
 
-    The observation equations are z − H β = A x + N(0, D), with diagonal D. The coefficients x of
-    ``shared`` columns of A are the same in all tests; in ``private`` columns every test has its own
-    coefficients.
+    The observation equations are z − H β = A x + N(0, D), with diagonal D. A has two kinds of
+    columns: the coefficients of ``shared`` columns are the same in all tests, and the coefficients
+    of ``private`` columns have a separate value in every test.
     """
 
-    #: Noise terms; their noise in the Fourier coefficients of a test is independent of other tests.
-    #: The readings of each test are rotated so that this noise has a diagonal covariance. The noise
-    #: then needs no columns in the design matrix.
+    #: Noise that is independent between tests, as noise of Fourier coefficients. The readings of
+    #: each test are rotated so that this noise has a diagonal covariance. It then needs no columns
+    #: in the design matrix.
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
-    #: Signs ±1 of the prior variances of the coefficients that belong to single tests, one for each
-    #: coefficient of one test; −1 stands for a negative variance, with which the coefficient
-    #: removes noise from the readings instead of adding noise.
+    #: Signs ±1 of the prior variances of the private coefficients (coefficients with a separate
+    #: value in every test), one sign for each coefficient of one test. A coefficient with a
+    #: negative variance removes noise from the readings instead of adding noise.
     private_signs: list[float]
 
     @property
@@ -121,7 +122,7 @@ class _Nuisances(NamedTuple):
 
     @property
     def private_size(self) -> int:
-        """Number of nuisance coefficients of each single test; it is equal for all tests."""
+        """Number of nuisance coefficients that each test has for itself, equal for all tests."""
         return len(self.private_signs)
 
 
@@ -129,9 +130,9 @@ class _Rotated(NamedTuple):
     """Matrices of one test after its m reduced readings are multiplied by a matrix Q.
 
     Q is chosen so that the covariance of all noise in the test becomes diagonal. ``rotation`` is Q,
-    shape (m, m). R (m, 25) turns the test's 25 Fourier coefficients into its reduced readings, and
-    ``factor`` is Q R. ``noise_sd`` holds one array (m,) for each term of noise: the sd of the m
-    rows, divided by the hyper-parameter that scales this noise.
+    shape (m, m). ``factor`` is Q R, where R, shape (m, 25), turns the test's 25 Fourier
+    coefficients into its reduced readings. ``noise_sd`` holds one array of shape (m,) for each
+    noise term: the sd of the m rows, divided by the hyper-parameter that scales this noise.
     """
 
     rotation: Array
@@ -159,12 +160,12 @@ class _CoefficientPriors(NamedTuple):
 
 
 class _Scaled(NamedTuple):
-    """Observation equations whose nuisance coefficients are expressed in units of their own.
+    """Observation equations with rescaled nuisance coefficients.
 
-    ``unit`` holds these units, shape (coefficients,): the prior sd of each coefficient divided by
-    the hyper-parameter that scales this sd, or for a flat prior the reciprocal norm of the
-    coefficient's column. ``log_volume`` is the constant that all flat priors together add to the
-    log density.
+    ``unit``, shape (coefficients,), holds the unit in which each coefficient is expressed. It is
+    the prior sd divided by the hyper-parameter that scales this sd or, for a flat prior, the
+    reciprocal norm of the coefficient's column. ``log_volume`` is the constant that all flat priors
+    together add to the log density.
     """
 
     rows: Rows
@@ -190,7 +191,7 @@ def observation_equations(
         Columns and noise of the nuisance terms (effects modelled but not of interest).
     offset
         Known part of the readings of every test, as 25 Fourier coefficients, shape (tests, 25)
-        [mm]; it is subtracted from the readings.
+        [mm]. This part is subtracted from the readings.
     hypers
         Names of the hyper-parameters φ, the scales of noise and nuisances.
     interest
@@ -213,14 +214,14 @@ def observation_equations(
     rows, unit, log_volume = _add_priors(reading_rows, nuisances, len(reduced), sources)
     signs = np.array([1.0] * nuisances.shared_size + nuisances.private_signs * len(reduced))
     private_signs = signs[nuisances.shared_size :]
-    # The last rows of the observation equations, from the index ``first`` on, are the priors of the
-    # coefficients that belong to single tests.
+    # The rows from the index ``first`` on are the priors of the coefficients that belong to single
+    # tests. They are the last rows of the observation equations.
     first = len(rows.variance) - len(private_signs)
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
-    # The rows of circles with nearly uniform angles were multiplied by a matrix whose log
-    # determinant is −½ Σ ln(1 + departure), where `NearUniform` explains ``departure``. This log
-    # determinant is added to the log density as a constant.
+    # The rows of circles with nearly uniform angles were multiplied by a matrix with the log
+    # determinant −½ Σ ln(1 + departure) (see `NearUniform` for ``departure``). This log determinant
+    # is added to the log density as a constant.
     if all_uniform:
         for r, test in enumerate(near_uniform):
             log_constants[r] -= 0.5 * np.log1p(test.departure).sum()
@@ -243,17 +244,18 @@ def _sort_nuisances(
     """Return the nuisances, sorted into diagonal noise, shared columns and private columns.
 
     Nuisances are effects modelled but not of interest. Diagonal noise is noise whose covariance is
-    made diagonal. The coefficients of shared columns are the same in all tests; in private columns
-    each test has its own coefficients.
+    made diagonal. The coefficients of shared columns are the same in all tests; the coefficients of
+    private columns have a separate value in every test.
 
     Parameters
     ----------
     terms
         Columns and noise of the nuisance terms.
     near_uniform
-        Departures of the angles of every test from uniform spacing. None if some test is not a full
-        circle with nearly uniform angles. Then only one term of noise can be made diagonal, the
-        term that affects the most Fourier coefficients; all other noise becomes private columns.
+        Departures of the angles of every test from uniform spacing. None if at least one test is
+        not a full circle with nearly uniform angles. Then only one noise term can be made diagonal,
+        the term that affects the most Fourier coefficients; all other noise becomes private
+        columns.
     tests
         Number of tests.
     """
@@ -284,10 +286,10 @@ def _private_columns(
     nuisances: _Nuisances,
     tests: int,
 ) -> list[NDArray[np.intp]]:
-    """Return for each of ``tests`` tests the indices of the columns that only this test uses.
+    """Return, for each of ``tests`` tests, the indices of the columns that only this test uses.
 
-    The columns are those of the design matrix of the nuisances. The list is empty if no test has
-    such columns.
+    The columns are columns of the design matrix of the nuisances (effects modelled but not of
+    interest). The list is empty if no test has such columns.
     """
     size = nuisances.private_size
     if size == 0:
@@ -300,12 +302,12 @@ def _sort_sources(
     terms: Sequence[Columns | BasisNoise],
     hypers: Sequence[Hyper],
 ) -> list[Source]:
-    """Return every source of variance once, in the order of the hyper-parameters.
+    """Return a list of all sources of variance without repetition, sorted by hyper-parameter.
 
     A source of variance is a hyper-parameter (the sd of an effect) or a product of
     hyper-parameters. The result contains all sources of the terms, the sd σ of white noise, and the
     constant 1, which is the source of variances that no hyper-parameter scales. ``hypers`` are the
-    names of the hyper-parameters.
+    names of the hyper-parameters, which determine the order.
     """
     sources = {Source(), Source("sigma")}
     for term in terms:
@@ -378,7 +380,7 @@ def _stack_values(terms: Sequence[Columns], tests: int) -> Array:
 
 
 def _concatenate(blocks: Sequence[Rows]) -> Rows:
-    """Return the observation equations of all ``blocks`` as one set, one block below the other."""
+    """Return one set of observation equations with the rows of all ``blocks``, in their order."""
     return Rows(
         columns=np.concatenate([block.columns for block in blocks]),
         interest=np.concatenate([block.interest for block in blocks]),
@@ -398,10 +400,10 @@ def _rotate(
     """Return the matrix Q that makes the noise of one test diagonal, and the rotated matrices.
 
     R is ``test.factor``, the triangular factor of the 25 Fourier functions. If all tests are
-    circles with nearly uniform angles (``uniform``), Q = S R⁻¹ makes any number of noise terms
-    diagonal; the diagonal matrix S holds the norms of the Fourier functions. Otherwise ``noise``
-    has at most one term, and Q follows from the singular value decomposition of R times the sd of
-    this noise.
+    circles with nearly uniform angles (``uniform``), Q = S R⁻¹, where the diagonal matrix S holds
+    the norms of the Fourier functions; this Q makes any number of noise terms diagonal. Otherwise
+    ``noise`` has at most one term, and Q follows from the singular value decomposition of R times
+    the sd of this noise.
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms
@@ -422,10 +424,10 @@ def _add_priors(
 ) -> _Scaled:
     """Return the rows of the readings and of the priors, with rescaled nuisance coefficients.
 
-    ``reading_rows`` are the rows of the readings; the rows of the priors follow from ``nuisances``,
-    the sorted nuisances (effects modelled but not of interest). `Observations.unit` states the unit
-    in which each coefficient of the result is expressed. ``tests`` is the number of tests, and
-    ``sources`` are the sources of variance: hyper-parameters and their products.
+    ``reading_rows`` are the rows of the readings. The rows of the priors follow from ``nuisances``,
+    the sorted nuisances (effects modelled but not of interest). `Observations.unit` states how the
+    coefficients are rescaled. ``tests`` is the number of tests, and ``sources`` are the sources of
+    variance: hyper-parameters and their products.
     """
     priors = _coefficient_priors(nuisances, tests, sources)
     norms = np.linalg.norm(reading_rows.columns, axis=0)
@@ -453,10 +455,10 @@ def _coefficient_priors(
 ) -> _CoefficientPriors:
     """Return the priors of all nuisance coefficients (of effects modelled but not of interest).
 
-    ``nuisances`` are the nuisances, sorted into groups, and ``tests`` is the number of tests.
-    Coefficients that are the same in all tests come first, then the coefficients of each single
-    test. ``sources`` are the sources of variance (hyper-parameters and their products) to which the
-    indices in the result refer.
+    Coefficients that are the same in all tests come first, followed by the coefficients of each
+    test. ``nuisances`` are the sorted nuisances, and ``tests`` is the number of tests. ``sources``
+    are the sources of variance (hyper-parameters and their products) to which the indices in the
+    result refer.
     """
     sd = [np.zeros(0)]
     stated_sd = [np.zeros(0)]
@@ -485,13 +487,12 @@ def _prior_variance_factors(
     unit: Array,
     sources: list[Source],
 ) -> Array:
-    """Return numbers v, shape (coefficients, sources), that give the prior variances.
+    """Return factors v, shape (coefficients, sources), from which prior variances are computed.
 
-    The prior variance of each nuisance coefficient, in units of ``unit`` (coefficients,), is
+    The prior variance of each nuisance coefficient, in units of ``unit``, shape (coefficients,), is
     Σ v · source². A source of variance is a hyper-parameter or a product of hyper-parameters. A
-    coefficient whose prior sd is zero gets the factor one. The factor has no effect, because the
-    rescaled column of the coefficient is zero. Rows of flat priors are placeholders that the caller
-    drops.
+    coefficient whose prior sd is zero gets the factor one; this has no effect, because the rescaled
+    column of the coefficient is zero. Rows of flat priors are placeholders that the caller drops.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)
@@ -508,11 +509,11 @@ def _test_of_coefficients(
     nuisances: _Nuisances,
     tests: int,
 ) -> NDArray[np.intp]:
-    """Return the index of the test that each nuisance coefficient belongs to, (coefficients,).
+    """Return the index of the test to which each coefficient belongs, shape (coefficients,).
 
-    ``nuisances`` are the nuisances (effects modelled but not of interest) to which the coefficients
-    belong. For a coefficient that is the same in all tests, the result holds the number of tests
-    (``tests``) instead of an index.
+    The coefficients are those of ``nuisances`` (effects modelled but not of interest). For a
+    coefficient that is the same in all tests, the result holds the number of tests (``tests``)
+    instead of an index.
     """
     shared = np.full(nuisances.shared_size, tests)
     private = np.repeat(np.arange(tests), nuisances.private_size)
@@ -522,9 +523,9 @@ def _test_of_coefficients(
 def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
     """Return columns that represent independent noise of the Fourier coefficients of each test.
 
-    ``term`` states the sd of the noise of each Fourier coefficient. There is one column for every
-    Fourier function (such as cos 2θ) that has noise, and the column is equal to this function. Each
-    of ``tests`` tests has its own coefficient of the column, whose prior sd is the sd of the noise.
+    ``term`` states the sd of the noise of each Fourier coefficient. Every Fourier function (such as
+    cos 2θ) that has noise becomes a column. Each of ``tests`` tests has a separate coefficient for
+    this column, and the prior sd of the coefficient is the sd of the noise.
     """
     functions = np.flatnonzero(term.sd)
     values = np.zeros((tests, SIZE, len(functions)))
@@ -543,11 +544,11 @@ def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> C
     """Return columns that correct the reading noise for angles that are not spaced uniformly.
 
     If the angles of a test are not spaced uniformly, the noise of its 25 Fourier coefficients is
-    larger or smaller than the model of uniform angles states, and correlated. The columns add or
-    remove the difference. Suppose the 25 Fourier coefficients of a test are fitted to readings with
-    the noise sd σ, and each coefficient is multiplied by the norm of its Fourier function (diagonal
-    matrix S). The covariance of the 25 products is σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ),
-    where the orthogonal matrix V and the diagonal matrix λ are the directions and departures of
+    correlated, and larger or smaller than for uniform angles. The columns add or remove the
+    difference. Suppose the 25 Fourier coefficients of a test are fitted to readings with the noise
+    sd σ, and each coefficient is multiplied by the norm of its Fourier function (diagonal matrix
+    S). The covariance of the 25 products is σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ). The
+    orthogonal matrix V and the diagonal matrix λ hold the directions and departures of
     `NearUniform`. Each column v of V with a significant λ becomes a column S⁻¹ v √(|λ|/(1 + λ))
     whose coefficient has the sd σ.
 

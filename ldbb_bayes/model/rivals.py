@@ -1,8 +1,9 @@
-"""Rivals of the slopes: other effects that also explain a change of the readings with force.
+"""Alternative explanations of the slopes: other effects that make the readings change with force.
 
-A slope is the change of a compliance with force. The rivals are: the load on the joints, a
-deflection of the work ball's mount that is not proportional to force (curved mount), and a force
-that is not a linear function of pressure (curved force law).
+A slope is the change of a compliance with force. Three other effects also make the readings depend
+nonlinearly on force: the load on the joints, a deflection of the work ball's mount that is not
+proportional to force (curved mount), and a force that is not a linear function of pressure (curved
+force law). The code calls them rivals of the slopes.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ __all__ = ["RIVALS", "Rival"]
 class Rival(NamedTuple):
     """Effect on the readings that resembles a change of a compliance with force.
 
-    The effect is a whole nuisance term (effect modelled but not of interest), such as `JointLoad`,
-    or a part of a term that a setting switches on, such as the curvature of `Mount`.
+    The effect is either a whole nuisance term (an effect modelled but not of interest), such as
+    `JointLoad`, or a part of a term that a setting switches on, such as the curvature of `Mount`.
     """
 
     term: type[Term]
@@ -27,8 +28,8 @@ class Rival(NamedTuple):
     setting: str
 
 
-# Rivals of the slopes (effects that resemble a change of a compliance with force). The keys are the
-# names that results use for the rivals.
+# Alternative explanations of the slopes (effects that resemble a change of a compliance with
+# force). The keys are the names that results use for these effects.
 RIVALS: dict[str, Rival] = {
     "joint load": Rival(JointLoad, ""),
     "curved mount": Rival(Mount, "curvature_um"),

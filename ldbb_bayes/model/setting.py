@@ -1,9 +1,9 @@
-"""Forces, geometry and other conditions of a campaign's tests, as the model needs them.
+"""Forces, geometry and other test conditions of a campaign, as the model needs them.
 
 A `Setting` holds forces, radii, clockings (angles by which the balls are turned in their sockets)
 and directions of travel, one entry for each test. It also holds the effect of each compliance and
-geometric error on the reading, as 25 Fourier coefficients (1, cos θ, sin θ, …, cos 12θ, sin 12θ)
-with the angle θ on the circle.
+geometric error on the reading, as 25 Fourier coefficients of functions of the angle θ on the circle
+(coefficients of 1, cos θ, sin θ, …, cos 12θ, sin 12θ).
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ _SECONDS_PER_HOUR = 3600.0
 # treated as if they were run at the same time.
 _SAME_TIME_H = 1e-9
 # Fourier coefficients of powers |u|^a of a component u of the bar's direction are set to zero if
-# they are below this size, because they are then rounding errors.
+# their absolute value is at most this number, because they are then rounding errors.
 _POWER_ROUNDING = 1e-12
-# Largest number of powers of components of the bar's direction that the cache holds.
+# Largest number of results that the cache for powers of components of the bar's direction holds.
 _KEPT_POWERS = 256
-# Fourier coefficients of rotated harmonics cos n(θ − ψ), sin n(θ − ψ) are set to zero if they are
-# below this size, because they are then rounding errors.
+# Fourier coefficients of rotated harmonics cos n(θ − ψ), sin n(θ − ψ) are set to zero if their
+# absolute value is below this number, because they are then rounding errors.
 _ROTATION_ROUNDING = 1e-14
-# Two clocking angles (by which a ball is turned in its socket) count as equal if their points on
-# the unit circle are closer than this.
+# Two clocking angles (by which a ball is turned in its socket) count as equal if the distance
+# between their points on the unit circle is at most this number.
 _SAME_CLOCKING = 1e-9
 
 
@@ -73,9 +73,9 @@ class GroupOfTests(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Conditions of a campaign's tests, as the model needs them.
+    """Test conditions of a campaign, as the model needs them.
 
-    Most arrays have one row for each test. Functions of the angle θ on the circle are held as the
+    Most arrays have one row for each test. Functions of the angle θ on the circle are stored as the
     25 coefficients of 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
     """
 
@@ -94,9 +94,9 @@ class Setting:
     #: counterclockwise; +1 too if the test states no direction
     travel: Array
     #: time of each test minus the mean time of the campaign, or of its pilot campaign [h], shape
-    #: (tests,). If some test states no time, all times follow from the order in which the tests are
-    #: listed. The values are NaN if the tests were run in another order, or if all of them have the
-    #: same time.
+    #: (tests,). If at least one test states no time, all times are derived from the order in which
+    #: the tests are listed. The values are NaN if this order is not the order in which the tests
+    #: were run, or if all tests have the same time.
     time_h: Array
     #: temperature of each test minus the mean temperature of the campaign, or of its pilot campaign
     #: [K], shape (tests,); NaN if unknown
@@ -113,17 +113,17 @@ class Setting:
     # The fields from `reference_force_N` on describe the whole campaign, and the method `select`
     # leaves them unchanged. The exceptions are `circle` and `fitted`, which have one row for each
     # test; `select` selects their rows too.
-    #: reference force F0 [N], at which compliances are stated; slopes (changes of compliances with
+    #: reference force F0 [N], at which compliances are stated. Slopes (changes of compliances with
     #: force) are multiplied by powers of F − F0
     reference_force_N: float
     force_range_N: float  #: largest minus smallest force of the campaign [N]
-    #: whether the forms of work ball and tool ball are modelled separately; if not, only the sum of
-    #: both forms is modelled
+    #: whether the form errors of work ball and tool ball are modelled separately; otherwise only
+    #: the sum of both form errors is modelled
     two_balls: bool
     #: whether the clocking angle, by which a ball is turned in its socket, differs between tests
     clocked: bool
     radii_mm: tuple[float, ...]  #: the different nominal radii of the campaign's circles [mm]
-    drifts: bool  #: whether the length of the bar and the circle's centre may drift between tests
+    drifts: bool  #: whether the bar's length and the circle's centre may drift between tests
     setups: tuple[int, ...]  #: numbers of the campaign's set-ups, such as 1 and 2
     planes: tuple[str, ...]  #: planes in which the machine runs circles, such as XY
     both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
@@ -134,11 +134,11 @@ class Setting:
     #: estimate of each compliance in internal units (mm, N, rad), about which effects are
     #: linearised, shape (compliances,)
     compliance_estimate: Array
-    #: size of each compliance in internal units (mm, N, rad), to which prior sds are proportional,
-    #: shape (compliances,): its estimate and the standard uncertainty of the estimate, added in
-    #: quadrature
+    #: magnitude of each compliance in internal units (mm, N, rad), shape (compliances,): its
+    #: estimate and the standard uncertainty of the estimate, added in quadrature. Prior sds are
+    #: proportional to these magnitudes
     compliance_size_estimate: Array
-    #: size of the direct compliance along each of X, Y, Z [mm/N], shape (3,); zero for an axis
+    #: magnitude of the direct compliance along each of X, Y, Z [mm/N], shape (3,); zero for an axis
     #: without a direct compliance
     axial_size_estimate: Array
     #: Fourier coefficients of the readings that the estimated compliances and geometric errors
@@ -153,14 +153,14 @@ class Setting:
 
     @property
     def tests(self) -> int:
-        """Number of tests whose conditions the object holds."""
+        """Number of tests that this object describes."""
         return len(self.force_N)
 
     def select(self, rows: Sequence[int]) -> Setting:
-        """Return the conditions of some of the tests.
+        """Return the conditions of a selection of the tests.
 
-        ``rows`` holds the indices of these tests, from 0. Properties of the whole campaign, such as
-        its range of forces, do not change.
+        ``rows`` holds the indices of the selected tests, from 0. Properties of the whole campaign,
+        such as its range of forces, do not change.
         """
         selected: dict[str, Any] = {}
         for name, value in vars(self).items():
@@ -184,12 +184,11 @@ class Setting:
         return np.asarray(4.0 * share * (1.0 - share))
 
     def driven_axes(self) -> list[tuple[int, float]]:
-        """Return the machine axes that the circles drive, with the size of their compliance [mm/N].
+        """Return the machine axes that the circles drive, with the magnitude of their compliance.
 
-        The result is a list of pairs. The first element of a pair is the index of the axis (X is 0,
-        Y is 1, Z is 2). The second element is the size of the axis' direct compliance (displacement
-        along the axis per force along the same axis). Axes without a direct compliance are left
-        out.
+        The result is a list of pairs: the index of an axis (X is 0, Y is 1, Z is 2), and the
+        magnitude of the axis' direct compliance, which is the displacement along the axis per force
+        along the axis [mm/N]. Axes without a direct compliance are left out.
         """
         moves = np.abs(self.direction).max(axis=(0, 1)) > 0.0
         axes = []
@@ -234,7 +233,7 @@ class Setting:
     def groups_by(self, kind: Literal["plane", "radius", "setup"]) -> Iterator[GroupOfTests]:
         """Yield one group of tests for every plane, radius or set-up of the campaign.
 
-        ``kind`` states by which of the three the tests are grouped.
+        ``kind`` states whether the tests are grouped by plane, by radius or by set-up.
         """
         of_tests: Array
         of_campaign: Sequence[Any]
@@ -304,12 +303,12 @@ class Setting:
 def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> Array:
     """Return Fourier coefficients of a power of the bar's component along an axis, (tests, 25).
 
-    Let u be the component, along one machine axis, of the unit vector along the bar, as a function
-    of the angle θ on the circle. The function is |u|^``power``, multiplied by the sign of u if
-    ``signed`` is true. ``first_harmonics`` are the bytes of an array of shape (tests, 2), which
-    holds the Fourier coefficients of u for cos θ and sin θ. The method `Setting.along` states the
-    formula. Results are kept in a cache, because the models of a campaign need the same powers
-    hundreds of times.
+    Let u be the component, along one machine axis, of the unit vector along the bar. It is a
+    function of the angle θ on the circle. The result describes |u|^``power``, multiplied by the
+    sign of u if ``signed`` is true; the method `Setting.along` states the formula.
+    ``first_harmonics`` are the bytes of an array of shape (tests, 2), which holds the Fourier
+    coefficients of u for cos θ and sin θ. Results are kept in a cache, because the models of a
+    campaign need the same powers hundreds of times.
     """
     first = int(signed)
     series = np.zeros(MAX_ORDER + 1)
@@ -339,9 +338,9 @@ class _MachineColumns(NamedTuple):
     geometric: Array
 
 
-# Cache of the effects of compliances and geometric errors on the readings, for every campaign and,
-# within a campaign, for every choice of compliances (the inner keys). A cache is useful because a
-# comparison combines one campaign with hundreds of models.
+# Cache of the effects of compliances and geometric errors on the readings. Its keys are campaigns;
+# the inner keys are sets of compliances. The cache saves time because a comparison combines one
+# campaign with hundreds of models.
 _MACHINE_COLUMNS: WeakKeyDictionary[Campaign, dict[tuple[ComplianceName, ...], _MachineColumns]] = (
     WeakKeyDictionary()
 )
@@ -350,8 +349,8 @@ _MACHINE_COLUMNS: WeakKeyDictionary[Campaign, dict[tuple[ComplianceName, ...], _
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
     """Return the names of the geometric errors of a campaign's machine.
 
-    Each set-up has its own offsets of the tool ball. From the second set-up on, the names of these
-    offsets end in the number of the set-up.
+    Each set-up has separate offsets of the tool ball. The names of these offsets end in the number
+    of the set-up, except for the first set-up.
     """
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):
@@ -373,8 +372,8 @@ def setting_of(
 ) -> Setting:
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
-    The estimates of the machine are zero, and the names of the circles' noise factors are empty.
-    These fields are filled in when a model is bound to the campaign.
+    The estimates of compliances and predicted readings are zero, and the names of the circles'
+    noise factors are empty. These fields are filled in when a model is bound to the campaign.
 
     Parameters
     ----------
@@ -462,7 +461,7 @@ def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) 
 
 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:
-    """Return the columns of a campaign's geometric errors; each set-up has its own offsets.
+    """Return the columns of a campaign's geometric errors, with separate offsets for each set-up.
 
     A column is the reading per unit of one error, as Fourier coefficients. ``columns``, shape
     (tests, 25, errors), holds the columns of the machine's errors. Each offset of the tool ball
@@ -484,8 +483,9 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     """Return the time of every test minus the mean time of the campaign [h], shape (tests,).
 
     If all tests state their times, these times are used. If not, the tests are assumed to have been
-    run in the order in which they are listed, one every six minutes. All values are NaN if the
-    campaign states that its tests were run in another order, or if all tests have the same time.
+    run in the order in which they are listed, one every six minutes; if the campaign states that
+    they were run in random order, all values are NaN instead. All values are also NaN if all tests
+    have the same time.
 
     If a pilot campaign is given and its tests state their times, the mean time of the pilot is
     used, and tests without times are placed at this mean. If the tests of neither campaign state
@@ -513,7 +513,7 @@ def _listed_s(campaign: Campaign) -> Array:
     """Return the time of every test minus the mean time [s], from the order of the tests.
 
     The tests are assumed to have been run in the order in which they are listed, at equal
-    intervals. All results are zero if the campaign states that its tests were run in another order.
+    intervals. All results are zero if the campaign states that its tests were run in random order.
     """
     listed_s = SECONDS_PER_TEST * np.arange(len(campaign.tests))
     if campaign.order is not None:
@@ -536,10 +536,9 @@ def _relative_to_mean(
     """Return a quantity of every test minus the mean of this quantity, shape (tests,).
 
     ``field`` is the name of the field of a test, such as temperature_C. If a pilot campaign is
-    given, the mean over the tests of the pilot is used, and tests without a value are assumed to be
-    at this mean. Otherwise the mean over the tests of the campaign is used, and tests without a
-    value get NaN. All values are NaN if the quantity is not recorded in any of the tests from which
-    the mean is computed.
+    given, the mean over the tests of the pilot is subtracted, and tests without a value are assumed
+    to be at this mean. Otherwise the mean over the tests of the campaign is subtracted, and tests
+    without a value get NaN. All values are NaN if no test that enters the mean has a value.
     """
     values = _recorded(field, campaign)
     reference = _recorded(field, pilot or campaign)
@@ -552,10 +551,9 @@ def _relative_to_mean(
 
 
 def _recorded(field: str, campaign: Campaign) -> Array:
-    """Return the values of one field, such as time_s, for all tests, shape (tests,).
+    """Return the values of one field of all tests of a campaign, shape (tests,).
 
-    ``field`` is the name of the field. The tests are those of ``campaign``. The value is NaN for
-    tests in which it is not recorded.
+    ``field`` is the name of the field, such as time_s. The result is NaN for tests without a value.
     """
     values = [getattr(test, field) for test in campaign.tests]
     return np.array([np.nan if value is None else value for value in values], dtype=float)

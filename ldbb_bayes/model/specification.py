@@ -1,6 +1,6 @@
 """TOML files of models, and TOML files of true values ("truths") for simulations.
 
-A model (`HybridModel`) is written to and read from TOML text; the SHA-256 digest of this text
+A model (`HybridModel`) is written to and read from TOML text. The SHA-256 digest of this text
 identifies the model.
 """
 
@@ -40,8 +40,8 @@ __all__ = [
 
 # Version of the format of model files, which every file states as ``schema``.
 SCHEMA = 1
-# Names of the tables within the table [prior] of a model file. Tables without entries are not
-# written, so that the SHA-256 digests of existing models stay the same if a name is added here.
+# Names of the sub-tables of the table [prior] in a model file. Empty sub-tables are not written, so
+# that the SHA-256 digests of existing models stay the same if a name is added here.
 _TABLES = ("overrides", "means")
 
 
@@ -83,8 +83,8 @@ def model_from_toml(text: str) -> HybridModel:
     ``first`` or ``paper``. If the text names no preset, the preset is ``default``. If the text
     omits the degree of the compliance as a polynomial in force, the degree is 0 for the preset
     ``paper`` and 1 for the other presets. If the text has a table ``[terms]``, the model has
-    exactly the nuisances (effects that are modelled but not of interest) listed there. Raise an
-    `InputError` for a mistake in the text.
+    exactly the nuisance terms (effects modelled but not of interest) that this table lists. Raise
+    an `InputError` if the text contains a mistake.
     """
     return _model_of(parse_toml(text, "model"), "model", None)
 
@@ -94,8 +94,8 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
 
     Settings that the file omits have the values of the preset that the file names: ``default``,
     ``first`` or ``paper``. If the file names no preset, the preset is ``default``. If the file has
-    a table ``[terms]``, the model has exactly the nuisances (effects that are modelled but not of
-    interest) listed there.
+    a table ``[terms]``, the model has exactly the nuisance terms (effects modelled but not of
+    interest) that this table lists.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
     Raises
     ------
     InputError
-        For a file that is not TOML, for unknown keys, and for values that are out of range or have
-        a unit that does not fit; the message names the file and the place of the mistake.
+        If the file is not TOML, has unknown keys, or has values that are out of range or in a wrong
+        unit. The message names the file and the place of the mistake.
 
     Examples
     --------
@@ -202,11 +202,11 @@ def _converted_settings(
 ) -> dict[str, Any]:
     """Return the settings of one table of a model file, in the units that their names state.
 
-    A number may be stated as a text with a unit, which is converted to the unit at the end of the
-    setting's name: "3000 nm" for ``sd_um`` becomes 3. ``table`` is the name of the table for error
-    messages. ``types`` are the types of all settings that the table may have, by name; ``values``
-    are the settings as the file states them. Raise an `InputError` for an unknown name or a value
-    of the wrong type.
+    A number may be written as a text with a unit. It is then converted to the unit at the end of
+    the setting's name: "3000 nm" for ``sd_um`` becomes 3. ``table`` is the name of the table for
+    error messages. ``types`` holds the types of all settings that the table may have, by name;
+    ``values`` holds the settings as written in the file. Raise an `InputError` for an unknown name
+    or a value of the wrong type.
     """
     check_known(f"{table} key", values, types)
     settings = {}
@@ -243,10 +243,10 @@ class _TruthsFile(BaseModel):
 
 @dataclass(frozen=True)
 class Truths:
-    """Plan and true values of a simulation, as a TOML file states them."""
+    """Plan and true values of a simulation, as read from a TOML file."""
 
-    #: campaign without readings that is to be simulated; None if the file states no forces. The
-    #: plan must then come from another file.
+    #: plan (campaign without readings) that is to be simulated; None if the file states no forces,
+    #: in which case the plan must come from another file
     plan: Campaign | None
     #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad); None
     #: if they are drawn at random from the prior
@@ -254,8 +254,8 @@ class Truths:
     #: true hyper-parameters (scales of noise and other effects) by name, with lengths in µm;
     #: hyper-parameters that are not named are drawn at random from their priors
     hyper_um: dict[str, float]
-    #: whether geometric errors act on the simulated readings through the exact kinematic equations,
-    #: instead of linearised equations
+    #: whether the effect of geometric errors on the simulated readings is computed with the exact
+    #: kinematic equations instead of linearised equations
     exact: bool
 
 
@@ -263,7 +263,7 @@ def is_truths(path: Path) -> bool:
     """Return whether a file is a TOML file of true values for a simulation.
 
     ``path`` is the path of the file. A valid TOML file (suffix ``.toml``) counts as a file of true
-    values if it lists no tests; the file of a campaign lists tests.
+    values if it lists no tests. The file of a campaign, by contrast, lists tests.
     """
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False

@@ -19,15 +19,15 @@ def eliminate(front: Array, *, signs: Array | None = None) -> None:
 
     The factor of a symmetric matrix P is the lower triangular matrix L with P = L S Lᵀ, where S is
     a diagonal matrix of signs ±1, by default the unit matrix. Only the first s columns of L are
-    computed. Right-hand sides b, stored as further entries of the columns of P, become L⁻¹ b.
-    Entries become NaN, with a warning of NumPy's, where P has no factor with these signs.
+    computed. Right-hand sides b, stored as further entries of the columns of P, become L⁻¹ b. If P
+    has no factor with these signs, entries become NaN, and NumPy warns.
 
     Parameters
     ----------
     front
         First s columns of many matrices P, shape (groups, s, n, w) with n ≥ s; the number of
-        matrices is groups · w. Of column j, only the part from the diagonal on is used, which is
-        ``front[group, j, j:]``. The columns of L overwrite the columns of P.
+        matrices is groups · w. Only the part of column j from the diagonal on,
+        ``front[group, j, j:]``, is used. The columns of L overwrite the columns of P.
     signs
         Signs ±1 on the diagonal of S, shape (groups, s); None if all are positive.
     """
@@ -92,7 +92,7 @@ def solve_columns(columns: Array, right: Array) -> Array:
     """Return L⁻ᵀ x, shape (q, ...), for lower triangular matrices L and right-hand sides x.
 
     Unlike in `solve_upper`, the dimensions q of each matrix come first, and the dimensions "..." of
-    the stack come last.
+    the stack of matrices come last.
 
     Parameters
     ----------
@@ -122,12 +122,12 @@ def _move_stack_last(
     right: Array,
     right_axes: int,
 ) -> tuple[Array, Array]:
-    """Return matrices and a copy of right-hand sides, with their matrix dimensions moved first.
+    """Return matrices and a copy of right-hand sides, with the matrix dimensions first.
 
-    ``lower`` holds matrices of q rows and columns, shape (..., q, q), and is returned with shape
-    (q, q, ...). ``right`` holds the right-hand sides. With ``right_axes`` = 1 they are vectors of
-    shape (..., q), returned with shape (q, ...); with ``right_axes`` = 2 they are matrices of k
-    columns and shape (..., q, k), returned with shape (q, k, ...).
+    ``lower`` holds matrices of q rows and columns, shape (..., q, q); the result has the shape (q,
+    q, ...). ``right`` holds the right-hand sides. If ``right_axes`` is 1, they are vectors of shape
+    (..., q) and are returned with the shape (q, ...). If it is 2, they are matrices of k columns,
+    shape (..., q, k), and are returned with the shape (q, k, ...).
     """
     stack = np.broadcast_shapes(lower.shape[:-2], right.shape[:-right_axes])
     # Make the triangular matrices contiguous in memory before they are broadcast, because copying

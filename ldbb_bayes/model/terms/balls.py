@@ -23,32 +23,32 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BallForm", "MachinePattern"]
 
-# Orders n of the harmonics cos nθ, sin nθ of a ball's form error. They start at 2, because order 0
-# is the ball's radius and order 1 the position of its centre.
+# Orders n of the harmonics cos nθ, sin nθ of a ball's form error. Order 0 is not part of the form
+# error because it is the ball's radius, nor is order 1, which is the position of the ball's centre.
 _FORM_ORDERS = range(2, MAX_ORDER + 1)
 # Orders n of the harmonics cos nθ, sin nθ of the machine's pattern (geometric and cyclic errors of
-# higher orders). They start at 4, because other geometric errors describe the lower orders.
+# higher orders). Orders below 4 are left to the other geometric errors of the model.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
-# Hyper-parameter p (decay). The sds of the balls' form errors, and of the machine's errors of
+# Hyper-parameter p (decay). The prior sds of the balls' form errors, and of the machine's errors of
 # higher orders, are proportional to n^(−p), where the order n is the number of waves around the
 # circle.
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # Prior variance of each coefficient of a ball's form with 2 or 3 waves around the circle, divided
 # by the square of the ball's deviation from sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
-# At orders n up to this number, a harmonic cos nθ or sin nθ of a ball's form may hold the ball's
-# whole deviation from sphericity. If the deviation is stated, the sds at higher orders fall as 1/n.
-# If the deviation is only assumed, it says nothing about higher orders.
+# At orders n up to this number, a single harmonic cos nθ or sin nθ of a ball's form may account for
+# the ball's whole deviation from sphericity. At higher orders, the prior sds fall as 1/n if the
+# deviation is stated. A deviation that is only assumed says nothing about higher orders.
 _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """Ball that contributes to a form error, and the zero of the angle on this ball [rad].
+    """Ball that contributes to a form error, and the angle ``turned_rad`` of its orientation [rad].
 
-    A form error is a Fourier series in an angle. For the form error of a single ball, it is the
-    angle on this ball, and ``turned_rad`` is zero. For the sum of the form errors of both balls, it
-    is the angle on the work ball; ``turned_rad`` is then the value of this angle at which the angle
-    on ``ball`` is zero.
+    A form error is a Fourier series in an angle. For the form error of a single ball, this angle is
+    measured on the ball itself, and ``turned_rad`` is zero. For the sum of the form errors of both
+    balls, the angle is measured on the work ball. ``turned_rad`` is then the angle on the work ball
+    at which the angle on ``ball`` is zero.
     """
 
     ball: Ball
@@ -58,9 +58,9 @@ class _TurnedBall(NamedTuple):
 class _CoefficientPrior(NamedTuple):
     """Prior of the coefficients of a ball's form error: cosine and sine of each order."""
 
-    #: factor f of each coefficient. The part of its prior variance that hyper-parameters scale is f
-    #: τ² (n/6)^(−2p), with the hyper-parameters τ and p and the order n. f is 1/2 times the number
-    #: of balls whose form is not stated at the order n.
+    #: factor f of each coefficient. The hyper-parameters τ and p contribute f τ² (n/6)^(−2p) to the
+    #: prior variance of a coefficient of the order n. f is half of the number of balls for which
+    #: no certificate or grade states the form at the order n.
     share_of_tau: Array
     sd_um: Array  #: part of each coefficient's prior sd that no hyper-parameter scales [µm]
     mean_um: Array  #: prior mean of each coefficient of form, from certificates [µm]
@@ -69,9 +69,10 @@ class _CoefficientPrior(NamedTuple):
 class _Form(NamedTuple):
     """Form error of one ball, or the sum of the form errors of work ball and tool ball.
 
-    The names of its coefficients begin with ``stem``. ``turned_rad`` (tests,) is the angle on the
-    circle at which the form's own angle is zero, in every test [rad]. ``balls`` contains the ball
-    to which the form belongs; for the sum, it contains both balls.
+    The names of its coefficients begin with ``stem``. ``turned_rad``, shape (tests,), holds for
+    every test the angle on the circle at which the angle on the ball is zero [rad]. ``balls``
+    contains the ball to which the form belongs. For the sum, ``balls`` contains both balls, and
+    ``turned_rad`` refers to the work ball.
     """
 
     stem: str
@@ -142,7 +143,7 @@ class BallForm(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the balls' form for the tests of a campaign.
 
-        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient. Every plane has one set of columns for each ball, or one set for the sum of
         both balls. The columns of a plane are zero for tests in other planes.
         """
@@ -162,8 +163,8 @@ class BallForm(Term):
     def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
         """Return the prior of the form of one ball, or of the sum of the forms of both balls.
 
-        ``balls`` are the balls that contribute to the form. The result is a dict; its keys are
-        those arguments of `Columns` that describe the prior.
+        ``balls`` are the balls that contribute to the form. The result is a dict of those arguments
+        of `Columns` that describe the prior, by name.
         """
         orders = np.repeat(_FORM_ORDERS, 2).astype(float)
         if self.law == "1/n":
@@ -185,8 +186,8 @@ class BallForm(Term):
     def _coefficient_prior(self, balls: Sequence[_TurnedBall], orders: Array) -> _CoefficientPrior:
         """Return the prior of the form coefficients of one ball, or of the sum of both balls.
 
-        ``balls`` are the balls that contribute to the form, and ``orders`` the orders of the
-        coefficients.
+        ``balls`` are the balls that contribute to the form, and ``orders`` holds the order of each
+        coefficient.
         """
         share_of_tau = np.zeros(len(orders))
         variance = np.zeros(len(orders))
@@ -207,14 +208,14 @@ class BallForm(Term):
         return _CoefficientPrior(share_of_tau, np.sqrt(variance), mean)
 
     def coefficient_sd_um(self, ball: Ball, order: int, tau_um: Array, decay: Array) -> Array:
-        """Return the prior sd of the cosine and the sine of one order in the form of one ball [µm].
+        """Return the prior sd of each coefficient of one order in the form of one ball [µm].
 
         Parameters
         ----------
         ball : Ball
-            The ball, with what its certificate or grade states.
+            The ball, including what its certificate or grade states.
         order : int
-            Order n of the harmonics cos nθ and sin nθ, which have the same sd.
+            Order n of the harmonics cos nθ and sin nθ, whose coefficients have the same sd.
         tau_um : array or float
             Values of the hyper-parameter τ, the scale of form at order 6 [µm].
         decay : array or float
@@ -224,7 +225,7 @@ class BallForm(Term):
         Returns
         -------
         array
-            The sd for each pair of values, of the shape of ``tau_um``.
+            Prior sd for each pair of values of τ and p, with the shape of ``tau_um``.
 
         Examples
         --------
@@ -239,7 +240,7 @@ class BallForm(Term):
         return np.asarray(np.sqrt(variance))
 
     def _sphericity_sd_um(self, ball: Ball, orders: Array) -> Array:
-        """Return the prior sds of form coefficients from a ball's sphericity [µm], shape (n,).
+        """Return prior sds of form coefficients from a ball's deviation from sphericity [µm], (n,).
 
         ``orders``, shape (n,), are the orders of n coefficients, at least 2. If the ball's
         certificate or grade states its deviation from sphericity S, the sd is S/√24 · min(1,
@@ -256,12 +257,12 @@ class BallForm(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield what the term assumes about the form of each ball, order by order.
 
-        ``campaign`` holds the certificates and grades of the balls. The assumptions are the sds of
-        the coefficients, and the amplitudes and sds that certificates state. The orders are 2 to 12
-        if a certificate or grade states the deviation from sphericity. If no certificate or grade
-        states this deviation, the orders are 2, 3 and the orders of all harmonics that a
-        certificate states. The part of the sd from the hyper-parameter τ, the scale of form, is not
-        included. If the field ``law`` is ``1/n``, nothing is yielded.
+        ``campaign`` holds the certificates and grades of the balls. The term assumes a prior sd at
+        each order and, for harmonics that a certificate states, also an amplitude. If a certificate
+        or grade states the deviation from sphericity, the orders are 2 to 12. Otherwise they are 2,
+        3 and the orders of all harmonics that a certificate states. The contribution of the
+        hyper-parameter τ, the scale of form, to the prior sds is not included. If the field ``law``
+        is ``1/n``, nothing is yielded.
         """
         if self.law != "decay":
             return
@@ -284,11 +285,11 @@ class BallForm(Term):
                 )
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
-        """Return whether certificates state the size of a coefficient of the balls' form.
+        """Return whether the prior of a coefficient of form follows from certificates or grades.
 
-        For a coefficient of the sum of both balls' forms, certificates or grades of both balls must
-        state the form. ``campaign`` holds the certificates, and ``coefficient`` is the name of the
-        coefficient.
+        ``coefficient`` is the name of the coefficient, and ``campaign`` holds the certificates and
+        grades. For a coefficient of the sum of both balls' forms, the form of both balls must be
+        stated.
         """
         instrument = campaign.instrument
         balls = [instrument.work, instrument.tool]
@@ -351,13 +352,13 @@ def _forms(setting: Setting) -> list[_Form]:
 def _stated_sd_um(ball: Ball) -> float:
     """Return the standard uncertainty of the harmonics that a ball's certificate states [µm].
 
-    The standard uncertainty is half of the harmonics' expanded uncertainty (k = 2).
+    The standard uncertainty is half of the expanded uncertainty (k = 2) in the certificate.
     """
     return 0.5 * (ball.U_um or 0.0)
 
 
 def _ball_in_words(coefficient: str) -> str:
-    """Return "the work ball" or "the tool ball" for a coefficient of form, given its name.
+    """Return "the work ball" or "the tool ball" for the name of a coefficient of form.
 
     Return an empty text for a coefficient of the sum of both balls' forms.
     """
@@ -372,13 +373,14 @@ def _ball_in_words(coefficient: str) -> str:
 class MachinePattern(Term):
     """Geometric errors of higher orders and cyclic errors: cos nθ, sin nθ, n = 4 … 12.
 
-    θ is the angle on the circle. The prior sd of each coefficient is ω (n/6)^(−p), with the
-    hyper-parameters ω (scale at order 6) and p (decay with order, the same as for the form of the
-    balls). These errors are called the machine's pattern. They are the same in all tests of one
-    plane, direction of travel and radius. The term acts only if the clocking of a ball (angle by
-    which it is turned in its socket) differs between tests, or if a certificate or grade states the
-    form of a ball. Form and pattern can then be separated, because the form turns with the ball and
-    the pattern does not, or because the form is known. Otherwise the form contains the pattern.
+    These errors are called the machine's pattern; θ is the angle on the circle. The prior sd of
+    each coefficient is ω (n/6)^(−p), with the hyper-parameters ω (scale at order 6) and p (decay
+    with order, the same as for the form of the balls). The pattern is the same in all tests of one
+    plane, direction of travel and radius. A model has the term only if the clocking of a ball (the
+    angle by which it is turned in its socket) differs between tests, or if a certificate or grade
+    states the form of a ball. Form and pattern can then be separated, because the form turns with
+    the ball and the pattern does not, or because the form is known. Otherwise the form of the balls
+    in the model includes the pattern.
 
     Examples
     --------
@@ -396,7 +398,7 @@ class MachinePattern(Term):
         """Return the columns of the machine's pattern for the tests of a campaign.
 
         The pattern is made of the machine's geometric and cyclic errors of higher orders.
-        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient. The result is an empty tuple if every ball has the same clocking (angle by
         which it is turned in its socket) in all tests and the form of no ball is stated.
         """
@@ -424,11 +426,11 @@ def _states_form(instrument: Instrument) -> bool:
 def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[Columns]:
     """Return the columns of the machine's pattern in one plane at one radius.
 
-    The pattern is an error of the machine that is a function of the angle on the circle: a sum of
-    cosines and sines of several orders. A column is the reading per unit of one coefficient; it is
-    zero in tests of other planes and radii. Each direction of travel in which the tests run has its
-    own columns. The prior sd of a coefficient of the order n is ω (n/6)^(−p), with the
-    hyper-parameters ω (``omega``) and p (``decay``).
+    The pattern is an error of the machine that depends on the angle on the circle: a sum of cosines
+    and sines of several orders. A column is the reading per unit of one coefficient; it is zero in
+    tests with another plane or radius. Each direction of travel has columns of its own. The prior
+    sd of a coefficient of the order n is ω (n/6)^(−p), with the hyper-parameters ω (``omega``) and
+    p (``decay``).
 
     Parameters
     ----------

@@ -50,8 +50,8 @@ class Unit(NamedTuple):
     'µm/bar'
     """
 
-    inside: str  #: internal unit of the coefficient, made of mm, N and rad, as in results
-    #: size of one display unit in internal units, such as 1e-3 for µm, because 1 µm is 1e-3 mm
+    inside: str  #: internal unit of the coefficient, composed of mm, N and rad
+    #: display unit expressed in internal units, such as 1e-3 for µm, because 1 µm is 1e-3 mm
     one: float
     label: str  #: name of the unit in which reports display the coefficient, such as µm
 
@@ -69,14 +69,15 @@ class Uncertainty:
     sd: float
     unit: str  #: internal unit of the assumed value and its sd, made of mm, N and rad
     #: name of the field of `Instrument` that holds the uncertainty from a certificate, such as
-    #: bar_U_um; empty text if no field does
+    #: bar_U_um; empty text if there is no such field
     certificate: str
-    stated: bool  #: whether a certificate states the uncertainty; if not, it is a default
+    #: whether a certificate states the uncertainty; otherwise the uncertainty is a default value
+    stated: bool
 
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """All values that a model's terms assume about the instrument, and names of certificates.
+    """All values that a model's terms assume about the instrument, and the certificates' names.
 
     Examples
     --------
@@ -97,7 +98,7 @@ def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Un
     """Return what nuisance terms assume about the instrument of a campaign or plan.
 
     When the result is printed, it is a table. The table also names the field of ``campaign.toml``
-    into which the value of each certificate belongs.
+    in which to enter the value from each certificate.
 
     Parameters
     ----------
@@ -129,11 +130,11 @@ def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Un
 def assumption(
     campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0
 ) -> Uncertainty:
-    """Return the record of what a term assumes about one of its coefficients.
+    """Return what a term assumes about one of its coefficients, as an `Uncertainty`.
 
-    The unit follows from the name of the coefficient. The record also says whether a certificate of
-    the campaign states the uncertainty. The uncertainty itself is not read from the certificate: it
-    is the argument ``sd``.
+    The unit follows from the name of the coefficient. The result also says whether a certificate of
+    the campaign states the uncertainty. The uncertainty itself is the argument ``sd``; it is not
+    read from the certificate.
 
     Parameters
     ----------
@@ -142,9 +143,9 @@ def assumption(
     name
         Name of the coefficient, such as bar_length.
     certificate
-        Name of the field of `Instrument` where a certificate's uncertainty is stored, such as
-        bar_U_um. The assumption counts as stated by a certificate if this field is filled in. Empty
-        text if no certificate can state the uncertainty.
+        Name of the field of `Instrument` that holds the uncertainty from a certificate, such as
+        bar_U_um. If this field is filled in, the result says that a certificate states the
+        uncertainty. Empty text if no certificate can state the uncertainty.
     sd
         Standard uncertainty of the coefficient that the term assumes, in the internal unit of the
         coefficient (made of mm, N, rad).
@@ -196,7 +197,7 @@ class Term(Shown):
     words: ClassVar[str]
     #: internal unit of the term's coefficients, and the unit in which reports display them
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")
-    #: name of a measurement that would determine the effect of the term, used in advice
+    #: measurement, in words, that would determine the effect of the term; used in advice
     calibration: ClassVar[str] = "a measurement of it"
     #: advice (a sentence) that is printed with an uncertainty budget if the term contributes most
     #: to the uncertainty
@@ -226,8 +227,8 @@ class Term(Shown):
 
     def __post_init__(self) -> None:
         choices: dict[str, tuple[Any, ...]] = {}
-        # If the class is defined inside a function, types that its annotations name may be unknown
-        # here. The permitted choices of its settings are then not checked.
+        # If the class is defined inside a function, the types named in its annotations may be
+        # unknown here. The permitted choices of its settings are then not checked.
         kind: Any = type(self)
         with suppress(NameError):
             choices = _choices(kind)
@@ -247,26 +248,27 @@ class Term(Shown):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the term: scales of the prior sds of its coefficients.
+        """Hyper-parameters of the term, which scale the prior sds of its coefficients.
 
-        The readings help to determine these scales. By default a term has no hyper-parameters.
+        Hyper-parameters are estimated from the readings. By default a term has none.
         """
         return ()
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the term's hyper-parameters under the conditions of a campaign's tests.
+        """Return the term's hyper-parameters for the test conditions of a campaign.
 
-        ``setting`` are these conditions. By default, the result is ``scales``, which does not
+        ``setting`` describes the test conditions. By default, the result is ``scales``, which does
+        not depend on the campaign.
         depend on the campaign.
         """
         return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
-        """Return the term's columns under the conditions of a campaign's tests.
+        """Return the term's columns for the test conditions of a campaign.
 
-        ``setting`` are these conditions. A column is the reading per unit of one coefficient, as 25
-        Fourier coefficients for each test. The result is an empty tuple if the term has no effect
-        on these tests.
+        ``setting`` describes the test conditions. A column is the change of the reading per unit of
+        one coefficient, as 25 Fourier coefficients for each test. The result is an empty tuple if
+        the term has no effect on these tests.
         """
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
@@ -297,7 +299,7 @@ class Term(Shown):
 
     @staticmethod
     def owner(coefficient: str) -> type[Term]:
-        """Return the class of the term that a coefficient belongs to, from the coefficient's name.
+        """Return the class of the term to which the coefficient with this name belongs.
 
         Return `Term` if no term has such a coefficient.
         """
@@ -310,15 +312,15 @@ class Term(Shown):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return internal and displayed unit of a coefficient, from the coefficient's name."""
+        """Return the internal unit and the display unit of the coefficient with this name."""
         return cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a coefficient of this term, made from the coefficient's name.
+        """Return a description of a coefficient of this term, derived from the coefficient's name.
 
-        For example, pattern_cos4 is "machine pattern (cos 4θ)". The class `Term` itself, to which
-        coefficients of unknown terms belong, returns the name unchanged.
+        For example, pattern_cos4 is "machine pattern (cos 4θ)". Coefficients of unknown terms
+        belong to the class `Term` itself, which returns the name unchanged.
         """
         if cls is Term:
             return coefficient
@@ -329,8 +331,8 @@ class Term(Shown):
     def pattern(cls, coefficient: str) -> str:
         """Return words for the harmonic and the plane of a coefficient, such as `` in cos 2θ``.
 
-        ``coefficient`` is the name of the coefficient. The text is empty if the name contains no
-        harmonic.
+        The words are derived from ``coefficient``, the name of the coefficient. They are empty if
+        the name contains no harmonic.
         """
         order = order_in_words(coefficient)
         return f" in {order}{plane_in_words(coefficient)}" if order else ""
@@ -338,7 +340,7 @@ class Term(Shown):
 
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
-    """Return the permitted values of those settings of a term that allow only listed values.
+    """Return the permitted values of each setting of a term that has a fixed list of values.
 
     ``kind`` is the class of the term. The result is a dict; its keys are the names of the settings.
     """

@@ -19,8 +19,8 @@ from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-# Names for what shifts at random between circles. Both the readings' zero and the circle's centre
-# shift, with one common sd (``together``) or with separate sds (``apart``); or only one of the two
+# Options for the random shift between circles. The readings' zero and the circle's centre both
+# shift, with one common sd (``together``) or with separate sds (``apart``), or only one of them
 # shifts (``zero``, ``centre``).
 Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities to which a drift of the bar's length and the circle's centre can be proportional.
@@ -29,12 +29,12 @@ Covariate = Literal["time", "temperature"]
 # ``first``).
 _FIRST_EDITION_ORDERS = 4
 # Highest order n of the harmonics cos nθ, sin nθ of hysteresis in a plane whose circles all run in
-# one direction. In such a plane, hysteresis cannot be distinguished from bar length, geometric
-# errors and compliances. The effects of bar length, geometric errors and compliances have orders up
-# to this number; only a rotation caused by a moment can also have an effect of order 4.
+# one direction. Hysteresis cannot be distinguished there from bar length, geometric errors and
+# compliances, whose effects have orders up to this number. (Only a rotation caused by a moment can
+# also have an effect of order 4.)
 _ONE_WAY_ORDERS = 3
-# Prior sd of the part of hysteresis that is proportional to force, in a plane whose circles all run
-# in one direction, divided by the prior sd in a plane with both directions.
+# Ratio of two prior sds of the part of hysteresis that is proportional to force: the prior sd in a
+# plane whose circles all run in one direction, to the prior sd in a plane with both directions.
 _ONE_WAY_SHARE = 0.6
 
 
@@ -43,10 +43,10 @@ class SetupShift(Term):
     """Random shift of the readings' zero and of the circle's centre between circles.
 
     A shift of the zero adds a constant to the readings of a circle (order 0). A shift of the centre
-    adds multiples of cos θ and sin θ (order 1), with θ the angle on the circle. Every test has
-    separate coefficients, and their prior sds are hyper-parameters. ``moves`` states whether zero
-    and centre have one common sd δ or separate sds δ_0 and δ_1, or whether only one of the two
-    moves, with the sd δ.
+    adds multiples of cos θ and sin θ (order 1), where θ is the angle on the circle. Every test has
+    separate coefficients. Their prior sds are hyper-parameters: one sd δ for zero and centre, or
+    separate sds δ_0 and δ_1. The field ``moves`` selects these options; it can also restrict the
+    shift to the zero or to the centre, with the sd δ.
 
     Examples
     --------
@@ -80,9 +80,10 @@ class SetupShift(Term):
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
         """Return the random shift as noise of the Fourier coefficients of 1, cos θ, sin θ.
 
-        ``setting`` are the conditions of the tests. The field ``moves`` states whether the
-        readings' zero (coefficient of 1), the circle's centre (coefficients of cos θ and sin θ) or
-        both shift between circles. The noise is independent between the tests of a campaign.
+        The coefficient of 1 is the shift of the readings' zero; the coefficients of cos θ and sin θ
+        are the shift of the circle's centre. The field ``moves`` states whether zero, centre or
+        both shift. The noise is independent between the tests of a campaign. ``setting`` describes
+        the test conditions.
         """
         zero_sd = np.where(ORDERS == 0, 1.0, 0.0)
         centre_sd = np.where(ORDERS == 1, 1.0, 0.0)
@@ -95,10 +96,10 @@ class SetupShift(Term):
 
 @dataclass(frozen=True)
 class Discrepancy(Term):
-    """Model inadequacy and change from circle to circle, in harmonics of the orders n = 2 … 12.
+    """Model inadequacy and variation between circles, in harmonics of the orders n = 2 … 12.
 
-    The harmonics are cos nθ and sin nθ, with θ the angle on the circle. Every test has separate
-    coefficients. Their prior sd is κ/n^decay, with the hyper-parameter κ and the fixed power
+    The harmonics are cos nθ and sin nθ, where θ is the angle on the circle. Every test has separate
+    coefficients. Their prior sd is κ/n^decay, with the hyper-parameter κ and the fixed exponent
     ``decay``.
 
     Examples
@@ -119,8 +120,8 @@ class Discrepancy(Term):
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
         """Return the discrepancy as noise of the Fourier coefficients of the orders 2 to 12.
 
-        ``setting`` are the conditions of the tests. The discrepancy consists of model inadequacy
-        and change from one circle to the next. The noise is independent between the tests of a
+        ``setting`` describes the test conditions. The discrepancy consists of model inadequacy and
+        variation from one circle to the next. The noise is independent between the tests of a
         campaign.
         """
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
@@ -131,10 +132,10 @@ class Discrepancy(Term):
 class CircleScale(Term):
     """Noise factor λ of every circle, which multiplies the sd of its set-up shift and discrepancy.
 
-    The classes `SetupShift` and `Discrepancy` describe these two effects. λ² has an inverse gamma
-    prior, InvGamma(3/2, 3/2). The circles therefore scatter as Student's t with three degrees of
-    freedom, and an outlying circle hardly changes the estimated compliances. The term does not act
-    on campaigns with fewer than four tests.
+    The classes `SetupShift` and `Discrepancy` describe set-up shift and discrepancy. λ² has an
+    inverse gamma prior, InvGamma(3/2, 3/2). The deviations of a circle therefore follow Student's t
+    distribution with three degrees of freedom, and an outlying circle hardly changes the estimated
+    compliances. The term is not used in campaigns with fewer than four tests.
 
     Examples
     --------
@@ -150,7 +151,7 @@ class CircleScale(Term):
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the noise factors λ of all circles as hyper-parameters, one for each test.
 
-        ``setting`` are the conditions of the tests. The result is an empty tuple for campaigns with
+        ``setting`` describes the test conditions. The result is an empty tuple for campaigns with
         fewer than four tests.
         """
         scales = []
@@ -172,11 +173,11 @@ class _HysteresisPrior(NamedTuple):
     """Prior of the coefficients of hysteresis in one plane.
 
     The fields hold the prior sds at the Fourier orders 0 and 1. At a higher order n, the prior sds
-    are 1/n of these values.
+    are these values divided by n.
     """
 
-    #: prior sd of the part of hysteresis that does not depend on force [mm]; if ``hyper`` is given,
-    #: this sd divided by the hyper-parameter
+    #: prior sd of the part of hysteresis that does not depend on force [mm]; if ``hyper`` names a
+    #: hyper-parameter, this field is the prior sd divided by the hyper-parameter
     constant_sd: float
     #: name of the hyper-parameter that scales the part of hysteresis that does not depend on force;
     #: None if this part has a fixed scale
@@ -199,11 +200,10 @@ class Hysteresis(Term):
     for the part that does not depend on force, with the hyper-parameter η, and
     ``proportional_um_per_kN``/n for the part proportional to force. If all circles of a plane run
     in one direction, or none states its direction, hysteresis cannot be separated from bar length,
-    geometric errors and compliances; hysteresis then widens the intervals of these parameters. In
-    this case, hysteresis has the orders n = 0 … 3, which are nearly all orders of the effects of
-    bar length, geometric errors and compliances. The prior sd is then ``constant_um``/n for the
-    part that does not depend on force, and 0.6 ``proportional_um_per_kN``/n for the part
-    proportional to force.
+    geometric errors and compliances. Hysteresis then widens the intervals of these parameters, and
+    has only the orders n = 0 … 3, which include nearly all orders of the effects of these
+    parameters. The prior sd is then ``constant_um``/n for the part that does not depend on force,
+    and 0.6 ``proportional_um_per_kN``/n for the part proportional to force.
 
     If ``law`` is ``fixed``, as in the model's first edition (preset ``first``), the term acts only
     in planes whose circles run in both directions. The orders are then n = 0 … 4, and
@@ -238,16 +238,16 @@ class Hysteresis(Term):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameter of hysteresis: the scale η of the part that does not depend on force.
 
-        The result is an empty tuple if the field ``law`` is ``fixed``: the scale is then
-        ``constant_um``. A campaign's model has η only if circles run in both directions in some
-        plane.
+        The result is an empty tuple if the field ``law`` is ``fixed``; the field ``constant_um`` is
+        then used instead. The model of a campaign has η only if circles run in both directions in
+        at least one plane.
         """
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of hysteresis in every plane of a campaign.
 
-        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient, in every test of a campaign. If the field ``law`` is ``fixed``, only planes
         whose circles run in both directions have columns.
         """
@@ -299,8 +299,8 @@ class Hysteresis(Term):
         """Return words for the harmonic of a coefficient of hysteresis, made from its name.
 
         For example, hysteresis_force_cos2 gives `` in cos 2θ times force``. Reports append these
-        words to the name of the term. The words contain a plane if the coefficient's name contains
-        one.
+        words to the name of the term. If the coefficient's name contains a plane, the words name
+        the plane too.
         """
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
         return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"
@@ -311,8 +311,8 @@ def _columns_of_plane(
 ) -> list[Columns]:
     """Return the columns of hysteresis in one plane of a campaign.
 
-    ``setting`` are the conditions of the tests. First come the columns of the part of hysteresis
-    that does not depend on force, then the columns of the part proportional to force. ``plane``
+    The columns of the part of hysteresis that does not depend on force come first, followed by the
+    columns of the part proportional to force. ``setting`` describes the test conditions, ``plane``
     states which tests are in the plane, and ``prior`` is the prior of the coefficients.
     """
     suffixes = ["0"]
@@ -342,17 +342,17 @@ def _columns_of_plane(
 class Drift(Term):
     """Drift of the bar's length and of the circle's centre with time or temperature.
 
-    Let u be the time [h] or the temperature [K] of a test, as ``over`` states, minus the mean of
-    all tests of the campaign. A drift of the bar's length changes the reading by u times its
-    coefficient. A drift of the centre's coordinates, with the vector c of their coefficients,
-    changes the reading by u B̂ · c, where B̂ is the unit vector along the bar. ``length_um`` and
-    ``centre_um`` are the prior sds of the coefficients, per hour or kelvin; a steel bar of 150 mm
-    grows by 1.7 µm/K.
+    Let u be the time [h] or the temperature [K] of a test minus its mean over all tests of the
+    campaign; ``over`` chooses time or temperature. A drift of the bar's length changes the reading
+    by u times one coefficient. A drift of the circle's centre changes the reading by u B̂ · c. B̂ is
+    the unit vector along the bar, and the vector c holds one coefficient for each coordinate of the
+    centre. ``length_um`` and ``centre_um`` are the prior sds of the coefficients, per hour or
+    kelvin. For comparison, a steel bar of 150 mm grows by 1.7 µm/K.
 
-    If some test states no time, all tests are taken to have been run in the order in which they are
-    listed, one every six minutes. If the campaign states that its tests were run in another order
-    (``order = "random"``), a drift with time is modelled only if all tests state their times. If
-    the campaign states that nothing drifts (``drift = false``), the term has no effect.
+    If at least one test states no time, the model assumes that the tests were run in the order in
+    which they are listed, one every six minutes. If the campaign states that its tests were run in
+    random order (``order = "random"``), a drift with time is modelled only if all tests state their
+    times. If the campaign states that nothing drifts (``drift = false``), the term has no effect.
 
     Examples
     --------
@@ -375,11 +375,10 @@ class Drift(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the drift of bar length and circle centre for a campaign's tests.
 
-        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient. The result is an empty tuple if the campaign states that nothing drifts. For a
         drift with time, the result is also empty if the times of the tests are unknown or all
-        equal. Raise an `InputError` if a test lacks the temperature to which the drift is
-        proportional.
+        equal. For a drift with temperature, raise an `InputError` if a test has no temperature.
         """
         if not setting.drifts:
             return ()

@@ -21,16 +21,14 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# Some lists state, for each coefficient, the class name of the nuisance term to which the
-# coefficient belongs. For parameters of interest, which belong to no nuisance term, the lists state
-# this name.
+# Entry for a parameter of interest in lists that hold, for each coefficient, the class name of the
+# nuisance term to which the coefficient belongs. Parameters of interest belong to no nuisance term.
 OWN = "Parameters"
-# Some lists state, for each source of noise, the class name of the nuisance term to which the
-# source belongs. For the white noise of the readings, which belongs to no nuisance term, the lists
-# state this name.
+# Entry for the white noise of the readings in lists that hold, for each source of noise, the class
+# name of the nuisance term to which the source belongs. White noise belongs to no nuisance term.
 NOISE = "ReadingNoise"
-# Order n of the harmonics cos nθ, sin nθ for which the scale τ of the balls' form errors and the
-# scale ω of the machine's errors of higher orders are stated. At any order n, the prior sds are
+# Order n of the harmonics cos nθ, sin nθ to which two scales refer: the scale τ of the balls' form
+# errors and the scale ω of the machine's errors of higher orders. At any order n, the prior sds are
 # proportional to (n/6)^(−decay).
 FORM_ORDER = 6.0
 # Kinds of prior distribution of a hyper-parameter: half-normal for scales, decay for the exponent p
@@ -75,12 +73,12 @@ class Scale(NamedTuple):
 
 
 class Source(NamedTuple):
-    """Factor that hyper-parameters contribute to the prior sd of a coefficient.
+    """Factor by which hyper-parameters multiply the prior sd of a coefficient.
 
-    The factor is hyper · circle · (order/6)^(−decay), with the values of three hyper-parameters.
-    Their names are in the fields ``hyper`` (the scale of an effect), ``circle`` (the noise factor λ
-    of a circle) and ``decay`` (the exponent). If a name is None, its part of the product is 1.
-    ``order`` is the order of the coefficient's harmonic.
+    The factor is hyper · circle · (order/6)^(−decay). ``hyper``, ``circle`` and ``decay`` name the
+    hyper-parameters in this product: the scale of an effect, the noise factor λ of a circle, and
+    the exponent. If one of these names is None, its factor in the product is 1. ``order`` is the
+    order of the coefficient's harmonic.
     """
 
     hyper: Hyper | None = None
@@ -90,14 +88,14 @@ class Source(NamedTuple):
 
     @property
     def names(self) -> tuple[Hyper, ...]:
-        """Names of the hyper-parameters from which this factor of a prior sd is computed."""
+        """Names of the hyper-parameters on which the factor depends."""
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
-        """Return the value of this factor of a prior sd, for given hyper-parameters.
+        """Return the value of the factor for given hyper-parameters.
 
-        ``value`` maps the names of the hyper-parameters to numbers, or to arrays that all have the
-        same shape; lengths are in mm. The result has the same shape.
+        ``value`` maps the names of the hyper-parameters to numbers, or to arrays of one shape;
+        lengths are in mm. The result is a number or an array of the same shape.
         """
         size: Any = value[self.hyper] if self.hyper else 1.0
         if self.circle:
@@ -112,19 +110,19 @@ class Columns(Shown):
     """Columns of one term's p coefficients, with the Gaussian prior of the coefficients.
 
     A column is the reading per unit of a coefficient, as a function of the angle θ on the circle.
-    The function is stored as its Fourier coefficients, which multiply 1, cos θ, sin θ, cos 2θ, sin
-    2θ, … to the order 12. The prior sd of coefficient j is ``sd``_j · s · λ ·
-    (``orders``_j/6)^(−d). s, λ and d are the values of the hyper-parameters that the fields
-    ``hyper`` (scale of the effect), ``circle`` (noise factor of each test's circle) and ``decay``
-    name; a factor is left out if its field names no hyper-parameter. If the field ``stated`` is
-    given, its value for coefficient j is added in quadrature.
+    Each column is stored as Fourier coefficients of 1, cos θ, sin θ, cos 2θ, sin 2θ, … to the order
+    12. The prior sd of coefficient j is ``sd``_j · s · λ · (``orders``_j/6)^(−d), with the
+    hyper-parameters s (scale of the effect), λ (noise factor of each test's circle) and d. The
+    fields ``hyper``, ``circle`` and ``decay`` name these hyper-parameters; a factor is left out if
+    its field names none. If the field ``stated`` is not None, its value for coefficient j is added
+    in quadrature.
 
     Raises
     ------
     InputError
-        If the shapes of ``values`` or ``sd`` do not agree with the number of names, if the
-        coefficients belong to single tests (``private``) and have a mean, or if noise factors of
-        circles are named (``circle``) but the coefficients are the same in all tests.
+        If the shapes of ``values`` or ``sd`` do not agree with the number of names; if the
+        coefficients belong to single tests (``private``) and have a mean; or if ``circle`` names
+        noise factors of circles although the coefficients are the same in all tests.
 
     Examples
     --------
@@ -147,22 +145,23 @@ class Columns(Shown):
     #: name of the hyper-parameter (scale of the effect) that multiplies ``sd``; None if there is
     #: no such hyper-parameter
     hyper: Hyper | None = None
-    #: whether every test has its own value of each coefficient, instead of one value for all tests
+    #: whether each coefficient has a separate value in every test, instead of one for all tests
     private: bool = False
     #: prior mean of each of the p coefficients in internal units (mm, N, rad), shape (p,), or one
-    #: number for all; by default zero. It must be zero if every test has its own coefficients
+    #: number for all; by default zero. It must be zero if coefficients have a separate value in
+    #: every test
     mean: Any = None
-    #: name of the hyper-parameter d; the prior sd is proportional to (n/6)^(−d), with the order n
-    #: of the harmonic. None if the prior sd does not depend on the order
+    #: name of the hyper-parameter d in a prior sd that is proportional to (n/6)^(−d), where n is
+    #: the order of the harmonic. None if the prior sd does not depend on the order
     decay: Hyper | None = None
     #: order of the harmonic that each of the p coefficients multiplies, shape (p,); needed if
     #: ``decay`` is given
     orders: Array | None = None
     #: part of the prior sd of each of the p coefficients that no hyper-parameter scales, in
-    #: internal units (mm, N, rad), shape (p,); it is added in quadrature
+    #: internal units (mm, N, rad), shape (p,). It is added in quadrature to the part that is scaled
     stated: Array | None = None
-    #: name of the hyper-parameter λ (noise factor) of each test's circle, shape (tests,), if every
-    #: test has its own coefficients; empty if circles have no noise factors
+    #: name of the hyper-parameter λ (noise factor) of each test's circle, shape (tests,); empty if
+    #: circles have no noise factors. Noise factors require ``private`` coefficients
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
@@ -192,7 +191,7 @@ class Columns(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Factors from hyper-parameters that multiply the prior sds of the p coefficients.
+        """Factors by which hyper-parameters multiply the prior sds of the p coefficients.
 
         The factors do not contain the noise factors λ of circles.
         """
@@ -203,7 +202,7 @@ class Columns(Shown):
         )
 
     def sources_of(self, test: int) -> tuple[Source, ...]:
-        """Return the factors from hyper-parameters that multiply the prior sds in one test.
+        """Return the factors by which hyper-parameters multiply the prior sds in one test.
 
         There is one factor for each of the p coefficients. Each factor contains the noise factor λ
         of the test's circle. ``test`` is the index of the test, from 0.
@@ -216,9 +215,9 @@ class Columns(Shown):
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of shape (w,) for
         w sets of hyper-parameters; lengths are in mm. The result has the shape (p,) or (w, p). The
-        sds include the part in the field ``stated``, which no hyper-parameter scales. ``test`` is
-        the index of a test, from 0. If it is given, the sds of coefficients that belong to single
-        tests are also multiplied by the noise factor λ of this test's circle.
+        sds include the part in the field ``stated``, which no hyper-parameter scales. If ``test``,
+        the index of a test from 0, is given, the noise factor λ of this test's circle multiplies
+        the sds of ``private`` coefficients.
         """
         circle = None
         if test is not None:
@@ -232,9 +231,9 @@ class Columns(Shown):
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
         """Return a random draw of the term's effect on the readings of all tests [mm].
 
-        The coefficients are drawn from their prior. The effect is given as Fourier coefficients,
-        shape (tests, 25). ``phi`` maps the names of the hyper-parameters to their values, lengths
-        in mm; ``tests`` is the number of tests.
+        The coefficients are drawn from their prior. The result holds Fourier coefficients, shape
+        (tests, 25). ``phi`` maps the names of the hyper-parameters to their values, with lengths in
+        mm; ``tests`` is the number of tests.
         """
         p = len(self.names)
         if self.private:
@@ -253,9 +252,9 @@ class BasisNoise(Shown):
 
     The noise is a function of the angle θ on the circle, with the Fourier coefficients of 1, cos θ,
     sin θ, cos 2θ, sin 2θ, … to the order 12. These coefficients are independent of each other and
-    between tests. The sd of a coefficient is s · λ · ``sd``. s and λ are the values of the
-    hyper-parameters that the fields ``hyper`` (scale of the effect) and ``circle`` (noise factor of
-    each test's circle) name; λ is left out if ``circle`` is empty.
+    between tests. The sd of a coefficient is s · λ · ``sd``, with two hyper-parameters: s, the
+    scale of the effect, which ``hyper`` names, and λ, the noise factor of each test's circle, which
+    ``circle`` names. λ is left out if ``circle`` is empty.
 
     Examples
     --------
@@ -277,7 +276,7 @@ class BasisNoise(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Factors from hyper-parameters that multiply the noise, one for each test.
+        """Factors by which hyper-parameters multiply the sd of the noise, one for each test.
 
         The factors contain the noise factors λ of the tests' circles. If circles have no noise
         factors, there is a single factor for all tests.
@@ -287,7 +286,7 @@ class BasisNoise(Shown):
         return tuple(Source(self.hyper, str(name) or None) for name in self.circle)
 
     def source(self, test: int) -> Source:
-        """Return the factor from hyper-parameters that multiplies the noise of one test.
+        """Return the factor by which hyper-parameters multiply the sd of the noise of one test.
 
         ``test`` is the index of the test, from 0. The factor contains the noise factor λ of the
         test's circle.

@@ -34,9 +34,9 @@ def _standard_uncertainty(
 class BarLength(Term):
     """Error of the bar's length (ball radii, zero setting, bar temperature).
 
-    The error is constant over the angle on the circle, and separate for every nominal radius. Its
-    prior mean and sd follow from the bar's certificate, if there is one. Otherwise the mean is zero
-    and the sd is ``sd_um``.
+    The error is constant over the angle on the circle, and has a separate value for every nominal
+    radius. Its prior mean and sd follow from the bar's certificate, if there is one. Otherwise the
+    prior mean is zero and the prior sd is ``sd_um``.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class BarLength(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the bar's length error, one for each nominal radius of a campaign.
 
-        ``setting`` are the conditions of the tests. A column is the reading per unit of length
+        ``setting`` describes the test conditions. A column is the reading per unit of length
         error: 1 in tests with this radius, 0 in all other tests.
         """
         names = []
@@ -75,7 +75,8 @@ class BarLength(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the error of the bar's length that the term assumes, with its standard uncertainty.
 
-        Both come from the bar's certificate in ``campaign``, if there is one.
+        The error and its uncertainty come from the bar's certificate in ``campaign``, if there is
+        one.
         """
         sd = self._sd_um(campaign.instrument) * 1e-3
         error = campaign.instrument.bar_length_error_um * 1e-3
@@ -95,12 +96,12 @@ class BarLength(Term):
 class Mount(Term):
     """Error of the deflection of the work ball's mount, and curvature of this deflection.
 
-    The nominal deflection is proportional to the pressure (Eq. 32 of the paper). The first
-    coefficient is the error of the deflection per pressure. Its prior sd follows from a
-    certificate; without a certificate, it is the nominal value times ``relative_sd``. The second
-    coefficient, the curvature, is multiplied by q(F) = 4 (F/F_max)(1 − F/F_max), where F is the
-    force and F_max the largest force of the campaign. Its prior sd is ``curvature_um``; if this is
-    0, there is no curvature.
+    The nominal deflection is proportional to the pressure (Eq. 32 of the paper). The term has two
+    coefficients. The first is the error of the deflection per pressure. Its prior sd follows from a
+    certificate; without a certificate, it is the nominal deflection per pressure times
+    ``relative_sd``. The second coefficient is the curvature, which is multiplied by q(F) = 4
+    (F/F_max)(1 − F/F_max), where F is the force and F_max the largest force of the campaign. Its
+    prior sd is ``curvature_um``; if this is 0, there is no curvature.
 
     Examples
     --------
@@ -112,10 +113,10 @@ class Mount(Term):
     """
 
     #: prior sd of the error of the mount's deflection, as a fraction of the nominal deflection;
-    #: used if no certificate states an uncertainty
+    #: used if no certificate states the uncertainty
     relative_sd: float = 0.10
-    #: prior sd of the curvature, the deviation of the mount's deflection from a straight line at
-    #: half the largest force [µm]; 0 if there is no curvature
+    #: prior sd of the curvature [µm]: the deviation of the mount's deflection from proportionality
+    #: to force, at half of the largest force. If it is 0, there is no curvature
     curvature_um: float = 0.5
     unit = Unit("mm/bar", 1e-3, "µm/bar")
     calibration = "a measurement of the mount's deflection"
@@ -126,7 +127,7 @@ class Mount(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the mount's deflection and of its curvature with force.
 
-        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient, in every test of a campaign.
         """
         relative = self._relative_sd(setting.instrument)
@@ -144,8 +145,8 @@ class Mount(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the assumed deflection and curvature of the mount, with standard uncertainties.
 
-        The mount is that of the work ball. The standard uncertainty of the deflection comes from
-        the certificate in ``campaign`` if there is one, and from the field ``relative_sd`` if not.
+        The standard uncertainty of the deflection comes from the certificate in ``campaign``. If
+        there is none, it follows from the field ``relative_sd``.
         """
         nominal = campaign.mount.deflection_um_per_bar * 1e-3
         sd = self._relative_sd(campaign.instrument) * nominal
@@ -176,13 +177,12 @@ class Mount(Term):
 class ForceError(Term):
     """Errors of the force: a gain error, a curvature and a random error of every test.
 
-    The error of the force is the sum of three parts. The first is the gain error times the force F.
-    The second is the curvature times F_max q(F) with q(F) = 4 (F/F_max)(1 − F/F_max), where F_max
-    is the largest force of the campaign; if ``curvature_sd`` is 0, there is no curvature. The third
-    is the random error. The error of the reading is the error of the force times the estimated
-    deflection per newton, j_C·Ĉ, where Ĉ are the estimated compliances and j_C is the reading per
-    unit force and compliance. The prior sds follow from the load cell's certificate, if there is
-    one.
+    The error of the force is the sum of three parts: the gain error times the force F; the
+    curvature times F_max q(F) with q(F) = 4 (F/F_max)(1 − F/F_max), where F_max is the largest
+    force of the campaign; and a random error. If ``curvature_sd`` is 0, there is no curvature. The
+    resulting error of the reading is the error of the force times j_C·Ĉ, the estimated change of
+    the reading per newton. Ĉ are the estimated compliances, and j_C is the reading per unit force
+    and compliance. The prior sds follow from the load cell's certificate, if there is one.
 
     Examples
     --------
@@ -194,8 +194,8 @@ class ForceError(Term):
     #: prior sd of the gain error of the force, as a fraction of the force; used if no certificate
     #: states an uncertainty
     gain_sd: float = 0.01
-    #: prior sd of the curvature, which is the deviation of the force error from a straight line at
-    #: half the largest force, as a fraction of the largest force. The value is used if no
+    #: prior sd of the curvature, as a fraction of the largest force. The curvature is the deviation
+    #: of the force error from a straight line at half of the largest force. The value is used if no
     #: certificate states the linearity. If it is 0, there is no curvature.
     curvature_sd: float = 0.01
     #: prior sd of the random force error of every test [N]; used if no certificate states it
@@ -210,7 +210,7 @@ class ForceError(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of gain error, curvature and random error of the force.
 
-        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient, in every test of a campaign.
         """
         deflection = (setting.elastic @ setting.compliance_estimate)[:, :, None]
@@ -230,9 +230,9 @@ class ForceError(Term):
     def _sd_by_name(self, instrument: Instrument) -> dict[str, float]:
         """Return a dict with the prior sds of the force errors; its keys name the coefficients.
 
-        An sd comes from the certificate in ``instrument`` if there is one, and from the fields of
-        the term if not. The linearity in a certificate is taken as the half-width of a uniform
-        distribution.
+        An sd comes from the certificate in ``instrument`` if the certificate states it, and
+        otherwise from the fields of the term. The linearity in a certificate is taken as the
+        half-width of a uniform distribution.
         """
         sd = {
             "force_gain": _standard_uncertainty(instrument.force_U_percent, self.gain_sd, 0.01),
@@ -249,9 +249,9 @@ class ForceError(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the errors of the force that the term models, with their standard uncertainties.
 
-        The errors are gain, curvature (unless ``curvature_sd`` is zero) and random error.
-        Uncertainties that the certificate in ``campaign`` states are used. Uncertainties that it
-        does not state come from the fields of the term.
+        The errors are gain error, curvature (unless ``curvature_sd`` is zero) and random error.
+        Standard uncertainties come from the certificate in ``campaign`` if it states them, and
+        otherwise from the fields of the term.
         """
         certificates = {
             "force_gain": "force_U_percent",
@@ -277,14 +277,14 @@ class ForceError(Term):
 
 @dataclass(frozen=True)
 class Angle(Term):
-    """Error of the angle's reference, and lag of the trace (recorded readings) behind the angle.
+    """Error of the angle's zero, and lag of the recorded readings behind the angle.
 
     Both effects shift the readings by a small angle along the circle. A reading then changes by
-    this angle times dρ/dθ, where θ is the angle on the circle and ρ = F j_C·Ĉ + j_G·Ê the reading
-    predicted from the estimated compliances Ĉ and geometric errors Ê. F is the force, j_C the
+    this angle times dρ/dθ. θ is the angle on the circle, and ρ = F j_C·Ĉ + j_G·Ê is the reading
+    predicted from the estimated compliances Ĉ and geometric errors Ê; F is the force, j_C the
     reading per unit force and compliance, and j_G the reading per unit geometric error. The error
-    of the reference is the same in all tests. The lag has the sign of the direction of travel;
-    tests that state no direction count as clockwise.
+    of the zero is the same in all tests. The effect of the lag changes its sign with the direction
+    of travel; tests that state no direction count as clockwise.
 
     Examples
     --------
@@ -295,9 +295,8 @@ class Angle(Term):
     array([0.1, 0.1])
     """
 
-    #: prior sd [deg] of each of two errors: of the zero of the measured angles, and of the angle by
-    #: which the recorded readings lag behind the motion; used if no certificate states an
-    #: uncertainty
+    #: prior sd [°] of the error of the angle's zero, and also of the angle by which the recorded
+    #: readings lag behind the motion; used if no certificate states an uncertainty
     sd_deg: float = 0.1
     unit = Unit("rad", np.pi / 180.0, "°")
     calibration = "a check of the angle's reference"
@@ -305,9 +304,9 @@ class Angle(Term):
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the error of the angle's reference and of the trace's lag.
+        """Return the columns of the error of the angle's zero and of the readings' lag.
 
-        ``setting`` are the conditions of the tests. A column is the reading per unit coefficient
+        ``setting`` describes the test conditions. A column is the reading per unit coefficient
         (per rad), in every test of a campaign.
         """
         slope = derivative(setting.fitted)
@@ -320,7 +319,7 @@ class Angle(Term):
         return float(np.deg2rad(_standard_uncertainty(instrument.angle_U_deg, self.sd_deg)))
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the standard uncertainties that the term assumes for angle reference and lag.
+        """Yield the standard uncertainties that the term assumes for the angle's zero and the lag.
 
         If ``campaign`` holds an expanded uncertainty (k = 2) of the angle from a certificate, both
         standard uncertainties are half of it. Otherwise both are equal to the field ``sd_deg``.

@@ -20,9 +20,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointLoad", "Position", "joint_load_columns"]
 
-# A bolted contact of an axis changes the reading in proportion to |u| to this power, where u is the
-# component along the axis of the unit vector along the bar. The contact deflects along the axis in
-# proportion to |F u|^(2/3), with the force F of the bar. The reading changes by the part of this
+# Exponent a of the effect |u|^a of a bolted contact on the reading. u is the component, along the
+# machine axis, of the unit vector along the bar, and F is the force of the bar. The contact
+# deflects along the axis in proportion to |F u|^(2/3). The reading changes by the component of this
 # deflection along the bar, which is |u| times the deflection; 2/3 + 1 = 5/3.
 _CONTACT_POWER = 5.0 / 3.0
 
@@ -34,8 +34,8 @@ class _LawInWords(NamedTuple):
     load: str
 
 
-# Laws of the nonlinear deflection of an axis, in the order of its coefficients. The keys are the
-# ends of the coefficients' names.
+# Laws of the nonlinear deflection of an axis, in the order of the axis' coefficients. The keys are
+# the last words of the coefficients' names.
 _LAWS = {
     "slope": _LawInWords("stiffening", "its own load"),
     "contact": _LawInWords("contact", "its own load"),
@@ -49,18 +49,21 @@ class JointLoad(Term):
 
     u_a is the component along the axis of the unit vector along the bar, F the bar's force, F0 the
     reference force and F_max the largest force of the campaign. The term has three columns
-    (readings per unit coefficient) for each axis: F u_a² (F |u_a| − F0)/F_max, for preload and
-    rolling contact; F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔); and
-    (F^⅔ F0^⅓ − F) u_a², for a seat, which is a contact that yields to the bar's whole force and not
-    only to the component of the force along the axis. All columns are zero where F = F0 and the bar
-    is along the axis. The direct compliance C_aa of the axis is therefore the axis' deflection per
-    force at this force and direction (secant compliance). The prior sd of each coefficient is
-    ``relative_sd`` times the size of C_aa. This size is the estimate of C_aa and the standard
-    uncertainty of the estimate, added in quadrature.
+    (readings per unit coefficient) for each axis:
 
-    F0 must be positive: the compliance of a contact that yields to its own load is not defined at
-    zero load. With F0 = 0, two of the columns would be −F u_a², and readings could not separate
-    them from the effect of C_aa.
+    - F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact;
+    - F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection proportional to load^⅔);
+    - (F^⅔ F0^⅓ − F) u_a², for a seat. A seat is a contact that deflects under the bar's whole force
+      and not only under the component of the force along the axis.
+
+    All columns are zero where F = F0 and the bar is along the axis. The direct compliance C_aa of
+    the axis is therefore the axis' deflection per force at this force and direction (secant
+    compliance). The prior sd of each coefficient is ``relative_sd`` times the magnitude of C_aa:
+    the estimate of C_aa and its standard uncertainty, added in quadrature.
+
+    F0 must be positive, because the compliance of a contact that stiffens under its own load is not
+    defined at zero load. With F0 = 0, two of the columns would be −F u_a², and readings could not
+    separate them from the effect of C_aa.
 
     Examples
     --------
@@ -71,8 +74,8 @@ class JointLoad(Term):
     'contact of axis X under its own load'
     """
 
-    #: prior sd of each coefficient of the nonlinear deflection, as a fraction of the size of the
-    #: axis' direct compliance
+    #: prior sd of each coefficient of the nonlinear deflection, as a fraction of the magnitude of
+    #: the axis' direct compliance
     relative_sd: float = 0.4
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
@@ -81,7 +84,7 @@ class JointLoad(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the nonlinear deflection of each axis that the circles drive.
 
-        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient, in every test of a campaign.
         """
         reference_N = setting.reference_force_N
@@ -107,9 +110,9 @@ class JointLoad(Term):
     def secants(self, setting: Setting, force_N: Array) -> Array:
         """Return the change of an axis' compliance at n forces per unit of each coefficient.
 
-        The term has three coefficients for each axis; the result has the shape (n, 3). The change
-        is the nonlinear deflection of the axis, with the bar along the axis, divided by the force
-        of the bar. ``force_N``, shape (n,), holds the n forces, none of them zero. ``setting``
+        The result has the shape (n, 3), because the term has three coefficients for each axis. The
+        change is the nonlinear deflection of the axis divided by the force of the bar, with the bar
+        along the axis. ``force_N``, shape (n,), holds the n forces, none of them zero. ``setting``
         states the reference force and the largest force of the campaign.
         """
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
@@ -154,11 +157,11 @@ class JointLoad(Term):
     ) -> Array:
         """Return the deflections of rolling contact, bolted contact and seat per unit compliance.
 
-        `JointLoad` states the formulas. ``force_N`` are the forces F, and ``setting`` states the
-        reference force F0 and the largest force F_max. The result has the shape (..., 3) [N]. u is
-        the component along an axis of the unit vector along the bar. ``u_squared`` is u²,
-        ``u_cubed`` |u|³ and ``u_contact`` |u|^(5/3): numbers, or Fourier coefficients that are
-        broadcast against the forces.
+        `JointLoad` states the formulas. ``force_N`` holds the forces F; ``setting`` states the
+        reference force F0 and the largest force F_max. u is the component along an axis of the unit
+        vector along the bar. ``u_squared`` is u², ``u_cubed`` is |u|³ and ``u_contact`` is
+        |u|^(5/3), as numbers or as Fourier coefficients that are broadcast against the forces. The
+        result has the shape (..., 3) [N].
         """
         reference_N = setting.reference_force_N
         rolling = force_N * (force_N * u_cubed - reference_N * u_squared) / setting.largest_force_N
@@ -183,9 +186,9 @@ def joint_load_columns(
 ) -> dict[str, Columns]:
     """Return a dict with the columns of `JointLoad`; its keys are the letters of the axes.
 
-    ``setting`` are the conditions of the tests. A column is the reading per unit of one
-    coefficient. ``columns`` are the columns of the term in the model bound to a campaign. If the
-    model lacks the term, ``columns`` and the result are empty.
+    A column is the reading per unit of one coefficient. ``columns`` are the columns of `JointLoad`
+    in the model of a campaign, and ``setting`` describes the test conditions. If the model lacks
+    `JointLoad`, ``columns`` and the result are empty.
     """
     shared = [block for block in columns if isinstance(block, Columns)]
     if not shared:
@@ -200,10 +203,10 @@ class Position(Term):
 
     Screw and guideway are stiffer near their bearings. On a circle, the position of axis a is
     proportional to u_a, the component along the axis of the unit vector along the bar. The term has
-    two columns (readings per unit coefficient) for each axis: F u_a³ for a linear change, and F
-    (u_a⁴ − u_a²/2) for a quadratic change, with the force F. The prior sds of the coefficients are
-    ``linear_sd`` and ``quadratic_sd`` times the size of the axis' direct compliance C_aa. This size
-    is the estimate of C_aa and the standard uncertainty of the estimate, added in quadrature.
+    two columns (readings per unit coefficient) for each axis, with the force F: F u_a³ for a linear
+    change, and F (u_a⁴ − u_a²/2) for a quadratic change. The prior sds of the coefficients are
+    ``linear_sd`` and ``quadratic_sd`` times the magnitude of the axis' direct compliance C_aa: the
+    estimate of C_aa and its standard uncertainty, added in quadrature.
 
     Examples
     --------
@@ -215,19 +218,19 @@ class Position(Term):
     """
 
     #: prior sd of the linear change of an axis' compliance along its travel, as a fraction of the
-    #: size of the axis' direct compliance
+    #: magnitude of the axis' direct compliance
     linear_sd: float = 0.07
     #: prior sd of the quadratic change of an axis' compliance along its travel, as a fraction of
-    #: the size of the axis' direct compliance
+    #: the magnitude of the axis' direct compliance
     quadratic_sd: float = 0.04
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
     remedy = "Run circles at several centres."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the compliance's change along the travel of each driven axis.
+        """Return the columns for the change of each driven axis' compliance along its travel.
 
-        ``setting`` are the conditions of the tests. A column is the reading per unit of one
+        ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient, in every test of a campaign.
         """
         force = setting.force_N[:, None]
