@@ -1,4 +1,4 @@
-"""Access control: only requests from the server's own page with the secret token are answered."""
+"""Access control: the server answers only requests from its own page, with the secret token."""
 
 from __future__ import annotations
 

@@ -335,7 +335,7 @@ class Campaign(CampaignFields):
         """Return the campaign without the tests that ``names`` lists.
 
         If the tests state no times, the remaining tests are assumed to have been run directly one
-        after another. Raise an `InputError` for an unknown name, or if no test is left.
+        after another. Raise an `InputError` for an unknown name, or if no test remains.
         """
         check_known("test", names, [test.name for test in self.tests])
         return replace(self, tests=tuple(test for test in self.tests if test.name not in names))
@@ -452,8 +452,8 @@ def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
 def _free_name(stem: str, names: set[str]) -> str:
     """Return a name that is not in ``names``.
 
-    The name is ``stem`` itself or, if ``stem`` is taken, the first of stem_2, stem_3, … that is
-    free.
+    The name is ``stem`` itself or, if ``stem`` is in use, the first of stem_2, stem_3, … that is
+    not.
     """
     name = stem
     number = 1

@@ -95,7 +95,7 @@ Harmonic = tuple[
 ]
 SetupNumber = Annotated[int, BeforeValidator(_refuse_text), Field(ge=1, le=_LARGEST_SETUP)]
 Label = Annotated[str, AfterValidator(_require_printable)]
-# Type of the name of a test, which can also be the name of a file.
+# Type of the name of a test, which must also be permitted as the name of a file.
 FileName = Annotated[str, AfterValidator(_require_file_name)]
 # Type of a date, kept as text in ISO 8601, such as 2026-11-20.
 Date = Annotated[str, BeforeValidator(_iso_date)]

@@ -1,4 +1,4 @@
-"""Arguments that several commands have, made from options: campaign, instrument and model."""
+"""Arguments that several commands share, made from options: campaign, instrument and model."""
 
 from __future__ import annotations
 
@@ -389,7 +389,7 @@ _LAYOUT_OPTIONS = options_of(
     sheets=Kind(str, _read_sheets),
 )
 _LAYOUT_KEYWORDS = [option.to or name for name, option in _LAYOUT_OPTIONS.items()]
-# Options that several commands have; the keys are the names of the options. Each constant below is
+# Options that several commands share; the keys are the names of the options. Each constant below is
 # one of these options.
 _SHARED = options_of("shared")
 CI = _SHARED["ci"]
@@ -401,8 +401,8 @@ JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
 PRIOR_FROM = _SHARED["prior_from"]
 
-# Types of arguments are written as texts. The classes that the texts name are then not imported,
-# and the help of a command appears sooner.
+# The types of the arguments are written as strings. The classes that the strings name are then not
+# imported, and the help of a command appears sooner.
 CampaignArgument = Annotated[
     Path,
     typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),

@@ -275,7 +275,7 @@ def _no_design() -> str:
 
 
 def _averaged_models(model: lb.HybridModel) -> dict[str, lb.HybridModel]:
-    """Return the linear model ``model``, and the same model with constant compliance."""
+    """Return ``model``, whose compliance is linear, and the same model with constant compliance."""
     return {"constant": model.with_degree(0), "linear": model}
 
 

@@ -43,7 +43,8 @@ class Banner:
     kind
         ``usable``, ``reserved`` (usable with reservations) or ``unusable``.
     sentence
-        Sentence that states whether the numbers can be used, with the most serious reasons.
+        Sentence that states whether the numbers can be used, and the most serious reasons for
+        caution.
     """
 
     kind: str
@@ -106,7 +107,7 @@ class PictureRow:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Fraction of the row's width for each figure, so that all figures have the same height."""
+        """Share of the row's width for each figure; with these shares, all have the same height."""
         ratios = []
         for picture in self.pictures:
             width, height = picture.figure.get_size_inches()

@@ -16,7 +16,7 @@ class _TranslatedFormatter(Formatter):
     """Formatter of tick labels that translates the labels of another formatter."""
 
     def __init__(self, formatter: Formatter, translate: Callable[[str], str]) -> None:
-        """Store the other formatter, and the function that translates a label."""
+        """Store the formatter whose labels are translated, and the translating function."""
         self._formatter = formatter
         self._translate = translate
 
@@ -29,15 +29,15 @@ class _TranslatedFormatter(Formatter):
         return [self._translate(label) for label in self._formatter.format_ticks(values)]
 
     def get_offset(self) -> str:
-        """Return the text that the other formatter puts at the end of the axis."""
+        """Return the text at the end of the axis, which is not translated."""
         return self._formatter.get_offset()
 
     def set_axis(self, axis: Any) -> None:
-        """Set the axis of the other formatter."""
+        """Set the axis of the formatter whose labels are translated."""
         self._formatter.set_axis(axis)
 
     def set_locs(self, locs: Any) -> None:
-        """Set the ticks of the other formatter."""
+        """Set the ticks of the formatter whose labels are translated."""
         self._formatter.set_locs(locs)
 
 

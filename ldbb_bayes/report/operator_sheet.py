@@ -14,7 +14,7 @@ NAME = "sheet.html"  # name of the sheet's file
 
 
 def page(step: NextCircle, plan: Campaign) -> str:
-    """Return the sheet as an HTML page that can be printed.
+    """Return the operator's sheet as an HTML page that can be printed.
 
     Parameters
     ----------

@@ -87,9 +87,9 @@ def _(design: Design) -> tuple[Passage, ...]:
 def _expected_table(design: Design) -> Table:
     """Return a table of the standard uncertainties that are expected after the tests of a design.
 
-    The table has one row for each parameter at which the design aims, except slopes (coefficients
-    of the change of compliance with force). The columns are the uncertainties after the recommended
-    design and after at most two other designs, and the prior standard deviation.
+    The table has one row for each parameter for which the design was made, except slopes
+    (coefficients of the change of compliance with force). The columns are the uncertainties after
+    the recommended design and after at most two other designs, and the prior standard deviation.
     """
     others = design.compared[:_MOST_DESIGNS]
     rows = []

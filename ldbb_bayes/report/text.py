@@ -201,7 +201,7 @@ def _passages_of_workflow(workflow: Workflow) -> tuple[Passage, ...]:
     """Return a table of the circles, and a sentence on each check of a Bayesian workflow.
 
     The table has one row for each circle. Each row states the range of the readings [µm], the
-    interval in which the prior expects this range, and how well the other circles predict the
+    interval that the prior predicts for this range, and how well the other circles predict the
     readings.
     """
     rows = []

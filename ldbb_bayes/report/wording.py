@@ -778,9 +778,9 @@ def origin_words(origin: str) -> str:
 def origins_in_words(entry: ParameterIdentifiability) -> str:
     """Return a text with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
 
-    The origin states where the size of a source of variance comes from. The text has three shares
-    [%] in this order: that of the sources whose size was measured in the campaign, that of the
-    sources whose size the user stated, and that of the sources whose size the model assumes.
+    The origin states where the size of a source of variance comes from. The three shares [%] are,
+    in this order, those of the sources whose size was measured in the campaign, whose size the user
+    stated, and whose size the model assumes.
     """
     return " / ".join(f"{100.0 * share:.0f}" for share in entry.origin_shares.values())
 
@@ -844,7 +844,7 @@ def cure_in_words(remedy: Remedy | None) -> str:
 
 
 def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
-    """Return texts on pairs of measures, for parameters that need two measures at once.
+    """Return texts on pairs of measures, for parameters for which one measure is not enough.
 
     Each text names a pair of measures, and U (k = 2) of the parameters after both measures, such as
     "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". The first measure of a pair alone would
@@ -931,7 +931,7 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
 
 
 def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
-    """Return only the most important sentences on the result of an identifiability analysis.
+    """Return the most important sentences on the result of an identifiability analysis.
 
     A verdict states how far the readings determine a parameter or the change of a compliance with
     force. The first sentence states how many parameters and changes have each verdict. Slopes
@@ -1194,7 +1194,7 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
 
 
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:
-    """Return a sentence on the choice between the models with constant and linear compliance.
+    """Return a tuple with a sentence on the choice between constant and linear compliance.
 
     The tuple is empty if compliance cannot change with force in the model of the campaign.
     """

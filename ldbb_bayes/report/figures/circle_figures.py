@@ -28,7 +28,8 @@ from ldbb_bayes.results import Array
 __all__ = ["residuals", "traces"]
 
 _DRAWS = 600
-# Largest number of readings, counted over all tests, that a figure of polar traces draws as dots.
+# Largest number of readings, counted over all tests, that are drawn as dots in a figure of polar
+# traces.
 _MOST_DOTS = 2400
 # A figure of polar traces has 95 % bands only if it has at most this many tests. More bands would
 # overlap too much.
@@ -44,7 +45,7 @@ _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, 
 
 @dataclass(frozen=True, eq=False)
 class _Traces:
-    """Readings, predictions and radial scale of a figure of polar traces.
+    """Readings, predictions and radial scale for a figure of polar traces.
 
     ``bound`` is a model bound to a campaign. ``beta``, shape (draws, p), holds random draws of the
     p parameters from the posterior. ``phi``, shape (draws, h), holds random draws of the h
@@ -82,8 +83,8 @@ class _Traces:
     def zero_radius(self) -> float:
         """Distance from the centre of a polar panel at which a zero reading is drawn [µm].
 
-        The distance is negative if all readings are far above zero. A zero reading then has no
-        place in the panel.
+        The distance is negative if all readings are far above zero. A zero reading then cannot be
+        drawn in the panel.
         """
         return 0.9 * self.span - self.low
 
@@ -107,7 +108,7 @@ class _Traces:
 
     @property
     def stride(self) -> int:
-        """Number n that limits the dots drawn: only every n-th reading of a test is drawn."""
+        """Step n with which readings are drawn as dots: every n-th reading of a test is drawn."""
         return -(-sum(map(len, self.readings_um)) // _MOST_DOTS)
 
     @cached_property
@@ -310,7 +311,7 @@ def _mean_reading(shown: _Traces, force_N: float) -> float:
 
 
 def _round_step(size: float) -> float:
-    """Return the round number nearest to ``size``, for the distance of two marks of a scale.
+    """Return the round number nearest to ``size``, as the distance between two marks of a scale.
 
     Round numbers are 1, 2, 5 or 10 times a power of ten.
     """

@@ -41,8 +41,8 @@ class _Assumption(NamedTuple):
     name: str
     log_bayes_factor: float
     error: float
-    #: log evidence for this assumption, minus the log evidence for the assumption that the models
-    #: make [nat]; None if the assumption is about the prior of slopes (changes of compliance with
+    #: log evidence for this assumption, minus the log evidence for the assumption of the compared
+    #: models [nat]; None if the assumption is about the prior of slopes (changes of compliance with
     #: force)
     gain: float | None
     is_allowed: bool
@@ -54,11 +54,11 @@ def evidence(comparison: Comparison) -> Figure:
 
     ln B is positive if the readings favour the second model over the first. Each row is for one
     assumption. Some assumptions are about the width of the prior of the slopes (changes of
-    compliance with force), others about how circles differ from one another. Bars on the dots are
-    95 % intervals of the numerical error. The numbers at the right are the log evidence for each
-    assumption about circles, minus the log evidence for the assumption that the models make. The
-    scale is linear. The scale is broken if assumptions that the readings reject give values far
-    from all other values.
+    compliance with force), others about the differences between circles. Bars on the dots are 95 %
+    intervals of the numerical error. The numbers at the right are the log evidence for each
+    assumption about circles, minus the log evidence for the assumption of the compared models. The
+    scale is linear. It is broken if assumptions that the readings reject give values far from all
+    other values.
 
     Parameters
     ----------
@@ -237,7 +237,8 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
 
     The figure also shows local fits. A local fit uses only the tests at two neighbouring forces,
     and has its own geometric errors. It therefore estimates the derivative d(F C)/dF and not C. For
-    comparison, a dotted line shows this derivative for the posterior mean of C that the band shows.
+    comparison, a dotted line shows the same derivative, computed from the posterior mean of C to
+    which the band belongs.
 
     Parameters
     ----------

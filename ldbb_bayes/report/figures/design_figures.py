@@ -42,8 +42,8 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
 
     The plans are the recommended tests, other tests that were compared with the recommended tests,
     and very many repetitions of the recommended tests. The scale of the bars differs from parameter
-    to parameter. Slopes (coefficients of the change of compliance with force) are left out unless
-    the design aims only at slopes.
+    to parameter. Slopes (coefficients of the change of compliance with force) are left out, unless
+    the design was made for slopes alone.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def _drawn(design: Design) -> dict[str, Any]:
     """Return the expected uncertainty of every parameter that the figure shows.
 
     The keys are the names of the parameters. Slopes (coefficients of the change of compliance with
-    force) are left out unless the design aims only at slopes.
+    force) are left out, unless the design was made for slopes alone.
     """
     aims = without_slopes(design.parameters)
     drawn = {}

@@ -19,10 +19,12 @@ from ldbb_bayes.units import display_unit, plus_minus
 __all__ = ["compliance_ellipsoid"]
 
 _HEIGHT = 4.4  # height of the figure [inch]
-_MERIDIANS = 24  # steps of the drawn net in latitude; the net has twice as many in longitude
+# number of steps in latitude of the net drawn on the ellipsoid; it has twice as many in longitude
+_MERIDIANS = 24
 _VIEW_DEG = (22.0, 35.0)  # elevation and azimuth from which the ellipsoid is seen [°]
-_ZOOM = 0.88  # relative size of the 3D panel; at this size the names of the axes are not cut off
-_FARTHEST = 1.15  # ratio of half the edge of the drawn box to the ellipsoid's longest semi-axis
+_ZOOM = 0.88  # relative size of the 3D panel; at this size, no axis name is cut off
+# half the edge length of the drawn box, divided by the ellipsoid's longest semi-axis
+_FARTHEST = 1.15
 
 
 @styled

@@ -32,8 +32,8 @@ from ldbb_bayes.units import display_unit
 __all__ = ["stiffness_rose"]
 
 # The rim of a polar panel represents at most this value times the largest compliance on a curve. A
-# band that extends beyond the rim is cut off. The wide band of a hardly determined compliance
-# therefore cannot make the curves too small.
+# band that extends beyond the rim is cut off. Otherwise, the wide band of a poorly determined
+# compliance would make the curves too small.
 _FARTHEST = 1.6
 # Angle at which the labels of the rings are written [°]. Few lines cross at this angle.
 _LABEL_ANGLE_DEG = 67.5

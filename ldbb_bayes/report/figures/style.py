@@ -165,8 +165,8 @@ def panels(
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure with ``count`` panels, at most ``columns`` of them in a row.
 
-    Each row is ``height`` inches high; the figure is ``extra`` inches higher than its rows. Further
-    ``options`` are passed to ``Figure.subplots``.
+    Each row is ``height`` inches high. The figure is ``extra`` inches higher than all rows
+    together. Further ``options`` are passed to ``Figure.subplots``.
     """
     columns = min(count, columns)
     rows = -(-count // columns)
@@ -225,7 +225,7 @@ def band(axes: Axes, x: Any, limits: Any, colour: Any, alpha: float = 0.2, **opt
 def legend_below(figure: Figure, axes: Axes, columns: int = 6) -> None:
     """Put the legend of one panel below all panels of a figure.
 
-    The legend has at most ``columns`` entries side by side.
+    At most ``columns`` entries of the legend stand side by side.
     """
     handles, labels = axes.get_legend_handles_labels()
     if labels:

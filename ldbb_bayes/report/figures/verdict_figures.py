@@ -27,10 +27,10 @@ __all__ = ["budget_bars", "prior_and_posterior"]
 # A source of uncertainty is not drawn if, for every parameter, its share of the variance is below
 # this value [%].
 _SMALLEST_SHARE = 0.5
-# The name of a source of uncertainty is written on its bar if the bar is long enough: each letter
-# of the name must have more than this length [% of the variance].
+# The name of a source of uncertainty is written on its bar if the bar is longer than this value
+# times the number of letters in the name [% of the variance].
 _SHARE_PER_LETTER = 1.75
-# Weights of red, green and blue in the brightness of a colour.
+# Weights of red, green and blue in the brightness (luminance) of a colour.
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "confounded": PALETTE[1]}
 

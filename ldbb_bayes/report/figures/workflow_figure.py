@@ -29,13 +29,14 @@ _PROB = 0.95
 def workflow_checks(workflow: Workflow) -> Figure:
     """Draw the results of the checks of a Bayesian workflow.
 
-    The first panel shows the range of the readings of every circle, and the interval in which the
-    prior expects this range. For the second panel, each circle was left out of a fit, and its
+    The first panel shows the range of the readings of every circle, and the interval that the prior
+    predicts for this range. For the second panel, each circle was left out of a fit, and its
     readings were then predicted. The panel shows the sorted p-values of these predictions. It also
     shows intervals: each p-value lies in its interval with a probability of 95 % if all p-values
     are uniformly distributed. The third panel shows the parameters that depend on their prior. The
     fourth panel shows the weights with which the models together predict left-out circles best. The
-    function `rank_ecdf` draws the ranks of the calibration.
+    ranks of the simulation-based calibration are not in this figure; the function `rank_ecdf` draws
+    them.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def workflow_checks(workflow: Workflow) -> Figure:
 
 
 def _draw_prior_ranges(axes: Axes, workflow: Workflow) -> None:
-    """Draw the range of each circle's readings, and the interval in which the prior expects it."""
+    """Draw the range of each circle's readings, and the interval that the prior predicts for it."""
     rows = name_rows(axes, list(workflow.prior_ranges))
     surprising = workflow.surprising_circles
     for row, (name, expected) in zip(rows, workflow.prior_ranges.items(), strict=True):
