@@ -100,8 +100,8 @@ _DIGESTED_UNLESS_USUAL = {
 def _as_tuple(tests: Any) -> Any:
     """Return an iterable of tests as a tuple.
 
-    Texts, mappings and objects that are not iterable are returned unchanged; the later validation
-    refuses these arguments.
+    Strings, mappings, and any object that is not iterable are returned unchanged; the later
+    validation refuses them.
     """
     if isinstance(tests, str | bytes | Mapping):
         return tests
@@ -143,7 +143,7 @@ class CampaignFields(Shown):
     ball_bar_calibrated: Date | None = None  #: date of the ball bar's calibration, ISO 8601
     #: name of the device that makes or measures the force, and name of the device's certificate
     force_device: Label | None = None
-    #: tolerances as texts with units, such as {"C_XXX": "60 nm/N"}; the keys are the names of the
+    #: tolerances as strings with units, such as {"C_XXX": "60 nm/N"}; the keys are the names of the
     #: quantities. Tolerances do not influence a fit; `assess_conformity` uses them.
     tolerances: Mapping[str, str] = field(default_factory=dict)
     feed_mm_per_min: Number | None = None  #: feed of the tool along the circle [mm/min]
@@ -289,9 +289,9 @@ class Campaign(CampaignFields):
         return force_N
 
     def machine(self) -> Machine:
-        """Return the machine of the campaign, which moves in the planes of all its tests.
+        """Return the campaign's machine, whose planes are those of all tests of the campaign.
 
-        Foreseen tests, which may be run later, are included.
+        The planes of foreseen tests, which may be run later, are included.
         """
         return Machine(self.topology, tuple(str(test.plane) for test in self.scope), self.frames_mm)
 

@@ -79,7 +79,7 @@ class CertifiedQuantity:
 
         If the name and the refType of the quantity do not show its role, the names and refType
         attributes of the certificate's elements that contain the quantity are used. If these do not
-        show the role either, the role is an empty text.
+        show the role either, the role is an empty string.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()

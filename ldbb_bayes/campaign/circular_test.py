@@ -139,8 +139,8 @@ class CircularTest(TestFields):
     #: angles between the plane's first axis and the bar [deg], one for each of the n readings,
     #: shape (n,)
     angle_deg: Any = None
-    #: n readings of the ball bar, which are the actual distance of the balls minus the nominal
-    #: radius [µm], shape (n,); None for a planned test
+    #: n readings of the ball bar [µm], shape (n,); None for a planned test. A reading is the actual
+    #: distance between the balls minus the nominal radius.
     reading_um: Any = None
     #: name of the test. By default, the campaign names the test after its force, such as f036 for
     #: 36 N; repetitions of a force are numbered.
@@ -275,7 +275,7 @@ class CircularTest(TestFields):
 
     @property
     def label(self) -> str:
-        """Text that denotes the test in messages, such as test 'f036'."""
+        """Text that names the test in messages, such as test 'f036'."""
         if not self.name:
             return "a circular test"
         return f"test {self.name!r}"

@@ -39,12 +39,12 @@ _NO_RESULTS = (
 # numbers, with unit and uncertainty.
 _NUMBER_ELEMENTS = ("real", "realListXMLList")
 # Names of XML elements by which an expanded uncertainty is recognised. The keys are the names of
-# the elements that state it, first in version 2 and then in version 1 of the D-SI (Digital SI).
-# Each value is the name of the inner element that holds the number.
+# the elements that state the uncertainty, first in version 2 and then in version 1 of the D-SI
+# (Digital SI). Each value is the name of the inner element that holds the number.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
 # Names of XML elements by which a standard uncertainty in the D-SI (Digital SI) is recognised. The
-# keys are the names of the elements that state it. Each value is the name of the inner element that
-# holds the number.
+# keys are the names of the elements that state the uncertainty. Each value is the name of the inner
+# element that holds the number.
 _STANDARD_UNCERTAINTIES = {
     "standardMU": "valueStandardMU",
     "coverageIntervalMU": "valueStandardMU",
@@ -176,7 +176,7 @@ def _quantities_of(
 ) -> Iterator[CertifiedQuantity]:
     """Yield one certified quantity for each finite number in an XML element.
 
-    The element holds one number or a list of numbers. A single unit or uncertainty is valid for all
+    The element holds one number or a list of numbers. A single unit or uncertainty applies to all
     numbers of the list. If a list of units or uncertainties is shorter than the list of numbers,
     the numbers beyond the end of the shorter list are left out.
 
@@ -234,7 +234,7 @@ def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | Non
     """Return for how many quantities an XML element lists both units and uncertainties.
 
     ``units`` is the list of units; ``uncertainty`` holds the lists of uncertainties, coverage
-    factors and coverage probabilities. A list with a single entry is valid for all quantities. The
+    factors and coverage probabilities. A list with a single entry applies to all quantities. The
     result is the length of the shortest list with more than one entry, or None if there is no such
     list.
     """
@@ -244,10 +244,10 @@ def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | Non
 
 
 def _entry(entries: Sequence[_T], k: int) -> _T | None:
-    """Return that entry of ``entries`` that is valid for quantity ``k``, counted from 0.
+    """Return the entry of ``entries`` that applies to quantity ``k``, counted from 0.
 
-    A list with a single entry is valid for all quantities, and this entry is returned. Otherwise
-    entry ``k`` is returned, or None if the list is empty.
+    A single entry applies to all quantities and is returned for each of them. From a longer list,
+    entry ``k`` is returned. If the list is empty, None is returned.
     """
     if not entries:
         return None

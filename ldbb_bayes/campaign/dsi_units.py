@@ -30,7 +30,7 @@ class UnitSize(NamedTuple):
 
     factor: float  #: size of the unit in SI units, such as 1e-6 for µm; pressures are in bar
     #: dimension of the unit, written as the SI unit (bar for pressure), such as m, N or N/bar;
-    #: empty text for a ratio
+    #: empty string for a ratio
     dimension: str
 
 

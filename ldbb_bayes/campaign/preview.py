@@ -167,7 +167,7 @@ class TestPreview:
     pressure_bar: float
     readings: int
     arc_deg: float  #: arc of the circle that the angles of the test cover [deg]
-    #: widest distance between neighbouring angles of the test on the circle [deg]
+    #: largest gap between neighbouring angles of the test on the circle [deg]
     largest_gap_deg: float
     #: direction of travel as the test states it: clockwise (CW) or counterclockwise (CCW)
     direction: str | None
@@ -257,9 +257,9 @@ class _Angles(NamedTuple):
 
     #: median absolute difference of the angle from one reading to the next [deg]
     step_deg: float
-    #: widest distance between neighbouring angles of the test on the circle [deg]
+    #: largest gap between neighbouring angles of the test on the circle [deg]
     largest_gap_deg: float
-    #: usual distance between neighbouring angles on the circle [deg] (see `usual_gap`), at least
+    #: usual gap between neighbouring angles on the circle [deg] (see `usual_gap`), at least
     #: ``step_deg``
     usual_step_deg: float
     #: direction in which the angles run from reading to reading: clockwise (CW), counterclockwise

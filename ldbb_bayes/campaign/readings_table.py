@@ -88,7 +88,7 @@ def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
 
 
 def _single_value(path: Path, test: str, column: str, values: Any) -> str | float | None:
-    """Return the value that all rows of one test have in a column; None for an empty text.
+    """Return the value that all rows of one test have in a column; None for an empty string.
 
     ``test`` and ``column`` are the names of the test and of the column, and ``values`` the column's
     values in the rows of the test. Raise an `InputError` if the values differ.

@@ -46,8 +46,8 @@ def identify(
 ) -> None:
     """Say which effects make each parameter uncertain, which are confounded, and what would help.
 
-    The campaign may be a plan (without readings), so that this can be found before the experiment.
-    Tables of readings are read in the same way as by the command ``report``.
+    The campaign may be a plan (without readings), so that these questions can be answered before
+    the experiment. Tables of readings are read in the same way as by the command ``report``.
     """
     # The import is here and not at the top of the file, because the imported modules take a long
     # time to load.
@@ -134,9 +134,9 @@ def compare(
     """Compare constant compliance with compliance linear in force, by evidence and prediction.
 
     The evidence is computed under several priors and assumptions, and each test is predicted from
-    the others. Also says which compliances change with force and which tests do not fit in. With
-    --degree 2, quadratic compliance is compared too. Exit code 1: the numerical error of an
-    evidence exceeds --tolerance.
+    the others. The command also states which compliances change with force, and which tests do not
+    agree with the others. With --degree 2, quadratic compliance is compared too. Exit code 1: the
+    numerical error of an evidence exceeds --tolerance.
     """
     require(
         model.degree > 0,
@@ -224,9 +224,9 @@ def design(
 ) -> None:
     """Find the best tests to run next, and say how good they are and what they will show.
 
-    The given campaign, on which the choice is based, may be a plan (without readings). The tests
-    are written into --out DIR as a plan, in the order in which to run them, with the model for
-    their analysis. Exit code 1: the tests are not proven to be the best.
+    The choice is based on the given campaign, which may be a plan (without readings). The chosen
+    tests are written into --out DIR as a plan, in the order in which to run them, with the model
+    for their analysis. Exit code 1: the tests are not proven to be the best.
 
     With --goal, find the cheapest campaign and certificates that reach every goal for an expanded
     uncertainty, and the next best two. If no number of circles reaches a goal, the effect that
@@ -323,8 +323,8 @@ def _design_for_goals(
 def _running_order(plan: lb.Campaign) -> str:
     """Return the names of a plan's tests, in the order in which to run them, as one text.
 
-    After each name, direction, radius and angles of the balls stand in brackets. A setting that is
-    the same in all tests is left out.
+    The direction, the radius and the angles of the balls follow each name in brackets. A setting
+    that is the same in all tests is left out.
     """
     settings_by_test = []
     for test in plan.tests:

@@ -194,7 +194,7 @@ def _ball_flag(name: str, options: Mapping[str, Any], balls: lb.Ball | None) -> 
     """Return the flag of the option with which the user described a ball.
 
     ``name`` is the name of the ball, work or tool. ``options`` are the options that the user typed,
-    and ``balls`` is the value of the option ``--balls``. Return an empty text if no option
+    and ``balls`` is the value of the option ``--balls``. Return an empty string if no option
     describes the ball.
     """
     if name in options:

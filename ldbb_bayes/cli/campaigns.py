@@ -48,9 +48,9 @@ def import_(
 ) -> None:
     """Read tables from instruments or spreadsheets, and write their readings as a campaign.
 
-    Prints what was assumed about the tables. An option, or the file of --layout, can state every
-    assumed value instead. At a terminal the user is asked for information that the tables do not
-    give, such as which of two units readings are in.
+    Prints what was assumed about the tables. Every assumed value can be stated instead, by an
+    option or in the file of --layout. At a terminal the user is asked for information that the
+    tables do not give, such as which of two units readings are in.
     """
     # The import is here and not at the top of the file, because only this command needs the
     # imported modules.

@@ -44,7 +44,7 @@ def with_tolerances(
     model
         Model with which the campaign will be fitted.
     tolerances
-        Limits as texts, for example ``{"C_XXX": "60 nm/N"}``; the keys are names of quantities.
+        Limits as strings, for example ``{"C_XXX": "60 nm/N"}``; the keys are names of quantities.
 
     Returns
     -------

@@ -62,7 +62,7 @@ def batch(
     The Python function lb.fleet.read_batch reads the table. If a campaign cannot be fitted, its row
     states the reason. If the command is stopped, the same command with --resume continues the fits
     and gives the same table. Options for tidy CSVs apply to the campaigns that are such files. Exit
-    code 1: the random draws of a fit did not reach the effective number that --ess states;
+    code 1: the random draws of a fit did not reach the effective sample size that --ess states;
     campaigns that cannot be fitted do not change the exit code.
     """
     if settings["resume"] and not (out / JOURNAL).exists():
@@ -137,8 +137,8 @@ def trend(
 ) -> None:
     """Follow one machine over time: control chart, and the probability that a parameter changed.
 
-    Says which parameter changed, when and by how much. The change that is looked for is one lasting
-    step of one parameter. The exit code is 0 whether or not a change is found.
+    Says which parameter changed, when and by how much. The command looks for a single lasting step
+    of one parameter. The exit code is 0 whether or not a change is found.
     """
     output.check("trend.json", "trend.csv", figures=["control_chart"])
     rows = read_fleet(batches)

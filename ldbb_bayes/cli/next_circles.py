@@ -28,11 +28,11 @@ def next_(
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], _OPTIONS],
 ) -> None:
-    """Say which circle to run next, how probably the goals are met already, and when to stop.
+    """Say which circle to run next, how likely it is that the goals are met, and when to stop.
 
     Run the command after each circle, with the readings of all circles so far. With --out the next
-    circle is written as a plan, with a sheet for the operator. Evidence and intervals stay valid
-    however often the command is run.
+    circle is written as a plan, with a sheet for the operator. The evidence and the intervals
+    remain valid however often the command is run.
     """
     # The import is here and not at the top of the file, because the imported module takes a long
     # time to load.

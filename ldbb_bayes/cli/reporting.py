@@ -49,8 +49,8 @@ def report(
     Questions are asked only at a terminal: for information that the files do not give, and at most
     three about machine, mount and balls. The page, the PDF, JSON, DCC, tables, campaign and fit are
     written into the folder FILE_report beside the first file. The report of a fit is written into
-    the folder of the fit. Exit code 1: the random draws of a fit did not reach the wanted effective
-    number; the page then says so at its top.
+    the folder of the fit. Exit code 1: the random draws of a fit did not reach the required
+    effective sample size; the page then says so at its top.
     """
     # The import is here and not at the top of the file, because the imported module loads
     # Matplotlib and fpdf2, which takes a long time.

@@ -90,7 +90,7 @@ def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any
 
 
 def import_parts(source: SourceCampaign) -> tuple[Any, ...]:
-    """Return the tables and sentences that state what was assumed in an import of tables.
+    """Return the tables and sentences that state what was assumed when tables were imported.
 
     Parameters
     ----------

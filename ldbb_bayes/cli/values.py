@@ -13,7 +13,7 @@ __all__ = ["ball_in", "names_in", "numbers_in", "pairs_in", "points_in"]
 
 
 def names_in(text: str) -> tuple[str, ...]:
-    """Return the names in a comma-separated text.
+    """Return the names in a comma-separated string.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def names_in(text: str) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        The names in the order of the text; empty names are left out.
+        The names in the order of the string; empty names are left out.
     """
     names = [name.strip() for name in text.split(",")]
     return tuple(name for name in names if name)
