@@ -57,8 +57,9 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
 
     Returns
     -------
-    One entry for each assumed effect that causes at least 5 % of a variance. The effect with the
-    largest share of a parameter's variance comes first.
+    tuple of DecidingAssumption
+        One entry for each assumed effect that causes at least 5 % of a variance. The effect with
+        the largest share of a parameter's variance comes first.
     """
     lines_by_term: dict[str, list[Contribution]] = {}
     shares: dict[str, dict[str, float]] = {}

@@ -240,8 +240,9 @@ def calibrate(
         Number of independent posterior draws of each campaign, at least 9.
     sampler : {"independent", "joint"}
         Method of drawing from the posterior, as in `sample`.
-    Model that simulates the readings. Default: ``model``. With a different model, the result shows
-    the effect of an analysis with a wrong model.
+    generator : HybridModel, optional
+        Model that simulates the readings. Default: ``model``. With a different model, the result
+        shows the effect of an analysis with a wrong model.
     prob : float
         Probability that the empirical distributions of the ranks of all quantities stay between
         their limits, ``Validation.band``, if the posterior is calibrated.

@@ -1,12 +1,16 @@
-"""Aims of a campaign under way, and the distances from these aims after one more circle.
+"""Aims of a campaign that is being run, and its distances from the aims after one more circle.
 
-There are two kinds of aims. In the first kind, the standard uncertainty of a quantity is to be at
-most u*. The distance from this aim is ln(u/u*), where u is the standard uncertainty that is
-expected. In the second kind, the readings are to decide between two models: the log Bayes factor in
-favour of the true model is to be at least t. The distance from this aim is ln(t/Φ), where Φ is the
-log Bayes factor that is expected. Each distance is a pure number: zero if the campaign is expected
-to just reach the aim, and positive if it is expected to miss the aim. Distances from several aims
-can therefore be added.
+There are two kinds of aims:
+
+- The standard uncertainty of a quantity shall be at most u*. The distance from this aim is
+  ln(u/u*), where u is the expected standard uncertainty.
+- The readings shall decide between two models: the log Bayes factor in favour of the true model
+  shall be at least t. The distance from this aim is ln(t/Φ), where Φ is the expected log Bayes
+  factor.
+
+Each distance is a pure number. It is zero if the campaign is expected to just reach the aim, and
+positive if the campaign is expected to miss the aim. Distances from several aims can therefore be
+added.
 """
 
 from __future__ import annotations
@@ -22,21 +26,21 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Aim", "SlopesAim", "UncertaintyAim", "total_distance"]
 
-# When the next circle is chosen, the distance from an aim that is reached already is multiplied by
-# this number. The number is not zero, so that the aim still decides between two circles that are
-# equally good for all other aims.
+# When the next circle is chosen, the distance from an aim that is already reached is multiplied by
+# this number. The number is not zero. Such an aim can therefore still decide between two circles
+# that are equally good for all other aims.
 _REACHED = 1e-3
-# An expected log Bayes factor below this value [nat] is replaced by this value, to avoid the
-# logarithm of zero.
+# Smallest expected log Bayes factor [nat] in the distance from an aim. A smaller expected value is
+# replaced by this number, to avoid the logarithm of zero.
 _LEAST_EVIDENCE = 1e-9
 
 
 class Aim(Protocol):
-    """Aim of a campaign under way.
+    """Aim of a campaign that is being run.
 
-    The distance of the campaign from the aim is computed from covariances of the parameters. The
-    distance is zero if the campaign is expected to just reach the aim, and positive if it is
-    expected to miss the aim.
+    The distance of the campaign from the aim is computed from covariances of the parameters. It is
+    zero if the campaign is expected to just reach the aim, and positive if the campaign is expected
+    to miss the aim.
     """
 
     @property
@@ -54,21 +58,20 @@ class Aim(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class UncertaintyAim:
-    """Aim to reach a small standard uncertainty of a combination w·β of the parameters.
+    """Aim to make the standard uncertainty of a combination w·β of the parameters small enough.
 
-    β are the p parameters and w their weights. The uncertainty is first computed for known
-    hyper-parameters (scales of the noise and of other effects). It is then multiplied by
-    ``inflation``, because unknown hyper-parameters make the uncertainty larger.
+    β are the p parameters and w their weights. The uncertainty is first computed as if the
+    hyper-parameters (scales of the noise and of other effects) were known. It is then multiplied by
+    ``inflation``, because unknown hyper-parameters increase the uncertainty.
     """
 
     #: weights w of the p parameters in the combination, shape (p,); the parameters are in units of
     #: their prior standard deviations
     weights: Array
     target: float  #: largest standard uncertainty of w·β at which the aim is reached
-    #: factor by which the standard uncertainty of w·β is larger because the hyper-parameters are
-    #: not known. It is computed for the present state of the campaign: the standard uncertainty,
-    #: divided by the root mean square of the standard uncertainties that would hold if the
-    #: hyper-parameters had known values.
+    #: factor by which unknown hyper-parameters increase the standard uncertainty of w·β. It is
+    #: computed for the present state of the campaign: the standard uncertainty, divided by the root
+    #: mean square of the standard uncertainties for K known values of the hyper-parameters.
     inflation: float
     is_reached: bool  #: whether the aim is reached already
 
@@ -106,11 +109,11 @@ class SlopesAim:
     def distance(self, covariance: Array) -> Array:
         """Return the distances ln(t/Φ) from the aim, shape (...), averaged over hyper-parameters.
 
-        t is ``threshold``. Φ is the expected log Bayes factor in favour of the true one of two
-        models: compliances that change with force, or constant compliances. ``covariance``, shape
-        (K, ..., p, p), are covariances of the p parameters, in units of their prior standard
-        deviations, at K values of the hyper-parameters. The dimensions (...), if there are any, run
-        over possible circles.
+        t is ``threshold``. Two models are compared: compliances that change with force, and
+        constant compliances. Φ is the expected log Bayes factor in favour of the model that is
+        true. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of
+        their prior standard deviations, at K values of the hyper-parameters. The dimensions (...),
+        if there are any, run over possible circles.
         """
         of_slopes = covariance[..., self.columns, :][..., self.columns]
         root = np.linalg.cholesky(np.linalg.inv(of_slopes))
@@ -122,8 +125,8 @@ def total_distance(aims: Sequence[Aim], covariance: Array) -> Array:
     """Return the weighted sum of the distances from all aims, shape (...).
 
     The distance from each of ``aims`` is averaged over the hyper-parameters. A distance below zero
-    is multiplied by 0.001. The distance from an aim that is reached already is also multiplied by
-    0.001. The sum therefore depends mainly on the aims that are expected to be missed.
+    is multiplied by 0.001. The distance from an aim that is already reached is also multiplied by
+    0.001. The sum therefore depends mainly on the aims that the campaign is expected to miss.
     ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of their
     prior standard deviations, at K values of the hyper-parameters. The dimensions (...), if there
     are any, run over possible circles.

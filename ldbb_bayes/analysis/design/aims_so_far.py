@@ -1,9 +1,9 @@
-"""Aims of a campaign under way: whether each is reached, now and after one more circle.
+"""Aims of a campaign that is being run: whether they are reached now, and after one more circle.
 
-An aim is a goal for the expanded uncertainty U (k = 2) of a parameter, or the decision whether a
-quantity keeps its tolerance. The posterior given the circles run shows whether an aim is reached
-now. The covariances of the parameters that are expected after one more circle show whether the aim
-will then be reached.
+An aim is a goal for the expanded uncertainty U (k = 2) of a parameter, or a decision whether a
+quantity conforms with its tolerance. The posterior given the circles run so far shows whether an
+aim is reached now. The covariances of the parameters that are expected after one more circle show
+whether the aim will then be reached.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ __all__ = [
 
 # Number of values of the hyper-parameters at which possible circles are compared.
 _NODES = 16
-# Number of posterior draws of the parameters. It is also the largest number of values of the
+# Number of posterior draws of the parameters. The same number limits the values of the
 # hyper-parameters over which the posterior means and standard deviations of the parameters are
 # averaged.
 _DRAWS = 1024
 # Least distance between an estimate and a tolerance limit, in present standard uncertainties. When
-# the next circle is chosen, a smaller distance is replaced by this distance. If the estimate were
-# exactly at the limit, no campaign would be long enough for a decision.
+# the next circle is chosen, a smaller distance is replaced by this distance. Otherwise, no campaign
+# would be long enough for a decision if the estimate were exactly at the limit.
 _LEAST_DISTANCE = 0.2
-# The target of an aim is a standard uncertainty. A target below this fraction of the present
-# standard uncertainty is replaced by this fraction. Without this limit, the target of a goal in
-# percent of a parameter would be close to zero if the parameter itself may be close to zero.
+# Smallest target for a standard uncertainty, as a fraction of the present standard uncertainty. A
+# smaller target is replaced by this fraction. Without this limit, a goal in percent of a parameter
+# would require an uncertainty near zero if the parameter itself may be near zero.
 _LEAST_TARGET = 1e-3
 
 
@@ -57,38 +57,36 @@ _LEAST_TARGET = 1e-3
 class GoalSoFar(Result):
     """Uncertainty of a parameter compared with its goal: now, and after the best next circle.
 
-    The goal limits the expanded uncertainty U (k = 2).
-
-    All numbers except the probabilities are in the unit ``unit``.
+    The goal is an upper limit of the expanded uncertainty U (k = 2). All numbers except the
+    probabilities are in the unit ``unit``.
     """
 
     unit: str
     value: float  #: posterior mean of the parameter
     U: float  #: expanded uncertainty of the parameter now
-    #: largest U that the goal permits. If the goal is in percent of the parameter, the percentage
-    #: is taken of ``value``.
+    #: largest U that the goal permits. A goal in percent refers to ``value``.
     limit: float
-    #: probability that the goal is met already. It is 0 or 1 for a goal with a fixed limit. If the
-    #: goal is in percent of the parameter, the limit is not known exactly, because the parameter is
-    #: not known exactly, and the probability may lie between 0 and 1.
+    #: probability that the goal is already met. It is 0 or 1 for a goal with a fixed limit. For a
+    #: goal in percent of the parameter, it may lie between 0 and 1, because the parameter, and
+    #: therefore the limit, is not known exactly.
     probability: float
     U_next: float  #: U expected after the best next circle
     probability_next: float  #: probability that the goal is met after the best next circle
-    #: U that would remain if the best possible circles were repeated very many times. If this U is
-    #: above ``limit``, no number of circles reaches the goal.
+    #: U that would remain if the best possible circles were repeated very many times. If it is
+    #: above ``limit``, the goal cannot be reached with any number of circles.
     U_floor: float
 
 
 @dataclass(frozen=True)
 class ToleranceSoFar(Result):
-    """Decision whether a quantity keeps its tolerance: now, and after the best next circle."""
+    """Decision on a quantity with a tolerance: now, and after the best next circle."""
 
     now: Conformity  #: present decision, as `assess_conformity` returns it
     decided_next: float  #: probability that a decision is possible after the best next circle
 
     @property
     def decided(self) -> bool:
-        """Whether the quantity is already known to conform, or known not to conform."""
+        """Whether a decision has been made: the quantity conforms, or it does not conform."""
         return self.now.decision is not Decision.NOT_DECIDED
 
 
@@ -107,9 +105,9 @@ class Known(NamedTuple):
 def known_from(nodes: Nodes, seed: int) -> Known:
     """Return the posterior of the parameters, and likely values of the hyper-parameters.
 
-    The posterior is given by means, standard deviations and draws. These are computed from
+    The posterior is described by means, standard deviations and draws. They are computed from
     ``nodes``, weighted values of the hyper-parameters that represent the posterior given the
-    circles run. ``seed`` is the seed of the random draws.
+    circles run so far. ``seed`` is the seed of the random draws.
     """
     rng = np.random.default_rng(seed)
     mean, sd = nodes.moments(components=_DRAWS)
@@ -124,8 +122,8 @@ def _inflation(sd: float, weights: Array, covariance: Array) -> float:
     The uncertain quantity is a combination of the p parameters with the weights ``weights``, shape
     (p,). ``sd`` is the standard uncertainty of this combination for unknown hyper-parameters.
     ``covariance``, shape (K, p, p), are the covariances of the parameters for K known values of the
-    hyper-parameters. These covariances give K standard uncertainties of the combination. The result
-    is ``sd`` divided by the root mean square of these K values.
+    hyper-parameters, from which K standard uncertainties of the combination are computed. The
+    result is ``sd`` divided by the root mean square of these K standard uncertainties.
     """
     return sd / float(np.sqrt((covariance @ weights @ weights).mean()))
 
@@ -144,8 +142,8 @@ class GoalState:
     def is_met(self) -> Array:
         """Return whether the goal is met now, for each posterior draw of the parameter, shape (n,).
 
-        Each draw is taken as the true value of the parameter. The draws differ in the result only
-        if the goal limits U to a percentage of this value.
+        Each draw is taken as the true value of the parameter. The result differs between draws only
+        if the goal limits U to a percentage of the parameter's value.
         """
         return self.goal.is_met(self.draws, self.sd)
 
@@ -154,7 +152,7 @@ class GoalState:
 
         ``sd``, shape (K,), are K equally likely values of the parameter's standard uncertainty. The
         probability is a mean over these values and over the posterior draws of the parameter. The
-        draws matter if the goal limits U to a percentage of the parameter's value.
+        draws are needed if the goal limits U to a percentage of the parameter's value.
         """
         limits = self.goal.limit_U(self.draws)
         return float((COVERAGE_FACTOR * sd[:, None] <= limits).mean())
@@ -163,7 +161,7 @@ class GoalState:
         """Return U and the probability that the goal is met: now, and after further circles.
 
         U is the expanded uncertainty (k = 2) of the goal's parameter. The result states U and the
-        probability for the present and for the time after the best next circle. It also states U
+        probability for two times: now, and after the best next circle. The result also states U
         after very many circles.
 
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
@@ -189,13 +187,12 @@ class GoalState:
 def goal_states(
     goals: Mapping[str, Goal], known: Known, covariance: Array, confidence: float
 ) -> dict[str, GoalState]:
-    """Return, for every goal, the present estimate of its parameter and the aim of the campaign.
+    """Return, for every goal, the present estimate of its parameter and the aim to reach the goal.
 
-    The aim is to reach the goal. The keys of the result are the names of the goals' parameters.
-
-    ``known`` is the posterior given the circles run. ``covariance``, shape (K, p, p), are the
-    present covariances of the parameters at K values of the hyper-parameters. ``confidence`` is the
-    least probability at which a goal is treated as reached.
+    The keys of the result are the names of the goals' parameters. ``known`` is the posterior given
+    the circles run so far. ``covariance``, shape (K, p, p), are the present covariances of the
+    parameters at K values of the hyper-parameters. ``confidence`` is the least probability at which
+    a goal counts as reached.
     """
     states = {}
     for name, goal in goals.items():
@@ -219,7 +216,7 @@ def goal_states(
 
 @dataclass(frozen=True, eq=False)
 class ToleranceState:
-    """Present decision whether a quantity keeps its tolerance, and the aim to reach a decision."""
+    """Present decision on a quantity with a tolerance, and the aim to reach a decision."""
 
     now: Conformity
     aim: UncertaintyAim
@@ -250,12 +247,12 @@ def tolerance_states(
 ) -> dict[str, ToleranceState]:
     """Return, for every tolerance, the present decision and the aim to reach a decision.
 
-    The decision is whether a quantity, such as a stiffness, keeps its tolerance. The keys of the
-    result are the names of the quantities. For the aim, each quantity is approximated by a linear
-    function of the parameters. This function is fitted to the draws in ``posterior``.
+    The decision is whether a quantity, such as a stiffness, conforms with its tolerance. The keys
+    of the result are the names of the quantities. For the aim, each quantity is approximated by a
+    linear function of the parameters. This function is fitted to the draws in ``posterior``.
     ``tolerances`` holds the tolerance of each quantity. ``known`` is the posterior given the
-    circles run. ``covariance``, shape (K, p, p), are the covariances of the p parameters at K
-    values of the hyper-parameters. ``confidence`` is the least probability at which a decision is
+    circles run so far. ``covariance``, shape (K, p, p), are the covariances of the p parameters at
+    K values of the hyper-parameters. ``confidence`` is the least probability at which a decision is
     made.
     """
     decisions = assess_conformity(posterior, tolerances, confidence=confidence)

@@ -1,4 +1,4 @@
-"""The model for an analysis of planned tests alone, without the readings of the pilot.
+"""Model for an analysis of planned tests alone, without the readings of the pilot.
 
 The pilot is the campaign or plan that a design starts from. The model takes its reference force,
 and the prior standard deviations of the slopes (changes of compliance with force), from the pilot.

@@ -1,10 +1,10 @@
-"""Scales of noise and effects that the analysis of planned tests may find likely.
+"""Scales of the noise and of other effects that an analysis of planned tests may find likely.
 
-φ are the hyper-parameters: the scales of the noise and of other effects. An analysis does not know
-the true scales of a machine; it estimates them from the readings and the prior. The uncertainty
-that the analysis states is an average over all scales that are possible given the readings. Large
-scales remain possible even if the readings scatter little: three circles that agree do not prove
-that a fourth circle would agree with them.
+The scales are the hyper-parameters φ. An analysis does not know the true scales of a machine; it
+estimates them from the readings and the prior. The uncertainty that the analysis states is an
+average over all scales that are possible given the readings. Large scales remain possible even if
+the readings scatter little. For example, three circles that agree do not prove that a fourth circle
+would agree with them.
 
 The normal score of a scale is the standard normal quantile of the scale's cumulative prior
 probability, so that the prior of the scores v is N(0, 1). Readings y ~ N(0, V(v)) carry the Fisher
@@ -28,23 +28,23 @@ from ldbb_bayes.results import Array
 
 __all__ = ["believed_scales", "fisher_information"]
 
-# The normal score of a scale is the standard normal quantile of the scale's cumulative prior
-# probability. Scores are limited to this absolute value; the prior probability of each tail beyond
-# it is below 1e-9.
+# Largest absolute value of normal scores; larger scores are replaced by this value. The normal
+# score of a scale is the standard normal quantile of the scale's cumulative prior probability. Each
+# tail that is cut off has a prior probability below 1e-9.
 _LARGEST_SCORE = 6.0
 # Derivatives of variances with respect to the normal scores are computed by central differences
 # with this step of the scores.
 _STEP = 0.1
-# If a plan has more circles than this number, the analysis is assumed to know the true scales. The
-# average over likely scales would then differ little from the value at the true scales, but its
-# computation would take a long time.
+# If a plan has more circles than this number, the analysis is assumed to know the true scales. An
+# average over likely scales would take a long time, and would hardly differ from the value at the
+# true scales.
 _MOST_CIRCLES = 24
 
 
 def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Array:
     """Return scales that an analysis of planned tests may find likely, for each possible machine.
 
-    The scales are the hyper-parameters: the scales of the noise and of other effects.
+    The scales of the noise and of other effects are the hyper-parameters.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     error_of_estimate = rng.standard_normal((machines, size))
     spread_of_belief = rng.standard_normal((machines, draws, size))
     first = _belief(truth, fisher_information(bound, truth), error_of_estimate)
-    # The Fisher information about a scale grows with the scale. Compute the information half-way
-    # between the true scores and the first estimate of the scores: this approximates the average
-    # information better than the value at the true scores does.
+    # The Fisher information about a scale increases with the scale. Compute the information
+    # half-way between the true scores and the first estimate of the scores. This approximates the
+    # average information better than the information at the true scores does.
     middle = 0.5 * (truth + first.mean)
     belief = _belief(truth, fisher_information(bound, middle), error_of_estimate)
     scores = belief.mean[:, None] + np.einsum("kij,knj->kni", belief.root, spread_of_belief)
@@ -106,9 +106,9 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
-    # Each matrix below is a function of the symmetric information matrix: it has the same
-    # eigenvectors. Such a matrix does not depend on the signs and the order that the eigenvectors
-    # happen to have.
+    # Each matrix below is a function of the symmetric information matrix, and has the same
+    # eigenvectors. It does not depend on the signs and the order of the eigenvectors, which are
+    # arbitrary.
     weight = _along(axes, size / (size + 1.0))
     noise = _along(axes, np.sqrt(size) / (size + 1.0))
     mean = np.einsum("kij,kj->ki", weight, truth) + np.einsum("kij,kj->ki", noise, error)
@@ -127,12 +127,11 @@ def _along(axes: Array, values: Array) -> Array:
 def fisher_information(bound: BoundModel, scores: Array) -> Array:
     """Return the Fisher information of planned readings about the normal scores of the scales.
 
-    The scales of the noise and of other effects are the hyper-parameters.
-
-    The parameters of interest and all other effects are integrated out: the readings have the
-    covariance V = Σ_c s_c x_c x_cᵀ + σ² 1. Here x_c is the column of changes of the readings per
-    unit of effect c, s_c is the variance of this effect, σ² is the variance of the white noise, and
-    the last 1 is the identity matrix.
+    The scales of the noise and of other effects are the hyper-parameters. The effects, among them
+    those of the parameters of interest, are integrated out: the readings have the covariance V =
+    Σ_c s_c x_c x_cᵀ + σ² 1. Here x_c is the column of changes of the readings per unit of effect c,
+    s_c is the variance of this effect, σ² is the variance of the white noise, and the last 1 is the
+    identity matrix.
 
     Parameters
     ----------
@@ -163,8 +162,8 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
             effects.columns, variances[k, 0], noise[k, 0], slopes, noise_slope
         )
         # The readings of a test were reduced to a few values that contain all effects. The other
-        # ``spare`` degrees of freedom of the readings contain white noise alone; add the
-        # information about the noise that they carry.
+        # ``spare`` degrees of freedom of the readings contain white noise alone. Add the
+        # information about the noise from these degrees of freedom.
         information[k] += 0.5 * spare * np.outer(noise_slope, noise_slope) / noise[k, 0] ** 2
     return information
 
@@ -208,8 +207,8 @@ def _information_at(
 class _Effects(NamedTuple):
     """All effects on the reduced readings of planned tests, and the variances of these effects.
 
-    The readings of a test are reduced to a few values that contain all effects. The variances are
-    given for each of w sets of hyper-parameters.
+    The readings of a test are reduced to a few values that contain all effects. There is one
+    variance of each effect for each of w sets of hyper-parameters.
     """
 
     columns: Array  # changes of the N reduced readings per unit of each of C effects, shape (N, C)

@@ -1,10 +1,9 @@
-"""The design of the next campaign: its forces, its number of circles and its clockings.
+"""Design of the next campaign: its forces, its number of circles and its clockings.
 
 A clocking is the pair of angles by which the two balls are turned. A pilot is the campaign or plan
 that a design starts from. A candidate is a test that could be run, once or several times. The share
-of a candidate is its number of runs divided by the number of all runs, where numbers of runs need
-not be whole. The efficiency of a design is its value of the criterion relative to the value for the
-best shares.
+of a candidate is its number of runs divided by the number of all runs; the numbers of runs need not
+be whole. The efficiency of a design compares its criterion with the criterion for the best shares.
 """
 
 from __future__ import annotations
@@ -45,20 +44,20 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# Tolerance with which the shares of candidate tests are proven to be the best. The share of a
-# candidate test is its number of runs divided by the number of all runs. Its sensitivity is the
-# derivative of the criterion with respect to the share. The bound is the mean of the sensitivities,
-# weighted by the shares. The proof holds if the largest sensitivity exceeds the bound by at most
+# Tolerance for the proof that the shares of candidate tests are the best. The share of a candidate
+# test is its number of runs divided by the number of all runs. Its sensitivity is the derivative of
+# the criterion with respect to the share. The bound is the mean of the sensitivities, weighted by
+# the shares. The shares count as the best if the largest sensitivity exceeds the bound by at most
 # this fraction of the bound.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests with a share below this number are left out of the table of the best shares.
 _LISTED_SHARE = 1e-4
-# More circles are treated as useless for a parameter if more than this share of its expected
-# standard uncertainty would remain even if every circle of the design were run very many times.
+# More circles count as useless for a parameter if, with very many runs of every circle of the
+# design, more than this share of the parameter's expected standard uncertainty would remain.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
-# Default clocking (pair of angles by which the balls are turned): balls not turned.
+# Default clocking (pair of angles by which the balls are turned): the balls are not turned.
 _NOT_TURNED: tuple[Clocking, ...] = ((0.0, 0.0),)
 _EQUAL_STEPS = "equal steps"
 _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
@@ -69,14 +68,13 @@ class Certificate(Result):
     """Certificate that states whether the shares of candidate tests are proven to be the best.
 
     A candidate is a test that could be run; its share is its number of runs divided by the number
-    of all runs. The criterion is the figure of merit that the design makes large. The sensitivity
-    of a candidate is the derivative of the criterion with respect to the candidate's share. The
-    bound is the mean of the sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960),
-    the shares are optimal if the largest sensitivity of all candidates does not exceed the bound.
-    ``holds`` is true if the largest sensitivity exceeds the bound by at most 0.01 %. For criterion
-    D with flat priors the bound is the number of parameters. If the criterion is not concave,
-    ``is_global`` is false: the certificate then proves only that no small change of the shares is
-    an improvement.
+    of all runs. The criterion is the figure of merit that the design maximises. The sensitivity of
+    a candidate is the derivative of the criterion with respect to the candidate's share. The bound
+    is the mean of the sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960), the
+    shares are optimal if no sensitivity exceeds the bound. ``holds`` is true if the largest
+    sensitivity exceeds the bound by at most 0.01 %. For criterion D with flat priors, the bound is
+    the number of parameters. If the criterion is not concave, ``is_global`` is false: the
+    certificate then proves only that no small change of the shares is an improvement.
     """
 
     max_sensitivity: float
@@ -87,15 +85,15 @@ class Certificate(Result):
 
 @dataclass(frozen=True, eq=False)
 class Judged(Forecast):
-    """A design for comparison with the recommended design, and the forecast of its results."""
+    """A design that is compared with the recommended design, and the forecast of its results."""
 
     name: str
     #: table of the design's tests, one row per test: force_N, and the columns that `Design.columns`
     #: names
     tests: Records
-    #: efficiency of these tests by the criterion of the recommended design. It is relative to the
-    #: best division of the same number of tests among the candidate tests. It is zero if these
-    #: tests leave a parameter undetermined.
+    #: efficiency of these tests by the criterion of the recommended design, relative to the best
+    #: division of the same number of tests among the candidate tests. It is zero if these tests do
+    #: not determine all parameters.
     efficiency: float
 
 
@@ -103,25 +101,27 @@ class Judged(Forecast):
 class Limits(Result):
     """Limits of what the tests of a design can show."""
 
-    #: number of different forces of the tests if there are too few forces; None if there are enough
-    #: forces, or if the tests only add to tests already run. The forces are too few if the tests
-    #: cannot show that compliances are polynomials of force of a higher degree than in the model.
+    #: number of different forces of the tests if it is too small; None if it is large enough, or if
+    #: the tests only add to tests that have already been run. The number is too small if the tests
+    #: cannot show whether compliances are polynomials of force of a higher degree than in the
+    #: model.
     levels: int | None
-    #: planes in which the model includes hysteresis, but in which all circles of the design run in
-    #: one direction of travel. The keys are the planes, and the values are these directions.
+    #: for each plane whose circles all run in one direction of travel although the model includes
+    #: hysteresis: this direction. The keys are the planes.
     one_way: dict[str, str]
-    #: whether drift may limit the result: the model includes drift, and the machine may have
-    #: drifted in the campaign that the design starts from. The forecast does not show this limit,
-    #: because it assumes that the drift is independent of the settings of the tests.
+    #: whether drift may limit the result. This is the case if the model includes drift, and if the
+    #: machine may have drifted in the campaign that the design starts from. The forecast does not
+    #: show this limit, because it assumes that the drift is independent of the settings of the
+    #: tests.
     drift: bool
     #: parameters whose expected standard deviation would decrease by less than 20 % even if every
     #: test were run very many times
     shared: tuple[str, ...]
-    #: combinations of coefficients that no reading resolves and that involve parameters of
-    #: ``shared``
+    #: combinations of coefficients whose effects cancel in every reading, and that involve
+    #: parameters of ``shared``
     degeneracies: tuple[Degeneracy, ...]
-    #: the remedies for each item of ``degeneracies``: further tests or a calibration with which the
-    #: readings resolve the combination
+    #: for each item of ``degeneracies``, what would resolve the degeneracy: kinds of further tests,
+    #: or a calibration
     cures: tuple[tuple[Cure, ...], ...]
 
 
@@ -159,7 +159,8 @@ class Design(Forecast):
     """
 
     criterion: str  #: criterion that the design optimizes, such as ``eig``
-    parameters: tuple[str, ...]  #: names of the parameters of interest; all others are nuisances
+    #: names of the parameters of interest; all other parameters are nuisances
+    parameters: tuple[str, ...]
     #: recommended tests, one row per different test: force_N, the columns that `columns` names, and
     #: count, the number of times to run the test
     table: Annotated[Records, Field(alias="tests")]
@@ -169,7 +170,7 @@ class Design(Forecast):
     degree: int  #: degree of the model's compliances as polynomials of force
     #: reference force F0 of the campaign or plan that the design starts from [N]
     reference_force_N: float
-    #: efficiency of the design by its criterion, relative to ``shares``, the best division of the
+    #: efficiency of the design by its criterion, relative to ``shares``: the best division of the
     #: same number of tests among the candidate tests
     efficiency: float
     #: certificate that states whether ``shares`` are proven to be the best shares of the tests
@@ -178,17 +179,17 @@ class Design(Forecast):
     #: the columns that `columns` names, and share, the number of runs of this candidate divided by
     #: the number of all runs
     shares: Records
-    #: expected standard deviation of each parameter for a design in equal steps of force. All its
-    #: tests have the first of the radii and the first of the pairs of ball angles to choose from.
-    #: The keys are the names of the parameters.
+    #: expected standard deviation of each parameter for a design in equal steps of force. All tests
+    #: of this design have the first radius and the first pair of ball angles in the lists to choose
+    #: from. The keys are the names of the parameters.
     baseline: dict[str, Expected]
-    #: designs for comparison: one in equal steps of force, and those that the caller gave
+    #: designs for comparison: one in equal steps of force, and the designs in ``against``
     compared: tuple[Judged, ...]
     limits: Limits  #: limits of what the recommended tests can show
     #: root mean square of the values of each hyper-parameter (scales of the noise and of other
-    #: effects) that the forecast averages over; lengths in µm. The noise factor λ of a circle has
-    #: no unit. Neither has the decay, the power by which the balls' form errors fall with the
-    #: number of waves per turn.
+    #: effects) that the forecast averages over. Lengths are in µm. The noise factor λ of a circle
+    #: and the decay have no unit. The decay is the exponent of the power law by which the balls'
+    #: form errors decrease with the number of waves per turn.
     hyper_um: dict[str, float]
     #: whether the hyper-parameters are estimated from the readings of the campaign that the design
     #: starts from; if not, their values come from the prior
@@ -205,8 +206,8 @@ class Design(Forecast):
     def columns(self) -> tuple[str, ...]:
         """Names of the columns, other than ``force_N``, in which a table describes a test.
 
-        The columns are the angles by which the two balls are turned, and the radius. Plane,
-        direction and set-up are added if tests differ in them.
+        The columns are the angles by which the two balls are turned, and the radius. There are
+        further columns for plane, direction and set-up if tests differ in these properties.
         """
         return tuple(str(column) for column in self.table.columns[1:-1])
 
@@ -214,8 +215,8 @@ class Design(Forecast):
     def tests(self) -> tuple[CircularTest, ...]:
         """The recommended tests; a test that is to be run several times is repeated.
 
-        The tests are in the order of the candidates (the tests that could be run), which are sorted
-        by plane and direction, then by radius, angles of the balls, and force.
+        The tests have the order of the candidates (the tests that could be run): sorted by plane
+        and direction, then by radius, angles of the balls, and force.
         """
         return self._require_planned().tests
 
@@ -225,18 +226,18 @@ class Design(Forecast):
 
         The model takes its reference force F0, and the prior standard deviations of the slopes
         (changes of compliance with force), from the campaign or plan that the design starts from.
-        They do not depend on the forces of the recommended tests.
+        The reference force and these standard deviations do not depend on the recommended tests.
         """
         return self._require_planned().model
 
     def plan(self, *, seed: int = 1) -> Campaign:
         """Return the recommended tests as a plan, in the order in which to run them.
 
-        The tests of one clocking (angles by which the balls are turned) form a block, within which
-        forces are in random order. The plan states no times. If the model includes a drift with
-        time, the drift is taken to follow the order in which the plan lists its tests. If the model
-        includes a drift with temperature, the tests of the plan get the mean temperature of the
-        campaign that the design starts from.
+        Tests with the same clocking (angles by which the balls are turned) are run one after the
+        other, with their forces in random order. The plan states no times. If the model includes a
+        drift with time, the drift is taken to follow the order of the tests in the plan. If the
+        model includes a drift with temperature, the tests of the plan get the mean temperature of
+        the campaign that the design starts from.
 
         Parameters
         ----------
@@ -271,8 +272,8 @@ class Design(Forecast):
         -------
         pandas.DataFrame
             One row per parameter, in internal units (mm, N, rad). ``sd`` is the expected standard
-            deviation. ``sd_error`` is the standard error of ``sd``, from the scatter over possible
-            machines. Three columns are for comparison: ``prior_sd`` is the prior standard
+            deviation. ``sd_error`` is the standard error of ``sd``, computed from the scatter over
+            possible machines. Three columns are for comparison: ``prior_sd`` is the prior standard
             deviation, ``floor_sd`` is the standard deviation that would remain if every test were
             run very many times, and ``baseline_sd`` is the standard deviation expected of a design
             in equal steps of force.
@@ -374,7 +375,7 @@ def design(
     certificates: Mapping[str, float] = MappingProxyType({}),
     probability: float = 0.9,
 ) -> Design | GoalDesign:
-    """Return the best tests to run next or, if goals are given, the cheapest campaigns for them.
+    """Return the best tests to run next or, with goals, the cheapest campaigns for these goals.
 
     The pilot is the campaign or plan that the design starts from. Everything is computed for the
     linear Gaussian model and averaged over the hyper-parameters (the scales of the noise and of
@@ -382,15 +383,15 @@ def design(
     plan. The expected standard deviations account for the condition that compliances are not
     negative. The criteria, and the expected evidence about slopes, ignore this condition. The
     reference force F0, the force range and the estimate Ĉ of the compliances about which the model
-    is linearised are those of the pilot. The plan must therefore be analysed with the attribute
-    ``model`` of the design.
+    is linearised are those of the pilot. Analyse the plan with the attribute ``model`` of the
+    design, which uses the same values.
 
     Parameters
     ----------
     model : HybridModel
         Model whose parameters the tests are to determine.
     pilot : Campaign
-        Campaign already run, or plan, that the design starts from.
+        Campaign that has already been run, or plan, from which the design starts.
     tests : int, optional
         Number of circles to run, at most 300. Default: as many as the pilot has.
     forces_N : sequence of float, optional
@@ -411,21 +412,21 @@ def design(
         the slopes. Default: ``eig`` with proper priors, ``d`` with flat priors.
     parameters : sequence of str
         Names of the parameters of interest; all other parameters are nuisances. Default: all
-        parameters that the criterion is about.
+        parameters that the criterion can be applied to.
     augment : bool
-        Whether the new tests are analysed together with the tests of the pilot. If so, ``tests`` is
-        the number of new tests.
+        Whether the new tests are analysed together with the tests of the pilot. If true, ``tests``
+        is the number of new tests.
     against : mapping of str to Campaign
         Campaigns or plans that are compared with the design; the keys are names for them.
     slope_size : float
-        Size of the slopes (changes of compliance with force) that the tests are to detect, in prior
-        standard deviations.
+        Root mean square of the slopes (changes of compliance with force) that the tests are to
+        detect, in prior standard deviations.
     seed : int
         Seed of the random numbers of search and forecast.
     goals : mapping of str to str, float or Goal, optional
         Largest expanded uncertainties U (k = 2); the keys are the names of the parameters, as in
-        {"C_XXX": "5 %", "E_C0YX": "10 µrad"}; numbers are in internal units (mm, N, rad). The
-        number of circles then follows from the goals, and ``tests``, ``criterion``, ``parameters``,
+        {"C_XXX": "5 %", "E_C0YX": "10 µrad"}; numbers are in internal units (mm, N, rad). The goals
+        then determine the number of circles, and ``tests``, ``criterion``, ``parameters``,
         ``against`` and ``slope_size`` must not be given.
     costs : Costs, optional
         With goals: machine times, and the price of machine time. Default: 3 min for a circle, 15
@@ -436,7 +437,8 @@ def design(
         "force" and "angle".
     probability : float
         With goals: least share of the possible machines on which all goals are to be met. Possible
-        machines are those that are likely given the pilot.
+        machines are drawn from the posterior given the pilot, or from the prior if the pilot is a
+        plan.
 
     Returns
     -------
@@ -446,9 +448,9 @@ def design(
     Raises
     ------
     InputError
-        For numbers out of range, unknown names, or a design in ``against`` that is of another
-        machine. Also if model or criterion do not suit the parameters, or if the tests leave
-        parameters undetermined.
+        For numbers out of range, unknown names, or a campaign in ``against`` that is of another
+        machine. Also if model or criterion do not suit the parameters, or if the tests do not
+        determine all parameters.
 
     Examples
     --------
@@ -460,8 +462,8 @@ def design(
     require_model(model)
     require_campaign(pilot)
     if pilot.is_plan and pilot.pilot is not None:
-        # The given pilot is a plan that itself starts from an earlier campaign. The plan adds no
-        # readings to those of the earlier campaign: start from the earlier campaign instead.
+        # The pilot is a plan that itself starts from an earlier campaign. The plan adds no readings
+        # to those of the earlier campaign. Use the earlier campaign as the pilot instead.
         pilot = pilot.pilot
     check_seed(seed)
     if goals is not None:
@@ -525,7 +527,7 @@ def design(
 def _refuse_beside_goals(names: Sequence[str]) -> None:
     """Raise an `InputError` if the caller gave arguments that cannot be combined with goals.
 
-    ``names`` are the names of these arguments. If there are none, nothing is raised.
+    ``names`` are the names of these arguments. Nothing is raised if ``names`` is empty.
     """
     require(
         not names,
@@ -561,7 +563,7 @@ def _planned_tests(campaign: Campaign) -> tuple[CircularTest, ...]:
 
 
 def _force_levels(forces_N: Sequence[float]) -> tuple[float, ...]:
-    """Return the force levels ``forces_N`` that a user gave [N], converted to numbers.
+    """Return the force levels ``forces_N`` of a user [N], converted to numbers.
 
     An `InputError` is raised if a force level is not a number.
     """
@@ -590,8 +592,9 @@ def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
     """Raise an `InputError` if a design for comparison has a reserved name or a wrong machine.
 
     ``campaign`` holds the tests of the design for comparison, and ``name`` is the name that the
-    caller gave it. Reserved are the names that the result itself uses. ``pilot`` is the campaign or
-    plan that the best design starts from; the design for comparison must be of the same machine.
+    caller gave it. A name is reserved if the result uses it for another design. ``pilot`` is the
+    campaign or plan that the best design starts from; the design for comparison must be of the same
+    machine.
     """
     require(
         name not in _RESERVED_NAMES,
@@ -617,7 +620,7 @@ def _describe_design(
     ``space`` holds the tests to choose from, the criterion and the parameters of interest;
     ``exact`` is the design that the search found. ``pilot`` holds the name and the digest of the
     campaign that the design starts from. ``compared`` holds the tests of the designs for
-    comparison, whose names are its keys; the result includes the forecasts of these designs.
+    comparison, by name; the result includes the forecasts of these designs.
     """
     tests = space.tests_of(exact)
     optimum = exact.optimum
@@ -656,8 +659,8 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
 
     ``tests`` are the tests of this design, and ``name`` is its name in the comparison. The
     efficiency, by the criterion of ``space``, is relative to the best division of the same number
-    of tests among the candidates (tests that could be run). The efficiency is zero for tests that
-    leave a parameter undetermined.
+    of tests among the candidates (tests that could be run). The efficiency is zero if the tests do
+    not determine all parameters.
     """
     forecast = space.forecast(space.plan_of(tests, seed=space.seed))
     efficiency = space.efficiency(tests) if forecast.determined else 0.0
@@ -682,10 +685,10 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 
 
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
-    """Return the limits of what the tests of a design can show, and remedies for these limits.
+    """Return the limits of what the tests of a design can show, and ways to overcome these limits.
 
-    More tests of the same kind would not remove these limits. ``space`` holds the pilot, the model
-    and the parameters of interest. ``forecast`` is the forecast of the tests' results.
+    More tests of the same kind would not overcome them. ``space`` holds the pilot, the model and
+    the parameters of interest. ``forecast`` is the forecast of the tests' results.
     """
     bound = bind_tests(space.model, space.pilot, tests, keep_pilot_tests=space.augment)
     term_types = {type(term) for term in space.model.nuisances}
@@ -710,11 +713,11 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 
 
 def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | None:
-    """Return the number of different forces of tests if there are too few forces, else None.
+    """Return the number of different forces of tests if the number is too small, else None.
 
-    The model of ``space`` describes compliances as polynomials of force. There are too few forces
-    if ``tests`` could not show that the true degree of these polynomials is higher. The result is
-    also None if the tests only add to tests already run.
+    The model of ``space`` describes compliances as polynomials of force. The number of forces is
+    too small if ``tests`` could not show that the true degree of these polynomials is higher. The
+    result is also None if the tests only add to tests that have already been run.
     """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     if space.augment or levels > space.model.degree + 2:
@@ -723,11 +726,11 @@ def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | Non
 
 
 def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) -> tuple[str, ...]:
-    """Return the names of parameters that are hardly improved by further circles.
+    """Return the names of parameters for which further circles are hardly of use.
 
-    The expected standard deviation of these parameters, which ``forecast`` states, would decrease
-    by less than 20 % even if every test were run very many times. Only the parameters of interest
-    of ``space`` are examined.
+    ``forecast`` states the expected standard deviations of the parameters. For the parameters
+    returned, this standard deviation would decrease by less than 20 % even if every test were run
+    very many times. Only the parameters of interest of ``space`` are examined.
     """
     names = []
     for name in space.chosen:
@@ -740,7 +743,7 @@ def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) ->
 def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degeneracy, ...]:
     """Return the degeneracies of a bound model that involve a parameter in ``names``.
 
-    A degeneracy is a combination of coefficients that no reading resolves.
+    A degeneracy is a combination of coefficients whose effects on every reading cancel.
     """
     involved = []
     for degeneracy in degeneracies(bound):
@@ -752,8 +755,8 @@ def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degenerac
 def _planes_run_one_way(bound: BoundModel) -> dict[str, str]:
     """Return the direction of travel of each plane whose circles all run in one direction.
 
-    The directions are "CW" and "CCW". The keys of the result are the planes. Only planes in which
-    the model includes both directions of travel are considered.
+    The directions are "CW" and "CCW". The keys of the result are the planes. Only those planes are
+    considered for which the model includes both directions of travel.
     """
     one_way = {}
     for plane in bound.setting.both_ways:

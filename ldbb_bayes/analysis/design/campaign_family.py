@@ -2,9 +2,9 @@
 
 A clocking is a pair of angles by which the two balls are turned in their sockets. All campaigns of
 a family use the same set of clockings, the same set of radii and the same certificates. They differ
-in the number of circles, and in the force, direction of travel, clocking and radius of the single
-circles. Every further circle costs the same. The information that each possible circle gives is
-computed only once for a family.
+in the number of circles, and in the force, direction of travel, clocking and radius of the
+individual circles. Every additional circle costs the same. The information from each possible
+circle is computed only once for a family.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class CampaignFamily:
 
     @property
     def certificates_price(self) -> float:
-        """Price of the certificates that all campaigns of the family have."""
+        """Price of the certificates of the family."""
         return sum(offer.price for offer in self.offers)
 
     @cached_property
@@ -71,7 +71,7 @@ class CampaignFamily:
 
     @cached_property
     def quick(self) -> QuickForecast:
-        """Quick forecast of how far each campaign of the family is from the goals."""
+        """Quick forecast of the distance of each campaign of the family from the goals."""
         bound = self.bound
         number = len(self.states.phi)
         chosen = np.unique(np.linspace(0, number - 1, _QUICK_STATES).round().astype(int))
@@ -112,7 +112,7 @@ class CampaignFamily:
         """Least number of different forces that a campaign of the family must have.
 
         One force is enough if the model's compliances do not depend on force, or if the campaign
-        adds to tests that are run already. In all other cases, two forces are needed.
+        adds to tests that have already been run. In all other cases, two forces are needed.
         """
         if self.space.augment or self.space.model.degree == 0:
             return 1
@@ -123,9 +123,9 @@ class CampaignFamily:
 
         ``circles`` is the number of all circles of the campaign. The search begins with the
         campaign that has ``start`` circles of each candidate test, and adds circles one by one. By
-        default, it begins without circles. If all circles found are at one force although
-        compliances may depend on force, one circle is replaced by the best candidate at another
-        force. ``start`` and the result have the shape (candidates,).
+        default, it begins without circles. If compliances may depend on force, but all circles of
+        the resulting campaign are at one force, one circle is replaced by the best candidate at
+        another force. ``start`` and the result have the shape (candidates,).
         """
         if start is None:
             start = np.zeros(self.quick.candidates, dtype=int)
@@ -172,7 +172,8 @@ class CampaignFamily:
     def price(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
         """Return the price of the machine time of ``tests``, plus the price of the certificates.
 
-        ``costs`` states the times of circles and set-ups, and the price of an hour.
+        ``costs`` states the times of circles, set-ups and turns of the balls, and the price of an
+        hour.
         """
         return price_of(costs, minutes_of(costs, tests), self.certificates_price)
 
@@ -194,9 +195,9 @@ def families_of(
 
     A clocking is a pair of angles by which the two balls are turned. ``space`` holds the clockings
     and radii to choose from. Every subset of clockings that contains the first clocking is combined
-    with every non-empty subset of the radii and with every set of the certificates that could be
-    bought, ``sets_of_certificates``. All families have the same goals and possible states of the
-    machine, ``goals`` and ``states``.
+    with every non-empty subset of the radii and with every set of certificates in
+    ``sets_of_certificates`` (certificates that could be bought). All families have the same goals
+    ``goals``, and the same possible states ``states`` of the machine.
     """
     first = space.clockings_deg[0]
     others = space.clockings_deg[1:]

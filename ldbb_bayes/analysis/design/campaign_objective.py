@@ -1,8 +1,8 @@
 """Objective of the search for a design, computed from the model bound to the candidate tests.
 
-The objective states how good a design is, as a function of its number of runs of each candidate
-test (test that could be run). It is an average over values of the hyper-parameters φ (the scales of
-the noise and of other effects).
+The objective measures how good a design is. It is a function of the number of runs of each
+candidate test (test that could be run), averaged over values of the hyper-parameters φ (the scales
+of the noise and of other effects).
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]
 
-# GᵀG is the information matrix of a test. An element of G is treated as a rounding error if it is
-# below this share of the largest element in the same column.
+# A test adds GᵀG to the information matrix. An element of the matrix G counts as a rounding error
+# if it is below this share of the largest element in the same column.
 _ROUNDING_ERROR = 1e-12
 # Number of forces over which criterion I averages the variance of predicted compliances. These
 # forces span the range of force of the pilot (the campaign that a design starts from).
@@ -64,8 +64,8 @@ def objective_of(
 ) -> Objective:
     """Return the objective of a search among candidate tests, for the chosen parameters.
 
-    Nuisance coefficients (effects that are modelled but not of interest) are left out if they are
-    not connected with the chosen parameters by common readings.
+    Nuisance coefficients (effects that are modelled but not of interest) are left out if no reading
+    connects them with the chosen parameters, either directly or through other coefficients.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def objective_of(
         Objective with the information of every candidate test for each of the K sets of φ. For p
         coefficients, and tests whose readings are reduced to m values, ``rows`` has the shape (K,
         candidates, m, p) and ``prior`` the shape (K, p, p). The chosen parameters are the last of
-        the p coefficients, in the given order.
+        the p coefficients, in the order of ``chosen``.
     """
     rows = []
     prior = []
@@ -133,9 +133,9 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
 def _stack_blocks(blocks: Sequence[Array]) -> Array:
     """Return the matrices G of all tests as one array, with rounding errors set to zero.
 
-    ``blocks`` has one matrix G per test, with at most 25 rows and one column per coefficient; GᵀG
-    is what the test adds to the precision of the coefficients. The result has the shape (tests,
-    rows, coefficients); matrices of fewer rows are filled up with zeros.
+    ``blocks`` has one matrix G per test, with at most 25 rows and one column per coefficient. The
+    test adds GᵀG to the precision (inverse covariance) of the coefficients. The result has the
+    shape (tests, rows, coefficients). Zeros are appended to matrices with fewer rows.
     """
     rows = max(len(block) for block in blocks)
     stacked = np.zeros((len(blocks), rows, blocks[0].shape[1]))
@@ -148,10 +148,10 @@ def _stack_blocks(blocks: Sequence[Array]) -> Array:
 def _connected_columns(blocks: Array, interest: Sequence[int]) -> NDArray[np.int_]:
     """Return the indices of all coefficients that are connected with those of interest.
 
-    Two coefficients are connected if they act on the same readings, or if a chain of coefficients
-    connects them in this way. ``blocks``, shape (tests, rows, m), holds the matrix G of each test
-    for m coefficients; GᵀG is the information of the test. ``interest`` are the indices of the
-    coefficients of interest, which come last in the result.
+    Two coefficients are connected if they both have an effect on the same readings, or if other
+    coefficients form a chain of such connections between them. ``blocks``, shape (tests, rows, m),
+    holds the matrix G of each test for m coefficients; GᵀG is the information of the test.
+    ``interest`` are the indices of the coefficients of interest, which come last in the result.
     """
     size = np.abs(blocks)
     shares_readings = np.einsum("rij,rik->jk", size, size) > 0.0

@@ -1,10 +1,10 @@
 """Covariances of the parameters after one more circle, for many possible circles at once.
 
-Let Σ be the covariance of all coefficients given the circles run. The readings of a possible circle
-are reduced to a few values that hold their information. Let G be the derivatives of these values
-with respect to the coefficients, in standard deviations of the noise. Let Σ_s be the rows of Σ for
-the parameters of interest, and Σ_ss the part of Σ_s in the columns of these parameters. After the
-circle, the covariance of the parameters of interest is
+Let Σ be the covariance of all coefficients given the circles run so far. The readings of a possible
+circle are reduced to a few values that contain all their information. Let G be the derivatives of
+these values with respect to the coefficients, divided by the standard deviation of the noise. Let
+Σ_s be the rows of Σ for the parameters of interest, and Σ_ss the part of Σ_s in the columns of
+these parameters. After the circle, the covariance of the parameters of interest is
 
     Σ_ss − Σ_s Gᵀ (1 + G Σ Gᵀ)⁻¹ G Σ_sᵀ.
 """
@@ -26,9 +26,9 @@ class CandidateCovariances:
     ----------
     objective
         Objective at K values of the hyper-parameters. Its ``prior`` is the precision of the p
-        coefficients given the circles run, and its ``rows`` hold the information of every possible
-        circle. The s parameters of interest are the last of the p coefficients. All coefficients
-        are in units of their prior standard deviations.
+        coefficients given the circles run so far, and its ``rows`` hold the information of every
+        possible circle. The s parameters of interest are the last of the p coefficients. All
+        coefficients are in units of their prior standard deviations.
     """
 
     def __init__(self, objective: Objective) -> None:
@@ -40,7 +40,7 @@ class CandidateCovariances:
     def before(self) -> Array:
         """Covariances of the s parameters of interest before the next circle, shape (K, s, s).
 
-        They are computed for K values of the hyper-parameters.
+        There is one covariance matrix for each of K values of the hyper-parameters.
         """
         s = self._interest
         return np.asarray(self._covariance[:, -s:, -s:])
@@ -62,7 +62,7 @@ class CandidateCovariances:
         return np.array(results)
 
     def run(self, candidate: int) -> None:
-        """Treat the possible circle with the index ``candidate`` as already run."""
+        """Update the covariances as if the circle with the index ``candidate`` had been run."""
         rows = self._rows[:, candidate]
         spread = rows @ self._covariance
         readings = spread @ np.swapaxes(rows, -1, -2) + np.eye(rows.shape[1])

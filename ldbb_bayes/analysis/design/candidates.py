@@ -1,4 +1,4 @@
-"""Candidates for a design: tests that could be run, the model bound to them, and running orders.
+"""Tests that could be run in a design (candidates), the model bound to them, and running orders.
 
 The pilot is the campaign or plan that a design starts from. The model takes its reference force F0,
 its range of force, and the estimate Ĉ of the compliances about which it is linearised, from the
@@ -41,9 +41,9 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
     """Return a test without readings for every plane and every direction of travel.
 
     ``pilot`` is the campaign or plan that a design starts from, and ``directions`` are the
-    directions of travel. By default, each plane has the directions in which the pilot runs it. All
-    other settings are copied from one of the pilot's tests in the plane: the test with the median
-    number of readings. The angles of the tests returned are in equal steps.
+    directions of travel. By default, each plane has the directions of the pilot's tests in the
+    plane. All other settings are copied from one of the pilot's tests in the plane: the test with
+    the median number of readings. The angles of the tests returned are in equal steps.
     """
     tests: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
@@ -65,7 +65,7 @@ def _number_of_angles(test: CircularTest) -> int:
 
 
 class _TestKind(NamedTuple):
-    """Kind of a test: the properties of the test that decide which parameters the model has."""
+    """Kind of a test: the properties of the test that determine which parameters the model has."""
 
     plane: str | None
     setup: int | None
@@ -82,18 +82,18 @@ def add_foreseen_tests(
     """Return the pilot, extended so that its model has all parameters that a design may need.
 
     A campaign may list foreseen tests, which may be run later. The model of the campaign has every
-    parameter that has an effect in a test that is run or foreseen. The function therefore adds a
-    foreseen test of every kind that a design may contain and that the pilot lacks. The same model
-    then applies to every design. The kind of a test is its plane, set-up, centre, radius and
-    direction.
+    parameter that changes the readings of at least one test, whether run or foreseen. A design may
+    contain kinds of tests that the pilot does not have. The function therefore adds a foreseen test
+    of each of these kinds, so that the same model applies to every design. The kind of a test is
+    its plane, set-up, centre, radius and direction.
 
     Parameters
     ----------
     pilot
         The campaign or plan that the design starts from.
     candidates
-        Tests that the design chooses among. If the candidates in a plane run in both directions,
-        tests in both directions are added, so that the model includes hysteresis.
+        Tests to choose from. If the candidates in a plane run in both directions, foreseen tests in
+        both directions are added, so that the model includes hysteresis.
     compared_tests
         Tests of designs that are only compared with this design. The direction of travel of these
         tests is ignored.
@@ -101,8 +101,8 @@ def add_foreseen_tests(
     Returns
     -------
     Campaign
-        The pilot with the foreseen tests added; the pilot itself if the pilot has tests of all
-        kinds already.
+        The pilot with the foreseen tests added; the pilot itself if it already has tests of all
+        kinds.
     """
     uses_radius = _model_depends_on_radius(pilot, (*candidates, *compared_tests))
     # Ignore the directions of the tests that the pilot has run, because the analysis of a design
@@ -147,10 +147,10 @@ def _tests_by_kind(
 
     The kind of a test consists of its plane, set-up, centre, radius and direction of travel.
 
-    ``candidates`` are the tests to choose from; ``compared_tests`` are tests of other designs. If
-    tests of both groups have the same kind, the result holds a candidate. The kind has a direction
-    only for candidates in a plane in which candidates run in both directions. The kind has a radius
-    only if ``uses_radius`` is true.
+    ``candidates`` are the tests to choose from; ``compared_tests`` are tests of other designs. If a
+    candidate and a test of another design have the same kind, the result holds the candidate. The
+    kind includes the direction only for candidates in a plane in which candidates run in both
+    directions. The kind includes the radius only if ``uses_radius`` is true.
     """
     both_ways = _planes_run_both_ways(candidates)
     possible = []
@@ -181,8 +181,8 @@ def grid_of_tests(
     """Return every combination of template, radius, clocking and force as a planned test.
 
     A template is a test without readings; a clocking is the pair of angles by which the balls are
-    turned. The force changes from one test to the next. The clocking changes after all forces, the
-    radius after all clockings, and the template after all radii.
+    turned. In the result, the force changes fastest, then the clocking, then the radius. The
+    template changes most slowly.
     """
     tests = []
     for template, radius_mm, clocking, force_N in product(
@@ -206,9 +206,9 @@ def bind_tests(
     """Return the model bound to a plan that consists of the given tests.
 
     The model takes its reference force, its range of force and the estimate Ĉ of the compliances
-    from the pilot. The model also has the parameters that only the pilot's tests can show, even if
-    the plan leaves these tests out. The exception is hysteresis, because the pilot's directions of
-    travel are ignored.
+    from the pilot. The model also has the parameters that only the pilot's tests can determine,
+    even if the plan leaves these tests out. The exception is hysteresis, because the pilot's
+    directions of travel are ignored.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
     The pilot is the campaign that the plan starts from. If the plan has a pilot, the model takes
     its reference force, its range of force and the estimate Ĉ of the compliances from the pilot.
     The instrument and the order of the tests are always taken from the plan. If the plan adds to
-    its pilot, the pilot's tests come first.
+    its pilot, the model is bound to the pilot's tests, followed by the tests of the plan.
     """
     pilot = plan.pilot
     if pilot is None:
@@ -249,9 +249,9 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
 
 
 def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
-    """Return a plan with times for its tests; their mean is the mean time of the pilot's tests.
+    """Return a plan with times for its tests, so that its mean time is that of the pilot's tests.
 
-    The pilot is the campaign that the plan starts from. The times decide how a drift acts on the
+    The pilot is the campaign that the plan starts from. The times determine how a drift affects the
     tests. A plan is returned unchanged if it adds to its pilot, or if its tests are not run in the
     order in which they are listed.
     """
@@ -275,13 +275,13 @@ def _bind_to_pilot(
 ) -> BoundModel:
     """Return the model bound to a plan, with reference force and force range of the plan's pilot.
 
-    The pilot is the campaign that the plan starts from. If ``keep_pilot_tests`` is true, the tests
-    of the pilot are included, before those of the plan.
+    The pilot is the campaign that the plan starts from. If ``keep_pilot_tests`` is true, the model
+    is bound to the tests of the pilot, followed by the tests of the plan.
     """
     tests = plan.tests
     pilot_tests = pilot.plan().tests
-    # Remove the names of the tests: the plan then gives every test a different name, even if a test
-    # is planned repeatedly.
+    # Remove the names of the tests. The plan then gives every test a different name, even if the
+    # same test is planned several times.
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
     if keep_pilot_tests:
         planned = (*pilot_tests, *planned)
@@ -296,11 +296,12 @@ def running_order(
 ) -> tuple[CircularTest, ...]:
     """Return ``tests`` in a random order in which a drift does not look like an effect of force.
 
-    Tests of one set-up form a block. Within this block, tests of one plane and radius form a block.
-    Within that block, tests with one angle of the work ball form a block. All these blocks are in
-    random order. Within the innermost blocks, the tests are sorted by the angle of the tool ball:
-    ascending in one block, descending in the next, and so on. Tests with the same angles of both
-    balls are in random order.
+    Tests with the same set-up are run one after the other. Within a set-up, tests with the same
+    plane and radius are run one after the other, and among these, tests with the same angle of the
+    work ball. The order of the set-ups is random, and so is the order of planes and radii and the
+    order of the angles of the work ball. For each angle of the work ball, the tests are sorted by
+    the angle of the tool ball: ascending for one angle of the work ball, descending for the next,
+    and so on. Tests with the same angles of both balls are in random order.
     """
     ordered: list[CircularTest] = []
     for setup_block in _random_blocks(tests, _setup, rng):
@@ -318,10 +319,9 @@ def running_order(
 def _random_blocks(
     tests: Sequence[CircularTest], key: Callable[[CircularTest], Any], rng: np.random.Generator
 ) -> list[list[CircularTest]]:
-    """Return the tests in blocks, in random order of the blocks.
+    """Return the tests in groups with a common property; the order of the groups is random.
 
-    ``key`` is a function that returns a property of a test, for example its set-up. Tests with the
-    same property are in one block.
+    ``key`` is a function that returns the property of a test, for example its set-up.
     """
     blocks: dict[Any, list[CircularTest]] = {}
     for test in tests:

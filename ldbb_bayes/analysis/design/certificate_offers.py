@@ -18,9 +18,9 @@ from ldbb_bayes.results import Result
 
 __all__ = ["CertificateOffer", "certified_with", "offers_in", "sets_of_offers"]
 
-# Dictionary from the word with which a user names a certificate, such as ``mount``, to the key of
-# this certificate in ``CERTIFICATES``. Certificates of balls are not included, because their names
-# contain the grade, as in "balls G10".
+# Keys of certificates in ``CERTIFICATES``, by the word that a user writes for the certificate, such
+# as ``mount``. Certificates of balls are not included, because their names contain the grade, as in
+# "balls G10".
 _STATED_BY_WORD = {
     "bar": "bar ± 1 µm",
     "mount": "mount ± 2 %",
@@ -34,14 +34,14 @@ _FIELDS_BY_BALLS = {
 }
 # Regular expression of the name of a certificate of balls with their grade, such as "balls G10".
 _BALLS = re.compile(r"(balls|work ball|tool ball)\s+(G\d+)", re.IGNORECASE)
-# Largest number of certificates that may be on offer. The number is limited because every set of
+# Largest number of certificates that may be offered. The number is limited because every set of
 # certificates is tried.
 _MOST_OFFERS = 5
 
 
 @dataclass(frozen=True)
 class CertificateOffer(Result):
-    """One certificate that could be bought: what it states, and its price."""
+    """One certificate that could be bought: the values that it states, and its price."""
 
     name: str  #: name of the certificate, such as "balls of grade G10"
     price: float  #: price, in the unit of money of `Costs`

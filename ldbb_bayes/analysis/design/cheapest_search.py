@@ -1,11 +1,12 @@
-"""Search for the cheapest campaigns that reach their goals.
+"""Search for the cheapest campaigns that reach given goals.
 
 Campaigns of one family have the same clockings, radii and certificates. The search goes through
 families and numbers of circles, the cheapest first. For each family and number of circles, the
-search takes the campaign that the quick forecast (`quick_forecast`) finds nearest to the goals. If
-this campaign seems near enough, the full forecast (`forecast`) decides whether the goals are
-reached. The uncertainties of the quick forecast are too small by a factor that hardly differs
-between campaigns of one family. This factor is estimated from the full forecasts made so far.
+search takes the campaign with the smallest distance from the goals in the quick forecast
+(`quick_forecast`). If this distance is small enough, the full forecast (`forecast`) decides whether
+the goals are reached. The uncertainties of the quick forecast are too small by a factor that hardly
+differs between campaigns of one family. This factor is estimated from the full forecasts made so
+far.
 """
 
 from __future__ import annotations
@@ -33,28 +34,29 @@ __all__ = [
 
 # Largest number of circles of a campaign.
 _MOST_CIRCLES = 40
-# To estimate how many circles are needed in a family of campaigns, the search takes the family's
-# best campaign of this many circles. Its number of circles of each candidate test is then
-# multiplied by one factor, the smallest with which the goals are reached.
+# Number of circles of the campaign from which the search estimates how many circles are needed in a
+# family. The search takes the family's best campaign of this many circles. All its numbers of
+# circles of candidate tests are then multiplied by the smallest factor with which the goals are
+# reached.
 _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins with this share of the number of circles that the
 # family is estimated to need.
 _BEGIN_SHARE = 0.85
-# The factor by which the numbers of circles of a campaign are multiplied is found by bisection.
-# This is the number of bisection steps.
+# Number of bisection steps in the search for the factor by which the numbers of circles of a
+# campaign are multiplied.
 _HALVINGS = 10
-# A full forecast of a campaign is made only if ln(u/u*) is at most this number. Here u is the
-# standard uncertainty of a goal's parameter that the full forecast is expected to give. It is
-# estimated from the quick forecast. u* is the largest standard uncertainty that the goal permits.
+# A full forecast of a campaign is made only if ln(u/u*) is at most this number. Here u is an
+# estimate, from the quick forecast, of the standard uncertainty in the full forecast, for the
+# parameter of a goal. u* is the largest standard uncertainty that the goal permits.
 _NEAR = 0.03
 # Largest number of full forecasts in one family of campaigns.
 _MOST_FORECASTS = 8
-# When a campaign with one circle less is tried, a forecast with only this many possible machines
-# first shows whether a full forecast is worth while.
+# Number of possible machines in a first forecast of a campaign with one circle fewer. This fast
+# forecast shows whether a full forecast is worthwhile.
 _FEW_MACHINES = 16
-# The effort of a full forecast grows with the square of the number of circles. After the first
-# campaign is found, further campaigns are sought only while the sum of these squares over all full
-# forecasts is at most this number.
+# Largest effort of all full forecasts together. The effort of a full forecast is the square of its
+# number of circles. After the first campaign that reaches the goals, the search for further
+# campaigns ends when the sum of all efforts exceeds this number.
 _MOST_EFFORT = 700
 
 
@@ -77,10 +79,10 @@ class CheapestCampaigns:
     """Result of the search: campaigns that reach all goals, or the one nearest to the goals."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
-    #: campaign that is nearest to the goals, if no family reaches them. In each family, the
-    #: campaign with the largest number of circles is examined. The nearest of these campaigns is
-    #: the one that meets all goals on the largest share of the possible machines. None if one of
-    #: these campaigns reaches the goals, or if no full forecast was made.
+    #: campaign that is nearest to the goals if no family reaches them. In each family, the campaign
+    #: with the largest number of circles is examined. The nearest of these campaigns is the one
+    #: that meets all goals on the largest share of the possible machines. None if one of the
+    #: examined campaigns reaches the goals, or if no full forecast was made.
     nearest: FoundCampaign | None
 
 
@@ -115,7 +117,7 @@ def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> d
     """Return the share of the possible machines on which each goal is met.
 
     ``stated`` holds the uncertainties to expect on every possible machine. The keys of the result
-    are the names of the goals' parameters. There is one more key, an empty string: its value is the
+    are the names of the goals' parameters. In addition, the key "" (an empty string) holds the
     share of the machines on which all goals are met together.
     """
     is_met = _excess(stated, goals) <= 0.0
@@ -141,7 +143,7 @@ class _Progress:
     #: forecast; None before the first full forecast
     inflation: float | None = None
     forecasts: int = 0  #: number of full forecasts made
-    last_failed: int = 0  #: largest number of circles with which a full forecast missed the goals
+    last_failed: int = 0  #: largest number of circles for which the full forecast missed the goals
     started: bool = False  #: whether the number of circles that the family needs has been estimated
 
 
@@ -166,8 +168,8 @@ def find_cheapest(
 ) -> CheapestCampaigns:
     """Return the cheapest campaigns that reach all goals, one of each family.
 
-    If fewer than ``number`` families reach the goals, further campaigns are added. They are of the
-    same family as the cheapest campaign, but have more circles.
+    If fewer than ``number`` families reach the goals, further campaigns are added. They belong to
+    the family of the cheapest campaign, but have more circles.
 
     Parameters
     ----------
@@ -224,8 +226,8 @@ def find_cheapest(
 def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> list[FoundCampaign]:
     """Return the best campaigns that have 1, 2, …, ``number`` circles more than ``campaign``.
 
-    They are of the same family as ``campaign``, and meet the goals on more of the possible
-    machines. Campaigns that exceed the longest machine time are left out.
+    They belong to the family of ``campaign``, and meet the goals on more of the possible machines.
+    Campaigns that exceed the longest machine time are left out.
     """
     longer = []
     for added in range(1, number + 1):
@@ -239,14 +241,14 @@ def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> li
 class _Search:
     """Search in all families of campaigns.
 
-    The search in a family uses the forecasts made in the families that were searched before.
+    Forecasts made in one family are also used in the families that are searched later.
     """
 
     def __init__(self, goals: Mapping[str, Goal], costs: Costs, probability: float) -> None:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        #: smallest value of `_Progress.inflation` in the families that were searched before; it is
+        #: smallest value of `_Progress.inflation` in the families that have been searched; it is
         #: used in families without a full forecast
         self._inflation = np.inf
         #: whether the largest campaign of at least one family reaches all goals
@@ -284,10 +286,11 @@ class _Search:
         """Return ln(u/u*) in the full forecast of a campaign minus ln(u/u*) in its quick forecast.
 
         u is the standard uncertainty of a goal's parameter, and u* the largest standard uncertainty
-        that the goal permits. The full forecast gives ln(u/u*) of every goal on each possible
-        machine. For each machine, the largest value of all goals is taken. Of the values of all
-        machines, the quantile at the required probability is taken. The quick forecast gives a
-        single value. ``counts`` is the campaign's number of circles of every candidate test.
+        that the goal permits. The full forecast states ln(u/u*) of every goal on each possible
+        machine. These values are reduced to one in two steps: the largest value of all goals on
+        each machine, and the quantile of the largest values over the machines, at the required
+        probability. The quick forecast states a single value. ``counts`` is the campaign's number
+        of circles of every candidate test.
         """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
@@ -315,7 +318,7 @@ class _Search:
         ``progress`` states the family and its number of circles, ``circles``. The campaign returned
         has this number of circles, or fewer if fewer suffice. The result is None if the best
         campaign of ``circles`` circles does not meet the goals, needs too much machine time, or
-        lacks a clocking (pair of ball angles) or radius of the family.
+        does not use every clocking (pair of ball angles) and every radius of the family.
         """
         family = progress.family
         circles = progress.circles
@@ -342,8 +345,8 @@ class _Search:
         """Return a campaign of a family with its full forecast.
 
         ``progress`` states the family, and ``counts`` is the campaign's number of circles of every
-        candidate test. The function also updates ``progress``: from the new forecast, it learns by
-        which factor the uncertainties of full forecasts exceed those of quick forecasts.
+        candidate test. The function also updates ``progress`` with the factor by which the
+        uncertainties of the full forecast exceed those of the quick forecast.
         """
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))
@@ -355,7 +358,7 @@ class _Search:
         """Return a campaign that meets the goals with fewer circles than ``campaign``, if possible.
 
         Circles are removed one by one as long as the campaign still meets the goals. ``progress``
-        is the progress of the search in the family of ``campaign``; it is updated with every
+        is the progress of the search in the family of ``campaign``; it is updated after every full
         forecast.
         """
         family = progress.family
@@ -374,10 +377,10 @@ class _Search:
         return best
 
     def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
-        """Learn by which factor full forecasts of the uncertainty exceed quick forecasts.
+        """Store by which factor full forecasts of the uncertainty exceed quick forecasts.
 
-        The factor is found from both forecasts of ``campaign``. ``progress.inflation`` is set so
-        that it agrees with this factor. ``counts`` is the campaign's number of circles of every
+        The factor is computed from both forecasts of ``campaign``, and ``progress.inflation`` is
+        set to agree with this factor. ``counts`` is the campaign's number of circles of every
         candidate test.
         """
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
@@ -388,13 +391,12 @@ class _Search:
         """Return ln of the ratio of uncertainties that is expected for the next campaign.
 
         The ratio is the uncertainty in the full forecast of the campaign, divided by the
-        uncertainty in its quick forecast. It is expected from the ratios of earlier campaigns,
+        uncertainty in its quick forecast. It is estimated from the ratios of earlier campaigns,
         which ``progress`` states.
 
-        Only the quick forecast takes the scales of noise and effects as known. The more circles
-        there are, the better these scales are known in the full forecast too. The logarithm is
-        therefore taken to be a constant, plus a part that is inversely proportional to the number
-        of circles.
+        Only the quick forecast assumes that the scales of noise and effects are known. In the full
+        forecast, more circles determine these scales better. The logarithm is therefore taken to be
+        a constant, plus a part that is inversely proportional to the number of circles.
         """
         inflation = progress.inflation
         if inflation is None:
@@ -405,9 +407,10 @@ class _Search:
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
     """Return the factor by which a campaign's circles are multiplied to reach a given distance.
 
-    ``distance`` is the distance from the goals of ``family`` that the quick forecast is to give; at
-    a distance of zero, the goals are just met. ``counts`` are the campaign's numbers of circles of
-    all candidate tests, which are all multiplied by the factor. The products need not be whole.
+    ``distance`` is the required distance from the goals of ``family`` in the quick forecast; at a
+    distance of zero, the goals are just met. ``counts`` are the campaign's numbers of circles of
+    all candidate tests, which are all multiplied by the factor. The products need not be whole
+    numbers.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)

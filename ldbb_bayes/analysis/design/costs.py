@@ -1,9 +1,9 @@
 """Costs of a campaign: machine time, and certificates of the instrument.
 
 Machine time is the sum of the times for all circles, all set-ups and all turns of the balls.
-Circles that agree in plane, radius and stated set-up are run in one set-up. In a set-up, the balls
-are turned once for every clocking (pair of angles of the balls) after the first. The price of a
-campaign is the price of its machine time plus the prices of its certificates.
+Circles with the same plane, radius and stated set-up are run in one set-up. In a set-up, each
+clocking (pair of angles of the balls) after the first requires one turn of the balls. The price of
+a campaign is the price of its machine time plus the prices of its certificates.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class Costs(Result):
     """
 
     minutes_per_circle: float = 3.0  #: minutes for one circle, including the time to set the force
-    #: minutes for every set-up; circles that differ in plane, radius or stated set-up cannot be run
-    #: in the same set-up
+    #: minutes for every set-up; circles that differ in plane, radius or stated set-up need separate
+    #: set-ups
     minutes_per_setup: float = 15.0
     minutes_per_clocking: float = 5.0  #: minutes for every turn of the balls within a set-up
-    #: price of an hour of machine time, in the unit of money of the certificates' prices
+    #: price of an hour of machine time, in the same unit of money as the prices of certificates
     price_per_hour: float = 60.0
     hours: float | None = None  #: longest machine time of the campaign [h]; None for no limit
 

@@ -1,14 +1,15 @@
-"""Criteria of optimum design: figures of merit that a good set of tests makes large.
+"""Criteria of optimum design: figures of merit that are maximised by a good set of tests.
 
 Let S, shape (..., s, s), be the precision (inverse covariance) of the s parameters of interest when
 all other parameters are unknown (the Schur complement). The parameters are in units in which they
 are comparable. The leading dimensions (...) run over designs, or over values of the
-hyper-parameters. Every criterion takes the Cholesky factor L of S = L Lᵀ, and has
+hyper-parameters. Every criterion takes the Cholesky factor L of S = L Lᵀ, and has the following
+methods and attributes:
 
-- `value`: the figure of merit Φ(S), shape (...), which never falls when information is added;
+- `value`: the figure of merit Φ(S), shape (...), which never decreases when information is added;
 - `directions`: Q, shape (..., s, q), with the derivative ∂Φ/∂S = Q Qᵀ, which the search uses;
 - `concave`: whether every local optimum over the shares of the tests is the global optimum;
-- `efficiency`: the merit of a design relative to the best design, 0 … 1.
+- `efficiency`: the figure of merit of a design relative to that of the best design, 0 … 1.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Criterion", "Determinant", "LogBayesFactor", "Variance"]
 
-# W is the matrix of weights of the criteria A, c and I. Its eigenvalues are treated as zero if they
-# are below this share of the largest eigenvalue.
+# The criteria A, c and I have a matrix W of weights. An eigenvalue of W is treated as zero if it is
+# below this share of the largest eigenvalue.
 _NEGLIGIBLE_EIGENVALUE = 1e-14
 
 
@@ -40,9 +41,9 @@ class Determinant:
     def value(self, root: Array) -> Array:
         """Return the criterion Φ = ln det S, shape (...).
 
-        S is the precision (inverse covariance) of the s parameters of interest; ``root`` is its
-        Cholesky factor, shape (..., s, s). The leading dimensions (...) run over designs or values
-        of the hyper-parameters.
+        S is the precision (inverse covariance) of the s parameters of interest. ``root`` is the
+        Cholesky factor of S, shape (..., s, s). The leading dimensions (...) run over designs or
+        values of the hyper-parameters.
         """
         diagonal = np.diagonal(root, axis1=-2, axis2=-1)
         return np.asarray(2.0 * np.log(diagonal).sum(axis=-1))
@@ -103,9 +104,10 @@ class Variance:
         return np.asarray(inverse @ np.swapaxes(inverse, -1, -2) @ weight_root)
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the weighted variance in the best design, divided by its value in this design.
+        """Return the weighted variance in the best design, divided by that in the present design.
 
-        ``value`` and ``best`` are the negative weighted variances in this and in the best design.
+        ``value`` and ``best`` are the negative weighted variances in the present design and in the
+        best design.
         """
         return float(best / value)
 
@@ -116,12 +118,12 @@ class LogBayesFactor:
 
     In one model, the s parameters of interest are free; in the other, they are zero. Both models
     are equally probable before the tests. B is the Bayes factor of the model with free parameters
-    over the model without them.
+    over the model in which they are zero.
 
     S is the precision matrix of the parameters after the tests, in units of their prior precision.
-    The eigenvalues of S are 1 + λ, where λ is the part that the readings add; Σ below is the sum
-    over all eigenvalues. ``rows`` and ``prior`` of an `Objective` with this criterion must
-    therefore be scaled so that S without tests is the identity.
+    The eigenvalues of S are 1 + λ, where λ is the contribution of the readings; Σ below is the sum
+    over all eigenvalues. An `Objective` with this criterion must have ``rows`` and ``prior`` that
+    are scaled so that S is the identity before any tests.
 
     If the model with free parameters is true, and if the root mean square of the parameters is
     ``size`` prior standard deviations, the mean of ln B is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 +
@@ -140,10 +142,8 @@ class LogBayesFactor:
         """Return the expected log Bayes factor in favour of the true model, shape (...).
 
         Two models are compared. In one, the s parameters of interest are free; in the other, they
-        are zero.
-
-        ``root`` is the Cholesky factor of the precision of these parameters, shape (..., s, s). The
-        leading dimensions (...) run over designs or values of the hyper-parameters.
+        are zero. ``root`` is the Cholesky factor of the precision of these parameters, shape (...,
+        s, s). The leading dimensions (...) run over designs or values of the hyper-parameters.
         """
         gain = np.maximum(np.linalg.eigvalsh(_square(root)) - 1.0, 0.0)
         return np.asarray(0.25 * self.size**2 * (gain**2 / (1.0 + gain)).sum(axis=-1))
@@ -165,7 +165,8 @@ class LogBayesFactor:
     def efficiency(self, value: float, best: float) -> float:
         """Return the ratio of the expected log Bayes factors of a design and of the best design.
 
-        ``value`` and ``best`` are these log Bayes factors.
+        ``value`` is the expected log Bayes factor of the design, and ``best`` that of the best
+        design.
         """
         return float(value / best)
 

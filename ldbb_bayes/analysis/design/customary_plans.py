@@ -1,4 +1,4 @@
-"""Campaigns of the kinds that people run today: in equal steps of force, or at published forces."""
+"""Campaigns as they are usually run: in equal steps of force, or at the published forces."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def equal_steps(
     highest_N: float,
     number: int,
 ) -> tuple[CircularTest, ...]:
-    """Return circles in equal steps of force, which alternate in the direction of travel.
+    """Return circles in equal steps of force, with alternating directions of travel.
 
     ``lowest_N`` and ``highest_N`` are the first and the last force [N], and ``number`` is the
     number of circles. ``ways`` are the directions of travel; None stands for a direction that is
@@ -40,7 +40,7 @@ def published_forces(
     lowest_N: float,
     highest_N: float,
 ) -> tuple[CircularTest, ...]:
-    """Return circles at the published forces, which alternate in the direction of travel.
+    """Return circles at the published forces, with alternating directions of travel.
 
     The forces of the published experiment are scaled linearly to the range from ``lowest_N`` to
     ``highest_N`` [N]. ``ways`` are the directions of travel; None stands for a direction that is
@@ -56,7 +56,7 @@ def published_forces(
 def _circles(
     template: CircularTest, ways: Sequence[Direction | None], forces_N: Sequence[float]
 ) -> tuple[CircularTest, ...]:
-    """Return one circle at every force; the circles alternate in the direction of travel.
+    """Return one circle at every force, with alternating directions of travel.
 
     ``ways`` are the directions of travel. All other settings are those of ``template``, a test of
     the machine, but the balls are not turned.

@@ -1,4 +1,4 @@
-"""Evidence that planned tests will give for or against slopes (changes of compliance with force).
+"""Evidence for or against slopes (changes of compliance with force) to expect from planned tests.
 
 B is the Bayes factor of the model with the slopes over the model without slopes. ln B is computed
 for the linear Gaussian model, in which compliances may be negative. The results are averaged over
@@ -18,20 +18,20 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["DECISIVE", "Discrimination", "discrimination_of"]
 
-# Evidence is called decisive if the absolute value of the log Bayes factor is at least this [nat]
-# (Kass and Raftery 1995: "very strong").
+# Evidence is called decisive if the absolute value of the log Bayes factor is at least this number
+# [nat] (Kass and Raftery 1995: "very strong").
 DECISIVE = 5.0
 # Probabilities of the log Bayes factor are computed from this number of quasi-random samples for
 # each value of the hyper-parameters.
 _POINTS = 256
-# Variances of the slopes are raised to at least this value, to avoid a division by zero. So are the
-# shares of these variances that remain after the tests.
+# Smallest variance of the slopes, to avoid a division by zero. Smaller variances are replaced by
+# this number, and so are smaller shares of the variances that remain after the tests.
 _LEAST_VARIANCE = 1e-12
 
 
 @dataclass(frozen=True)
 class Discrimination(Result):
-    """Expected log Bayes factor ln B of slopes over no slopes, and chances of decisive evidence.
+    """Expected log Bayes factor of slopes over no slopes; probabilities of decisive evidence.
 
     Slopes are changes of the compliances with force. Attributes whose names end in ``_with`` are
     for a machine with slopes; those whose names end in ``_without`` are for a machine without
@@ -41,9 +41,9 @@ class Discrimination(Result):
     #: root mean square of the slopes (changes of compliance with force) that are assumed to exist,
     #: in prior standard deviations
     size: float
-    #: whether tests already run are included. If so, the slopes are assumed to follow their
-    #: posterior given these tests. If not, they are assumed to follow their prior, with standard
-    #: deviations multiplied by ``size``.
+    #: whether tests that have already been run are included. If true, the slopes are assumed to
+    #: follow their posterior given these tests. If false, they are assumed to follow their prior,
+    #: with standard deviations multiplied by ``size``.
     augmented: bool
     #: least absolute value of the log Bayes factor of slopes over no slopes at which evidence is
     #: decisive [nat]
@@ -91,10 +91,10 @@ def discrimination_of(
     names
         Names of the s slopes.
     size
-        Size of the slopes, in prior standard deviations.
+        Root mean square of the slopes that are assumed to exist, in prior standard deviations.
     before
-        Posterior of the slopes given the tests that are run already, in units of the slopes' prior
-        standard deviations. Default: no tests are run already.
+        Posterior of the slopes given the tests that have already been run, in units of the slopes'
+        prior standard deviations. Default: no tests have been run.
     threshold
         Least absolute value of ln B at which evidence is decisive [nat].
     seed
@@ -174,9 +174,9 @@ class _LogBayesFactorDistribution:
 
         The posterior mean of the slopes has s independent normal components. ``mean``, shape (K, 1
         or 2, s), and ``variance``, shape (K, s), are the means and variances of these components,
-        for K values of the hyper-parameters, over which the probability is averaged. If there are
-        two means of a component, the first is used for half of the quasi-random samples, and the
-        second for the other half.
+        for K values of the hyper-parameters, over which the probability is averaged. If ``mean``
+        holds two values for each component, one value is used for half of the quasi-random samples,
+        and the other value for the other half.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)
@@ -185,9 +185,9 @@ class _LogBayesFactorDistribution:
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
         # The log Bayes factor depends on several independent components of the slopes' posterior
-        # mean. The first after sorting has the largest variance. If the other components are given,
-        # the probability follows from the normal distribution of this first component. It is then
-        # averaged over quasi-random samples of the other components.
+        # mean. They are sorted, so that the first component has the largest variance. Given the
+        # other components, the probability is computed from the normal distribution of the first
+        # component. It is then averaged over quasi-random samples of the other components.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]

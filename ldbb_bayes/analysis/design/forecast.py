@@ -1,18 +1,18 @@
-"""Forecast of tests before they are run: expected uncertainties, and information gain.
+"""Forecast of tests before they are run: expected uncertainties and information gain.
 
-`design` uses this forecast for the tests that it recommends, `identify` for a plan, and the browser
-page for the tests that its sliders describe. A forecast depends on the model, on the tests, and on
-the distribution of the scales of noise and effects before the tests. This distribution is the
-posterior given the readings of a pilot (the campaign that a design starts from). If there are no
-readings, it is the prior.
+`design` uses this forecast for the tests that it recommends, `identify` uses it for a plan, and the
+browser page uses it for the tests that are set with its sliders. A forecast depends on the model,
+on the tests, and on the distribution of the scales of noise and effects before the tests. This
+distribution is the posterior given the readings of a pilot (the campaign that a design starts
+from). If there are no readings, it is the prior.
 
 β are the parameters (compliances, their slopes and geometric errors), φ the hyper-parameters (the
 scales of the noise and of other effects). A state is one possible machine: values of φ and β. In
 every state, the scatter differs from circle to circle. The analysis of the tests does not know the
-true scales, but finds several values near the true values likely (`believed_scales`). The variance
-that the analysis states is the mean of the variances given these values, plus the variance of the
-estimates over these values. Compliances must not be negative. The expected uncertainty is the
-median of the stated uncertainties over all states.
+true scales; it considers several sets of scales near the true scales likely (`believed_scales`).
+The variance that the analysis states is the mean of the variances given these scales, plus the
+variance of the estimates over these scales. Compliances must not be negative. The expected
+uncertainty is the median of the stated uncertainties over all states.
 """
 
 from __future__ import annotations
@@ -50,23 +50,24 @@ __all__ = [
 # forecast averages over.
 _STATES = 64
 # Number of sets of scales (of the noise and of other effects) that the analysis of a possible
-# machine's tests finds likely. The variance that the analysis states is an average over these sets.
+# machine's tests considers likely. The variance that the analysis states is an average over these
+# sets.
 _BELIEFS = 4
 # Number of posterior means that a forecast draws at random for each possible machine if the
-# analysis knows the scales of noise and effects. Several means are drawn because an analysis finds
-# different means for different readings.
+# analysis knows the scales of noise and effects. Several means are drawn because the posterior mean
+# depends on the readings, which are not known yet.
 _MEANS_PER_STATE = 4
-# Share of the possible machines on which the standard uncertainty of a parameter is at most the
-# likely standard uncertainty (`Expected.likely_sd`).
+# Share of the possible machines on which the standard uncertainty of a parameter is at most
+# `Expected.likely_sd`.
 _LIKELY = 0.9
 # Standard error of the median of normally distributed values, divided by the standard error of
 # their mean.
 _ERROR_OF_MEDIAN = 1.2533
-# The floor of a parameter's uncertainty is the standard deviation expected if every test were run
-# this many times.
+# Number of runs of every test for the floor of a parameter's uncertainty: the standard deviation
+# that would remain after very many tests.
 _REPETITIONS_OF_FLOOR = 1e6
-# Singular values of the design matrix below this number are treated as zero when it is decided
-# whether the tests determine every parameter.
+# Singular values of the design matrix below this number are treated as zero in the decision whether
+# the tests determine every parameter.
 _RANK_TOLERANCE = 1e-6
 # Seed of the random numbers. It is the same for all forecasts, so that two forecasts of one plan
 # agree to the last digit.
@@ -79,15 +80,15 @@ class Expected(Result):
 
     ``prior_sd`` is infinite for a flat prior. The analysis of the tests states a standard
     uncertainty, which differs between the possible machines: ``sd`` is the median over these
-    machines, and the uncertainty is at most ``likely_sd`` on nine in ten of them. ``sd`` and
+    machines, and on nine in ten machines the uncertainty is at most ``likely_sd``. ``sd`` and
     ``likely_sd`` account for the truncation (compliances must not be negative); ``untruncated_sd``
-    is the median without truncation. If priors are flat and the tests leave a parameter
-    undetermined, all values except ``prior_sd`` are infinite. ``sd_error`` is the standard error of
-    ``sd`` from the scatter over the possible machines. ``sd_error`` is somewhat too large, because
+    is the median without truncation. If priors are flat and the tests do not determine all
+    parameters, all values except ``prior_sd`` are infinite. ``sd_error`` is the standard error of
+    ``sd``, computed from the scatter over the possible machines. It is somewhat too large, because
     the machines are spread more evenly than independent random machines would be. ``floor_sd`` is
-    the standard deviation if every test were run a million times. ``floor_sd`` is due to nuisance
-    effects (effects that are modelled but not of interest) that all tests share. The truncation
-    reduces ``floor_sd`` in the same ratio as ``sd``.
+    the standard deviation if every test were run a million times. What remains is caused by
+    nuisance effects (effects that are modelled but not of interest) that are the same in all tests.
+    The truncation reduces ``floor_sd`` in the same ratio as ``sd``.
     """
 
     unit: str
@@ -121,13 +122,13 @@ class Forecast(Result):
 
 @dataclass(frozen=True)
 class Slopes:
-    """Slopes for or against which planned tests will give evidence.
+    """Slopes about which planned tests give evidence, and the size that is assumed for them.
 
     Slopes are changes of compliances with force.
     """
 
     names: tuple[str, ...]  #: names of the slopes
-    size: float = 1.0  #: size of the slopes if they exist, in prior standard deviations
+    size: float = 1.0  #: root mean square of the slopes if they exist, in prior standard deviations
 
 
 @one_blas_thread
@@ -149,7 +150,7 @@ def forecast_plan(
         campaign that the plan starts from) or, if there are none, from the prior.
     slopes : Slopes, optional
         Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
-        slopes of the model, with the size of their prior standard deviations.
+        slopes of the model, with ``size`` 1.
     machines : int, optional
         Number of possible machines that the forecast averages over. A smaller number is faster and
         less exact. Default: 64.
@@ -187,8 +188,9 @@ def stated_by_machines(
 ) -> StatedByMachines:
     """Return the standard uncertainties that an analysis would state on n possible machines.
 
-    The analysis uses the readings that a plan would give. `forecast_plan` returns the medians of
-    these uncertainties over the machines. The model must have proper priors.
+    The analysis uses the readings of the tests of ``plan``, which are not known yet.
+    `forecast_plan` returns the medians of these uncertainties over the machines. The model must
+    have proper priors.
 
     Parameters
     ----------
@@ -238,15 +240,15 @@ def forecast_tests(
     Parameters
     ----------
     bound
-        Model bound to the tests that are run already, followed by the planned tests.
+        Model bound to the tests that have already been run, followed by the planned tests.
     states
         Possible states of the machine before the planned tests: values of its parameters and
         hyper-parameters.
     run
-        Number of tests that are run already.
+        Number of tests that have already been run.
     slopes
         Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
-        slopes of the model, with the size of their prior standard deviations.
+        slopes of the model, with ``size`` 1.
     known_scales
         Whether to assume that the analysis knows the scales of noise and effects, and that all
         circles have the same scatter. Default: the analysis estimates the scales from its readings.
@@ -275,11 +277,11 @@ def forecast_tests(
 def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     """Return covariances of the parameters for scales that the analysis may find likely.
 
-    The scales are the hyper-parameters of the noise and of other effects. The result has the shape
+    The scales of the noise and of other effects are the hyper-parameters. The result has the shape
     (K, n, p, p), for the K possible machines ``states``, n sets of scales for each machine, and p
-    parameters. ``run`` is the number of tests of ``bound`` that are run already. The covariances
-    are in units of the prior standard deviations of the parameters. The condition that compliances
-    are not negative is not used.
+    parameters. ``run`` is the number of tests of ``bound`` that have already been run. The
+    covariances are in units of the prior standard deviations of the parameters. Compliances may be
+    negative.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
     scales = believed_scales(bound, phi, _BELIEFS, _SEED)
@@ -298,8 +300,7 @@ def _evidence(
     ``states`` are K possible states of the machine before the tests: values of its parameters and
     hyper-parameters. ``covariance`` are the posterior covariances of the p parameters in each
     state, shape (K, p, p), in units of the prior standard deviations. ``run`` is the number of
-    tests that are run already. ``slopes`` states for which slopes the evidence is expected, and how
-    large they are.
+    tests that have already been run. ``slopes`` holds the names and the size of the slopes.
     """
     if not slopes.names:
         return None
@@ -320,7 +321,7 @@ def _evidence(
 
 
 def _undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return the forecast of tests that leave parameters undetermined, with infinite values."""
+    """Return the forecast of tests that do not determine all parameters, with infinite values."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(
@@ -346,7 +347,7 @@ def expected_uncertainties(
         scatter.
     believed
         Posterior covariances of the p parameters in each state, for several sets of scales that the
-        analysis may find likely, shape (K, values, p, p), in units of the prior standard
+        analysis may consider likely, shape (K, values, p, p), in units of the prior standard
         deviations. Compliances may be negative.
     floor
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
@@ -388,10 +389,10 @@ def stated_variances(
     """Return the variances that analyses of planned tests would state on possible machines.
 
     A state is one possible machine. States in which a compliance is negative at a force of the new
-    tests are left out, unless no state would be left. For every state that is used, posterior means
-    that an analysis may find are drawn at random. The analysis finds several sets of scales (of the
-    noise and of other effects) likely. The variance that it states is the mean of the posterior
-    variances over these sets, plus the variance of the posterior means over these sets.
+    tests are left out, unless no state would remain. For every remaining state, possible results of
+    an analysis (posterior means) are drawn at random. The analysis considers several sets of scales
+    (of the noise and of other effects) likely. The variance that it states is the mean of the
+    posterior variances over these sets, plus the variance of the posterior means over these sets.
 
     Parameters
     ----------
@@ -431,8 +432,8 @@ def _is_possible(bound: BoundModel, states: States) -> Array:
     """Return, for each possible state of the machine, whether all compliances are at least zero.
 
     A state is a set of values of the machine's parameters. The result has the shape (states,). It
-    is true for all states if the model allows negative compliances. It is also true for all states
-    if all of them have a negative compliance.
+    is true for all states in two cases: the model allows negative compliances, or every state has a
+    negative compliance.
     """
     if not bound.truncation.active:
         return np.ones(len(states.beta), bool)
@@ -452,7 +453,7 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
     means
         Posterior means of the p parameters without the condition T, in internal units (mm, N, rad),
         shape (repetitions, states, n, p). A state is one possible machine, for which posterior
-        means are drawn several times. In each state, there is one mean for each of n sets of
+        means are drawn ``repetitions`` times. In each draw, there is one mean for each of n sets of
         scales.
     covariance
         Posterior covariances without the condition T, shape (states, n, p, p), in internal units.
@@ -483,23 +484,24 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
 def _draw_posterior_means(
     states: States, is_possible: Array, covariance: Array, scale: Array, repetitions: int
 ) -> Array:
-    """Draw posterior means that an analysis of the new tests may find, in every possible state.
+    """Draw possible results of an analysis of the new tests (posterior means), in every state.
 
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
-    covariance after the tests, and W = 1 − C P₁. Given β of a state, the posterior mean is normally
-    distributed with the mean m₁ + W (β − m₁) and the covariance W C. The n sets of scales that one
-    analysis finds likely belong to the same readings. Their posterior means are therefore drawn
-    with the same random numbers. ``is_possible``, shape (K,), is true for the states that are used.
-    ``covariance``, shape (possible states, n, p, p), holds C for each of these states. ``scale``,
-    shape (p,), are the prior standard deviations. The result has the shape (repetitions, possible
-    states, n, p). All quantities are in internal units (mm, N, rad).
+    covariance after the tests, and W = 1 − C P₁. Given the parameters β of a state, the posterior
+    mean is normally distributed with the mean m₁ + W (β − m₁) and the covariance W C. An analysis
+    considers n sets of scales likely. All n sets belong to the same readings, so that the posterior
+    means for these sets are drawn with the same random numbers. ``is_possible``, shape (K,), is
+    true for the states that are used. ``covariance``, shape (possible states, n, p, p), holds C for
+    each of these states. ``scale``, shape (p,), are the prior standard deviations. The result has
+    the shape (repetitions, possible states, n, p). All quantities are in internal units (mm, N,
+    rad).
     """
     covariance = covariance / np.outer(scale, scale)
     prior_mean = states.before.mean[is_possible]
     prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
     weight = np.eye(len(scale)) - covariance @ prior_precision[:, None]
-    # Use symmetric roots: they are similar for similar scales, so that equal random numbers stand
-    # for the same readings. In other kinds of roots, columns may change their signs.
+    # Use symmetric roots, because they are similar for similar scales. Equal random numbers then
+    # represent the same readings. In other kinds of roots, columns may change their signs.
     root = _symmetric_root(weight @ covariance)
     deviation = (states.beta[is_possible] - prior_mean) / scale
     mean = (prior_mean / scale)[:, None] + np.einsum("knij,kj->kni", weight, deviation)
@@ -519,9 +521,9 @@ def _symmetric_root(covariance: Array) -> Array:
 def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:
     """Return the posterior p(β | y, φ), and the standard deviations after very many tests.
 
-    β are the p parameters and φ the h hyper-parameters, of which K sets are given. Both results are
-    in units of the prior standard deviations. The readings y are not known yet. The mean of the
-    posterior is therefore set to zero, and only its covariance has a meaning.
+    β are the p parameters and φ the h hyper-parameters. Both results are computed for K sets of φ,
+    and are in units of the prior standard deviations. The readings y are not known yet. The mean of
+    the posterior is therefore set to zero; only its covariance is meaningful.
 
     Parameters
     ----------
@@ -531,13 +533,14 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
         K sets of hyper-parameters of the campaign that the design starts from, shape (K, h);
         lengths in mm.
     run
-        Number of circles of ``bound`` that were run already; these come first in ``bound``.
+        Number of circles of ``bound`` that have already been run; these circles come first in
+        ``bound``.
 
     Returns
     -------
     posterior : Gaussian or None
-        Posterior in which compliances may be negative; None if a parameter with a flat prior is
-        undetermined.
+        Posterior in which compliances may be negative; None if priors are flat and the tests do not
+        determine all parameters.
     floor : Array
         Standard deviations of the p parameters if every test were run a million times, shape (p,):
         their root mean square over the K values of φ. Empty if ``posterior`` is None.
@@ -546,8 +549,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     first = information_of(bound, phi[0])
     interest = first.interest
     size = len(first.names)
-    # A QR factorisation compresses the information of the readings to as many rows as there are
-    # coefficients.
+    # A QR factorisation reduces the number of rows to the number of coefficients, without loss of
+    # information.
     row_list = []
     for information in informations_of(bound, phi):
         row_list.append(np.linalg.qr(information.rows(), mode="r"))

@@ -1,4 +1,4 @@
-"""The cheapest campaign that reaches every goal: circles to run and certificates to buy.
+"""Cheapest campaign that reaches every goal: circles to run and certificates to buy.
 
 A goal is the largest expanded uncertainty U (k = 2) that a parameter may have. The pilot is the
 campaign or plan that a design starts from. Possible machines are those that are likely given the
@@ -51,21 +51,21 @@ __all__ = [
     "design_for_goals",
 ]
 
-# Default clockings (pairs of angles of the balls [°]) to choose from: balls not turned, and both
-# balls turned. A turn of 45° changes the phase of form errors of the orders 2, 3 and 4 by 90°, 135°
-# and 180°.
+# Default clockings (pairs of angles of the balls [°]) to choose from: the balls are not turned, or
+# both balls are turned by 45°. A turn of 45° changes the phase of form errors of the orders 2, 3
+# and 4 by 90°, 135° and 180°.
 _CLOCKINGS: tuple[Clocking, ...] = ((0.0, 0.0), (45.0, 45.0))
 _DIRECTIONS: tuple[Direction, ...] = ("CW", "CCW")
 # Default number of forces to choose from, in equal steps over the range of force of the campaign
 # that the design starts from.
 _FORCE_LEVELS = 5
-# Largest number of campaigns in the result: the cheapest, and the next best two.
+# Largest number of campaigns in the result: the cheapest campaign, and the two next cheapest.
 _SHOWN = 3
 
 
 @dataclass(frozen=True)
 class StatedGoal(Result):
-    """A goal as the user stated it, and what is known of its parameter before the campaign.
+    """A goal as the user stated it, and the present knowledge of its parameter.
 
     The pilot is the campaign or plan that the design starts from.
     """
@@ -80,7 +80,7 @@ class StatedGoal(Result):
     #: expanded uncertainty (k = 2) of the parameter given the pilot's readings, or under the prior
     #: if there are no readings
     U: float
-    #: whether the goal is met by the pilot's readings, without further circles
+    #: whether the pilot's readings already meet the goal, without further circles
     met_by_pilot: bool
 
 
@@ -92,15 +92,15 @@ class GoalForecast(Result):
     #: median, over the possible machines, of the expanded uncertainty (k = 2) that the analysis of
     #: the campaign will state
     U: float
-    #: on nine in ten possible machines, the analysis of the campaign will state at most this
-    #: expanded uncertainty (k = 2)
+    #: expanded uncertainty (k = 2) that the analysis of the campaign will not exceed on nine in ten
+    #: possible machines
     likely_U: float
     probability: float  #: share of the possible machines on which the goal is met
 
 
 @dataclass(frozen=True, eq=False)
 class GoalPlan(Result):
-    """A campaign that reaches the goals: its circles, its certificates and what it costs."""
+    """A campaign that reaches the goals: its circles, its certificates and its costs."""
 
     #: one row per different test: force_N, further settings, and count, the number of times to run
     #: the test
@@ -139,16 +139,16 @@ class GoalPlan(Result):
 
 @dataclass(frozen=True, eq=False)
 class CustomaryPlan(Result):
-    """A campaign of a kind that people run today, and the best campaign with as many circles."""
+    """A campaign as it is usually run, and the best campaign with the same number of circles."""
 
     name: str  #: kind of the customary campaign, such as "equal steps"
-    customary: GoalPlan  #: campaign of a kind that people run today
-    ours: GoalPlan  #: best campaign for the goals with as many circles as ``customary``
+    customary: GoalPlan  #: campaign as it is usually run
+    ours: GoalPlan  #: best campaign for the goals with the same number of circles as ``customary``
 
 
 @dataclass(frozen=True, eq=False)
 class GoalDesign(Result):
-    """The cheapest campaigns that reach every goal, and the reasons why goals are not reached.
+    """The cheapest campaigns that reach every goal, and the reasons why some goals are not reached.
 
     Examples
     --------
@@ -164,23 +164,23 @@ class GoalDesign(Result):
     goals: dict[str, StatedGoal]  #: goals; the keys are the names of the parameters
     probability: float  #: least share of the possible machines on which all goals are to be met
     costs: Costs  #: costs of circles, set-ups, turns of the balls and machine time
-    #: campaigns that reach the goals, the cheapest first. Goals that are met already, and goals in
-    #: ``unreachable``, are left out. Empty if all goals are met already, or if no campaign reaches
-    #: the goals, for example because machine time is too short.
+    #: campaigns that reach the goals, the cheapest first. Goals that are already met, and goals in
+    #: ``unreachable``, are left out. Empty if all goals are already met, or if no campaign reaches
+    #: the goals, for example because the machine time is too short.
     plans: tuple[GoalPlan, ...]
-    #: goals that no number of circles reaches with the certificates that the instrument has, each
-    #: with the reason; the keys are the names of the parameters
+    #: goals that cannot be reached with any number of circles and the present certificates of the
+    #: instrument, each with the reason; the keys are the names of the parameters
     obstacles: dict[str, Obstacle]
     #: goals that very many circles would reach, but that no campaign of up to 40 circles reaches,
-    #: each with the reason; the keys are the names of the parameters. If every single goal is
-    #: reached, but not all goals together, all goals are included.
+    #: each with the reason; the keys are the names of the parameters. If each goal can be reached,
+    #: but not all goals together, all goals are included.
     near_misses: dict[str, NearMiss]
     #: names of the parameters whose goals cannot be reached, even with the certificates that could
     #: be bought; the plans leave these goals out
     unreachable: tuple[str, ...]
-    #: campaigns of the kinds that people run today, for comparison; empty if ``plans`` is empty
+    #: campaigns as they are usually run, for comparison; empty if ``plans`` is empty
     customary: tuple[CustomaryPlan, ...]
-    #: whether the campaign that the design starts from has readings; if not, it is a plan
+    #: whether the design starts from a campaign with readings; false if it starts from a plan
     measured: bool
     pilot: str  #: name of the campaign or plan that the design starts from
 
@@ -191,7 +191,7 @@ class GoalDesign(Result):
 
     @property
     def all_reached(self) -> bool:
-        """Whether every goal is met already, or will be met by the cheapest campaign."""
+        """Whether every goal is already met, or will be met by the cheapest campaign."""
         return self.all_met or bool(self.plans and not self.unreachable)
 
     @property
@@ -244,7 +244,7 @@ def design_for_goals(
 ) -> GoalDesign:
     """Return the cheapest campaigns that reach goals.
 
-    The arguments are the same as in `ldbb_bayes.design`; ``stated`` are its ``goals``.
+    The arguments are the same as in `ldbb_bayes.design`; ``stated`` are the goals.
     """
     costs = costs or Costs()
     check_probability(probability, "probability")
@@ -288,8 +288,9 @@ def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
 def _what_is_known(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
     """Return each goal with the estimate of its parameter and the uncertainty of the estimate.
 
-    Both are computed from the readings of the pilot, the campaign that the design starts from, or
-    from the prior if the pilot is a plan. The keys of the result are the names of the parameters.
+    Estimate and uncertainty are computed from the readings of the pilot (the campaign that the
+    design starts from), or from the prior if the pilot is a plan. The keys of the result are the
+    names of the parameters.
     """
     pilot = space.pilot
     states = states_of(space.model, pilot)
@@ -324,8 +325,8 @@ def _describe(
 ) -> GoalDesign:
     """Return the design for the goals that the pilot's readings do not meet.
 
-    ``needed`` are these goals. ``known`` are all goals, with the present estimates and
-    uncertainties of their parameters. The keys of both dictionaries are the names of the
+    ``needed`` are the goals that are not met. ``known`` are all goals, with the present estimates
+    and uncertainties of their parameters. The keys of both dictionaries are the names of the
     parameters. ``space`` holds the circles to choose from, and ``offers`` are the certificates that
     could be bought. ``probability`` is the least share of the possible machines on which all goals
     are to be met.
@@ -372,7 +373,7 @@ def _reachable(
     goals: Mapping[str, Goal],
     states: States,
 ) -> dict[str, Goal]:
-    """Return the goals that very many circles reach with at least one set of certificates.
+    """Return the goals that can be reached with very many circles and some set of certificates.
 
     ``sets`` are the sets of certificates that could be bought, and ``states`` are possible states
     of the machine. ``space`` holds the circles to choose from. The keys of the result are the names
@@ -394,10 +395,11 @@ def _near_misses(
 ) -> dict[str, NearMiss]:
     """Return the goals that the campaign ``nearest`` meets on too few machines, with the reasons.
 
-    Campaigns of one family have the same ball angles, radii and certificates. Of the largest
-    campaigns of all families, ``nearest`` comes nearest to the goals. A goal is missed if the share
-    of the possible machines on which it is met is below ``probability``. If ``nearest`` meets every
-    single goal on enough machines, but not all goals together, all goals are returned.
+    Campaigns of one family have the same ball angles, radii and certificates. Of the campaigns with
+    the largest number of circles in all families, ``nearest`` comes nearest to the goals. A goal is
+    missed if the share of the possible machines on which it is met is below ``probability``. If
+    ``nearest`` meets each goal on enough machines, but not all goals together, all goals are
+    returned.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
     missed = [name for name in goals if forecasts[name].probability < probability]
@@ -414,7 +416,7 @@ def _near_misses(
 
 
 def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:
-    """Return a campaign with its costs and with the forecast for every goal, for the user."""
+    """Return a campaign with its costs and with the forecast for every goal."""
     family = campaign.family
     shares = shares_of_machines(campaign.stated, goals)
     expected = forecast_plan(family.space.model, campaign.plan).expected
@@ -445,11 +447,12 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
 def _customary_plans(
     best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs
 ) -> tuple[CustomaryPlan, ...]:
-    """Return customary campaigns, each compared with the best campaign of as many circles.
+    """Return campaigns as they are usually run, each beside the best campaign of the same size.
 
-    Customary campaigns are of the kinds that people run today. Here they have only the certificates
-    that the instrument has already, and all their circles have the first radius of the family of
-    ``best``, the cheapest campaign. The best campaigns belong to this family too.
+    Campaigns of the same size have the same number of circles. The campaigns as they are usually
+    run have only the certificates that the instrument already has. All their circles have the first
+    radius of the family of ``best``, the cheapest campaign. The best campaigns belong to this
+    family, too.
     """
     family = best.family
     uncertified = CampaignFamily(family.space, (), goals, family.states)

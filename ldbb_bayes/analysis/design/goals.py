@@ -1,8 +1,8 @@
 """Goals of a campaign: the largest expanded uncertainty U (k = 2) that a parameter may have.
 
 A goal is absolute, as in E_C0YX = 10 µrad, or relative to the value of the parameter, as in C_XXX =
-5 %. A relative goal is stricter on a stiffer machine. Its limit is known only after the parameter
-has been estimated.
+5 %. A relative goal permits less uncertainty, in absolute terms, on a stiffer machine. The limit of
+a relative goal is known only after the parameter has been estimated.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class Goal(Result):
 
 
 def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dict[str, Goal]:
-    """Read and check goals, and return them with the names of the parameters as keys.
+    """Check goals, and return them with the names of the parameters as keys.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
     ------
     InputError
         For an unknown parameter, a unit that does not suit the parameter, an uncertainty that is
-        not above zero, or a percentage of a parameter that may well be zero.
+        not above zero, or a percentage of a parameter that may be zero.
     """
     require(
         isinstance(stated, Mapping) and len(stated) > 0,
@@ -144,7 +144,7 @@ def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
     """Return the goal that ``entry`` states: a text, a number in internal units, or a `Goal`.
 
     ``name``, ``unit`` and ``group`` are the name, the internal unit and the group of the goal's
-    parameter; groups are compliances, slopes and geometric errors.
+    parameter. The groups are compliances, slopes and geometric errors.
     """
     subject = f"goal of {name}"
     goal: Goal
@@ -183,11 +183,11 @@ def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
 
 
 def _check_size(subject: str, group: str, goal: Goal, entry: object) -> None:
-    """Raise an `InputError` if a goal is not above zero, or is a percentage that has no meaning.
+    """Raise an `InputError` if a goal is not above zero, or is a percentage that is not allowed.
 
     A percentage must be below 100 %. It is refused for a parameter whose ``group`` is not
     "compliance", because such a parameter may be zero. ``entry`` is the goal as the user stated it,
-    and ``subject`` names the goal; both are for the error message.
+    and ``subject`` is the name of the goal; both are for the error message.
     """
     size = goal.share if goal.absolute is None else goal.absolute
     require(

@@ -1,14 +1,14 @@
-"""Choice of the next circle of a campaign under way, and decision whether to stop.
+"""Choice of the next circle of a campaign that is being run, and decision whether to stop.
 
 A campaign need not be planned as a whole: after each circle, the next circle can be chosen. There
 are three kinds of aims: a small enough expanded uncertainty U (k = 2) of a parameter, a decision
-whether compliance is constant or linear in force, and a decision whether a tolerance is kept. The
-campaign may stop as soon as every aim is reached with the probability that the user asks for. Model
-evidence and posterior do not depend on the reason why a campaign was stopped.
+whether compliance is constant or linear in force, and a decision whether a quantity conforms with
+its tolerance. The campaign may stop as soon as every aim is reached with the probability that the
+user asks for. Model evidence and posterior do not depend on the reason why a campaign was stopped.
 
 The best next circle is the circle with the smallest sum of expected distances from all aims
-(`aims`). No fit is needed for the choice: the distances follow from the information that every
-possible circle gives, at a few values of the hyper-parameters φ (scales of the noise and of other
+(`aims`). No fit is needed for the choice. The distances are computed from the information of every
+possible circle, at a few values of the hyper-parameters φ (scales of the noise and of other
 effects) that are likely given the readings.
 """
 
@@ -56,12 +56,12 @@ from ldbb_bayes.results import Array, Records, Result
 
 __all__ = ["ModelSoFar", "NextCircle", "next_circle"]
 
-# Largest numerical error that the log evidence of a model may have [nat]. This error is small
-# compared with the log Bayes factor of 3 nat that a decision with 95 % probability needs.
+# Largest numerical error allowed for the log evidence of a model [nat]. The error is small compared
+# with the log Bayes factor of 3 nat that a decision with 95 % probability needs.
 _TOLERANCE = 0.2
-# To find how many circles a campaign still needs, circles are added one by one until all aims are
-# expected to be reached, but at most ``_MOST_CIRCLES``. Only the ``_CONTINUED`` best next circles
-# may be added, each of them repeatedly.
+# To estimate how many circles a campaign still needs, circles are added one by one until all aims
+# are expected to be reached, but at most ``_MOST_CIRCLES``. The circles are chosen from the
+# ``_CONTINUED`` best next circles; a circle may be chosen several times.
 _CONTINUED = 12
 _MOST_CIRCLES = 20
 # The uncertainty that would remain after very many circles is computed as if each of the best
@@ -78,11 +78,11 @@ class ModelSoFar(Result):
     """Decision between constant and linear compliance: now, and after the best next circle."""
 
     #: log Bayes factor of linear over constant compliance [nat], averaged over rival explanations
-    #: of why compliance seems to change with force
+    #: of an apparent change of compliance with force
     log_bayes_factor: float
     log_bayes_factor_error: float  #: numerical error of ``log_bayes_factor`` [nat]
     probability_linear: float  #: posterior probability of linear compliance
-    #: whether one of the two, constant or linear compliance, is probable enough for a decision
+    #: whether constant or linear compliance is probable enough for a decision
     decided: bool
     decided_next: float  #: probability that a decision is possible after the best next circle
 
@@ -101,7 +101,7 @@ class _Chosen(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NextCircle(Result):
-    """The best next circle of a campaign, and how far its aims are reached already.
+    """The best next circle of a campaign, and the present distance from its aims.
 
     Examples
     --------
@@ -113,9 +113,9 @@ class NextCircle(Result):
     """
 
     circles: int  #: number of circles run
-    confidence: float  #: least probability at which an aim is treated as reached
-    #: how far each goal for an expanded uncertainty is reached; the keys are the names of the
-    #: parameters
+    confidence: float  #: least probability at which an aim counts as reached
+    #: uncertainty of each parameter that has a goal, compared with the goal; the keys are the names
+    #: of the parameters
     goals: dict[str, GoalSoFar]
     goals_probability: float  #: probability that all goals are met already; 1 if there are none
     #: decision between constant and linear compliance; None for a model without slopes
@@ -127,7 +127,7 @@ class NextCircle(Result):
     #: number of further circles after which every aim is expected to be reached; None if 20 circles
     #: are not enough
     more_circles: int | None
-    #: table of the best next circles, the best first. Its columns are force_N, the angles of the
+    #: table of the best next circles, the best first. The columns are force_N, the angles of the
     #: balls, the radius, other settings in which circles differ, and share: the fraction by which
     #: the circle reduces the total distance from all aims
     table: Annotated[Records, Field(alias="next")]
@@ -156,7 +156,7 @@ def next_circle(
     confidence: float = 0.95,
     seed: int = 1,
 ) -> NextCircle:
-    """Return the best next circle of a campaign, and whether its aims are reached already.
+    """Return the best next circle of a campaign, and whether its aims are already reached.
 
     Parameters
     ----------
@@ -184,15 +184,15 @@ def next_circle(
     directions : sequence of {"CW", "CCW"}
         Directions of travel to choose from. Default: the directions in the campaign.
     confidence : float
-        Least probability at which an aim is treated as reached, between 0.5 and 1.
+        Least probability at which an aim counts as reached, between 0.5 and 1.
     seed : int
         Seed of the random numbers.
 
     Returns
     -------
     NextCircle
-        The best next circles, and how far every aim is reached: now, and as expected after the best
-        next circle.
+        The best next circles, and the state of every aim: now, and as expected after the best next
+        circle.
 
     Raises
     ------
@@ -222,8 +222,8 @@ def next_circle(
         augment=True,
         seed=seed,
     )
-    # The computation of model evidences takes a long time. Read the goals first, so that a bad goal
-    # is refused at once.
+    # The computation of model evidences takes a long time. Read the goals first, so that an invalid
+    # goal is refused at once.
     read_goals = _read_goals(goals, space)
     evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)
@@ -297,10 +297,10 @@ def _states_of_tolerances(
     """Return, for every tolerance, the present decision and the aim to reach a decision.
 
     The keys are the names of the quantities with tolerances. ``space`` holds the model and the
-    campaign, and ``known`` is the posterior given the circles run. ``before`` are the covariances
-    of the parameters before the next circle. ``confidence`` is the least probability at which a
-    decision is made. The decisions need posterior draws, which take time; without tolerances, no
-    draws are made.
+    campaign, and ``known`` is the posterior given the circles run so far. ``before`` are the
+    covariances of the parameters before the next circle. ``confidence`` is the least probability at
+    which a decision is made. The decisions need posterior draws, which take time; without
+    tolerances, no draws are made.
     """
     if not tolerances:
         return {}
@@ -311,7 +311,7 @@ def _states_of_tolerances(
 def _goals_so_far(
     goals: Mapping[str, GoalState], after: Array, floor: Array
 ) -> dict[str, GoalSoFar]:
-    """Return how far every goal is reached; the keys are the names of the parameters.
+    """Return the uncertainty of every goal's parameter compared with the goal, by parameter name.
 
     ``after``, shape (K, p, p), are the covariances of the p parameters after the best next circle,
     at K values of the hyper-parameters. ``floor``, of the same shape, are the covariances after
@@ -365,7 +365,7 @@ def _objective(space: Space, known: Known) -> Objective:
     """Return an objective that holds the information of the circles run and of possible circles.
 
     All parameters are of interest. ``space`` holds the possible circles, and ``known`` the likely
-    values of the hyper-parameters. The criterion of the objective is not used.
+    values of the hyper-parameters. An objective needs a criterion, but here it is not used.
     """
     bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
     names = known.bound.names
@@ -384,9 +384,8 @@ def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
 def _covariances_after_very_many(objective: Objective) -> Array:
     """Return the covariances of the parameters if every candidate circle were run very many times.
 
-    The circles are the candidate tests of ``objective``.
-
-    The result has the shape (K, p, p), for p parameters at K values of the hyper-parameters.
+    The candidate circles are the candidate tests of ``objective``. The result has the shape (K, p,
+    p), for p parameters at K values of the hyper-parameters.
     """
     rows = objective.rows
     information = (np.swapaxes(rows, -1, -2) @ rows).sum(axis=1)
@@ -398,9 +397,9 @@ def _covariances_after_very_many(objective: Objective) -> Array:
 def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
     """Return the number of further circles after which every aim is expected to be reached.
 
-    The circles are chosen one after another from the candidates of ``objective``. Each of them is
-    the best next circle after those chosen before. Return None if the aims are not reached after 20
-    circles.
+    The circles are chosen one after another from the candidates of ``objective``. Each circle is
+    the best choice after the circles chosen before. Return None if the aims are not reached after
+    20 circles.
     """
     circles = CandidateCovariances(objective)
     for number in range(1, _MOST_CIRCLES + 1):
@@ -417,7 +416,7 @@ def _best_circles(
 
     The distance is the total distance of the campaign from all aims. ``order`` are the indices of
     the best circles among the possible circles, the best first. ``distance_now`` is the present
-    distance, and ``distances`` are the distances expected after each possible circle.
+    distance. ``distances`` holds, for each possible circle, the distance expected after it.
     """
     table = space.frame([space.tests[k] for k in order])
     return table.assign(share=_shares_of_the_way(distance_now, distances[order]))
@@ -426,8 +425,8 @@ def _best_circles(
 def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
     """Return the share, 0 … 1, by which each circle reduces the total distance from all aims.
 
-    ``distance_now`` is the present total distance, and ``distances`` are the total distances
-    expected after each circle.
+    ``distance_now`` is the present total distance. ``distances`` holds, for each circle, the total
+    distance expected after it.
     """
     if distance_now <= 0.0:
         return np.ones(len(distances))
@@ -454,9 +453,10 @@ class _ModelOdds:
     ) -> _ModelOdds | None:
         """Return the odds of linear over constant compliance; None for a model without slopes.
 
-        The odds are averaged over rival explanations of why compliance seems to change with force.
-        ``known`` is the posterior given the circles run. ``evidences`` computes the evidences of
-        the two models. ``confidence`` is the least probability that is enough for a decision.
+        The odds are averaged over rival explanations of an apparent change of compliance with
+        force. ``known`` is the posterior given the circles run so far. ``evidences`` computes the
+        evidences of the two models. ``confidence`` is the least probability that is enough for a
+        decision.
         """
         parameters = known.bound.parameters
         columns = [k for k, parameter in enumerate(parameters) if parameter.group == "slope"]

@@ -2,10 +2,10 @@
 
 Hyper-parameters are the scales of the noise and of other effects. A candidate is a test that could
 be run, once or several times. A design consists of n_i tests of each candidate i. Let G_i be the
-derivatives of the readings of candidate i with respect to the parameters, in standard deviations of
-the noise. Each test of candidate i adds the information G_iᵀG_i. The precision (inverse covariance)
-of all parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision before the tests of the design.
-The criterion Φ is the figure of merit to be made large.
+derivatives of the readings of candidate i with respect to the parameters, divided by the standard
+deviation of the noise. Each test of candidate i adds the information G_iᵀG_i. The precision
+(inverse covariance) of all parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision before the
+tests of the design. The criterion Φ is the figure of merit that the design maximises.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Objective"]
 
-# Let L be the Cholesky factor of the precision matrix M (inverse covariance) of a design. Parameter
-# i is treated as undetermined by the design if L_ii is below this share of √M_ii.
+# Let L be the Cholesky factor of the precision matrix M (inverse covariance) of a design. The
+# design is said not to determine parameter i if L_ii is below this share of √M_ii.
 _SINGULAR_SHARE = 1e-6
 # Largest number of matrix elements that `Objective.after_adding` computes at a time, to limit
 # memory.
@@ -32,18 +32,18 @@ _CHUNK_SIZE = 1 << 22
 class Objective(Shown):
     """Criterion Φ as a function of a design, averaged over K values of the hyper-parameters.
 
-    A candidate is a test that could be run. A design is given by the number of tests of each
+    A candidate is a test that could be run. A design is described by the number of tests of each
     candidate, ``counts``, shape (candidates,).
     """
 
-    #: derivatives G of the readings of each candidate with respect to the p parameters, at K values
-    #: of the hyper-parameters, shape (K, candidates, m, p), in units of the standard deviation of
-    #: the noise. The readings are first reduced to m values that hold their information. One test
-    #: of a candidate adds GᵀG to the precision of the parameters.
+    #: derivatives G of the readings of each candidate with respect to the p parameters, divided by
+    #: the standard deviation of the noise, at K values of the hyper-parameters, shape (K,
+    #: candidates, m, p). The readings are first reduced to m values that contain all their
+    #: information. One test of a candidate adds GᵀG to the precision of the parameters.
     rows: Array
     #: precision (inverse covariance) of the p parameters before the tests of the design, at K
-    #: values of the hyper-parameters, shape (K, p, p). It comes from the prior, and from tests
-    #: already run; a flat prior adds nothing.
+    #: values of the hyper-parameters, shape (K, p, p). It is the sum of the precision of the prior,
+    #: which is zero for a flat prior, and the information from tests that have already been run.
     prior: Array
     #: number s of parameters of interest, which are the last s of the p parameters; all other
     #: parameters are nuisances
@@ -52,13 +52,13 @@ class Objective(Shown):
 
     @property
     def candidates(self) -> int:
-        """Number of candidate tests, among which a design chooses."""
+        """Number of candidate tests that a design chooses from."""
         return int(self.rows.shape[1])
 
     def among(self, candidates: Array) -> Objective:
-        """Return the objective with only some of the candidate tests to choose from.
+        """Return the same objective for fewer candidate tests.
 
-        ``candidates`` are the indices of these tests.
+        ``candidates`` are the indices of the candidate tests to keep.
         """
         return replace(self, rows=self.rows[:, candidates])
 
@@ -72,7 +72,7 @@ class Objective(Shown):
         return self.criterion.efficiency(value, best)
 
     def value(self, counts: Array) -> float:
-        """Return the criterion Φ of a design; −inf if the design leaves a parameter undetermined.
+        """Return the criterion Φ of a design; −inf if the design does not determine all parameters.
 
         ``counts`` is the number of tests of each candidate (test that could be run), shape
         (candidates,).
@@ -83,8 +83,8 @@ class Objective(Shown):
         """Return the criterion Φ of a design after one more test, for each chosen candidate.
 
         ``counts`` holds the number of tests of each candidate in the design. ``chosen`` holds the
-        indices of the chosen candidates. A test of each of them is added to the same design, one
-        candidate at a time. The result has the shape (chosen,).
+        indices of the chosen candidates. For each of them, a single test is added to the same
+        design. The result has the shape (chosen,).
         """
         total = np.zeros(len(chosen))
         base = self._precision(counts)
@@ -147,8 +147,8 @@ class Objective(Shown):
             return np.concatenate([self._values(matrix[None]) for matrix in precision])
         values = self.criterion.value(root[:, -self.interest :, -self.interest :])
         if self._has_undetermined_prior:
-            # Rounding errors may let the factorisation of a singular precision matrix succeed. Find
-            # singular matrices from the diagonals of their Cholesky factors.
+            # Because of rounding errors, the factorisation of a singular precision matrix may
+            # succeed. Find singular matrices from the diagonals of their Cholesky factors.
             root_diagonal = np.diagonal(root, axis1=-2, axis2=-1)
             remaining_share = root_diagonal / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
             values = np.where(remaining_share.min(axis=-1) < _SINGULAR_SHARE, -np.inf, values)
@@ -156,5 +156,5 @@ class Objective(Shown):
 
     @cached_property
     def _has_undetermined_prior(self) -> bool:
-        """Whether a parameter is undetermined before the tests, as with flat priors."""
+        """Whether a parameter is not determined before the tests, as with flat priors."""
         return bool(np.linalg.matrix_rank(self.prior).min() < self.prior.shape[-1])

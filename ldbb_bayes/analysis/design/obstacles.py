@@ -1,4 +1,4 @@
-"""Goals that no number of circles reaches: the cause, and the certificate that would help most.
+"""Goals that no number of circles reaches: the causes, and the most helpful certificates.
 
 An uncertainty may remain above its goal even if every possible circle is run very many times. The
 cause is then an effect that is the same in all circles and that the circles cannot measure.
@@ -23,10 +23,10 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 
-# A certificate is named only if, after very many circles, the uncertainty with the certificate is
-# less than this share of the uncertainty without the certificate.
+# A certificate is named only if it is useful enough: after very many circles, the uncertainty with
+# the certificate must be less than this share of the uncertainty without the certificate.
 _WORTH_SHARE = 0.9
-# Number of runs of each possible circle that stands for very many runs.
+# Number of runs of each possible circle that represents very many runs.
 _VERY_MANY = 1e6
 _ALL_CERTIFICATES = "all certificates together"
 
@@ -35,15 +35,16 @@ _ALL_CERTIFICATES = "all certificates together"
 class Obstacle(Result):
     """Reason why no number of circles reaches a goal, and the certificate that would help most."""
 
-    #: expanded uncertainty (k = 2) that very many circles would leave, in the parameter's unit
+    #: expanded uncertainty (k = 2) that would remain after very many circles, in the parameter's
+    #: unit
     U_floor: float
     #: model term or parameter with the largest share of the variance after very many circles, such
     #: as ``Mount`` (compliance of the mount)
     held_by: str
-    share: float  #: share of the variance after very many circles that is due to ``held_by``
+    share: float  #: share of the variance after very many circles that ``held_by`` causes
     #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str
-    #: expanded uncertainty (k = 2) that very many circles would leave with ``certificate``
+    #: expanded uncertainty (k = 2) that would remain after very many circles with ``certificate``
     U_with_certificate: float
     reached: bool  #: whether the goal can be reached with ``certificate``
 
@@ -53,20 +54,20 @@ class NearMiss(Result):
     """A goal that very many circles would reach, but that no campaign of up to 40 circles reaches.
 
     With few circles, the analysis knows the scales of noise and effects less well than with very
-    many circles. A goal may therefore be out of reach if it is just above the uncertainty that very
-    many circles would leave.
+    many circles. A goal that is only just above the uncertainty after very many circles may
+    therefore be out of reach.
     """
 
     circles: int  #: number of circles of the largest campaign
-    #: on nine in ten possible machines, the analysis of the largest campaign states at most this
-    #: expanded uncertainty (k = 2), in the parameter's unit
+    #: expanded uncertainty (k = 2) that the analysis of the largest campaign does not exceed on
+    #: nine in ten possible machines, in the parameter's unit
     likely_U: float
     #: share of the possible machines on which the largest campaign meets the goal
     probability: float
     #: model term or parameter with the largest share of the variance after very many circles, such
     #: as ``Mount`` (compliance of the mount)
     held_by: str
-    share: float  #: share of the variance after very many circles that is due to ``held_by``
+    share: float  #: share of the variance after very many circles that ``held_by`` causes
     #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str
 
@@ -83,8 +84,8 @@ def near_miss_of(
     name
         Name of the goal's parameter.
     circles, likely_U, probability
-        Attributes of the `NearMiss` that is returned: number of circles of the campaign; largest
-        expanded uncertainty that the analysis states on nine in ten possible machines, in the
+        Attributes of the `NearMiss` that is returned: number of circles of the campaign; expanded
+        uncertainty that the analysis does not exceed on nine in ten possible machines, in the
         parameter's unit; and share of the possible machines on which the goal is met.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))[name]
@@ -100,13 +101,11 @@ def near_miss_of(
 
 
 def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
-    """Return the reason for each goal that no number of circles reaches.
+    """Return the reason for each goal that cannot be reached with any number of circles.
 
-    The keys are the names of the goals' parameters.
-
-    Goals that circles can reach are left out. ``family`` is the family of campaigns whose goals are
-    examined. It has all ball angles and radii that may be used, and only the certificates that the
-    instrument has already.
+    The keys are the names of the goals' parameters. Goals that can be reached are left out.
+    ``family`` is the family of campaigns whose goals are examined. It has all ball angles and radii
+    that may be used, and only the certificates that the instrument already has.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
     stuck = [name for name, distance in floor.items() if distance > 0.0]
@@ -155,16 +154,18 @@ def _floors_with(
 def _most_helpful(
     name: str, floor: float, floors_with: Mapping[str, Mapping[str, float]]
 ) -> tuple[str, float]:
-    """Return the certificate that helps a goal most, and ln(u/u*) with this certificate.
+    """Return the most helpful certificate for a goal, and ln(u/u*) with this certificate.
 
     u is the standard uncertainty of the goal's parameter ``name``, and u* the largest standard
-    uncertainty that the goal permits. All values hold after very many circles. The function returns
-    the first certificate with which the goal is reached. If no single certificate is enough, but
-    all certificates together are enough, the name "all certificates together" is returned. If even
-    all together are not enough, the single certificate that reduces u most is returned, or an empty
-    string if u falls by less than a tenth. ``floor`` is ln(u/u*) without further certificates.
-    ``floors_with`` holds ln(u/u*) with each certificate. Its keys are the names of the
-    certificates, then the names of the goals' parameters.
+    uncertainty that the goal permits. All values hold after very many circles. ``floor`` is
+    ln(u/u*) without further certificates. ``floors_with`` holds ln(u/u*) with each certificate; the
+    outer keys are the names of the certificates, and the inner keys are the names of the goals'
+    parameters. The result is the first of the following certificates that exists:
+
+    1. the first single certificate with which the goal is reached;
+    2. "all certificates together", if the goal is reached with all certificates;
+    3. the single certificate that reduces u most, if it reduces u by at least a tenth;
+    4. an empty string, if there is no such certificate.
     """
     singles = [key for key in floors_with if key != _ALL_CERTIFICATES]
     for key in floors_with:
@@ -183,8 +184,8 @@ def _typical_limits(family: CampaignFamily) -> dict[str, float]:
     """Return the largest expanded uncertainty that every goal permits on a typical machine.
 
     A goal in percent of a parameter permits different uncertainties on different machines. The
-    result is the geometric mean over the possible machines. The keys are the names of the goals'
-    parameters.
+    result is the geometric mean of these uncertainties over the possible machines. The keys are the
+    names of the goals' parameters.
     """
     limits = {}
     for name, goal in family.goals.items():
@@ -223,8 +224,8 @@ def _repeated(information: Information) -> Information:
 
     The scatter between circles then averages out; effects that all circles share remain.
     """
-    # Tests with the same noise share one dictionary of noise covariances. In the result, these
-    # tests share one dictionary too.
+    # Tests with the same noise refer to the same dictionary of noise covariances. In the result,
+    # these tests refer to the same dictionary, too.
     averaged: dict[int, dict[str, Array]] = {}
     for noises in information.noise:
         averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}

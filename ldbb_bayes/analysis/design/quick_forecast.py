@@ -1,19 +1,19 @@
-"""Quick forecast of how far campaigns are from their goals.
+"""Quick forecast of the distances of campaigns from their goals.
 
 β are the parameters and φ the hyper-parameters (the scales of the noise and of other effects). A
 candidate is a test that could be run. Let G be the derivatives of its readings with respect to all
-coefficients, in standard deviations of the noise. The test adds the information GᵀG to the
-precision matrix of the coefficients. G is computed once for every candidate, at K values of φ that
-are likely before the campaign. A search can therefore compare thousands of campaigns, each within
-milliseconds. The forecast assumes that φ is known and that all circles have the same scatter;
-compliances may be negative. `forecast_plan`, which does not make these simplifications, is used for
-the best campaigns.
+coefficients, divided by the standard deviation of the noise. The test adds the information GᵀG to
+the precision matrix of the coefficients. G is computed once for every candidate, at K values of φ
+that are likely before the campaign. A search can therefore compare thousands of campaigns, each
+within milliseconds. The forecast assumes that φ is known and that all circles have the same
+scatter; compliances may be negative. The best campaigns are examined with `forecast_plan`, which
+does not make these simplifications.
 
 Let r_g = u_g/u*_g be the expected standard uncertainty of the parameter of goal g, divided by the
 largest standard uncertainty that the goal permits. The distance of a campaign from its goals is the
 mean over φ of ln max_g r_g. The distance is zero if the goals are just met. The maximum is replaced
-by a smooth function of all r_g (log-sum-exp), so that the distance also decreases if u_g falls for
-a goal g that does not have the largest r_g.
+by a smooth function of all r_g (log-sum-exp). The distance therefore also decreases if u_g
+decreases for a goal g that does not have the largest r_g.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ _SHARPNESS = 16.0
 # Largest number of passes of the search. In each pass, the search tries to exchange every circle of
 # a campaign for a better circle.
 _MOST_PASSES = 4
-# An exchange of circles must reduce the distance from the goals by more than this number, so that
-# rounding errors cause no exchange.
+# An exchange of circles must reduce the distance from the goals by more than this number. Rounding
+# errors alone therefore do not cause an exchange.
 _LEAST_GAIN = 1e-9
-# The uncertainties that very many circles would leave are computed as if every candidate test were
-# run this many times.
+# Number of runs of every candidate test for the uncertainties that would remain after very many
+# circles.
 _VERY_MANY = 1e6
 
 
@@ -109,11 +109,12 @@ class QuickForecast:
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
-        """Return the campaign of ``circles`` circles that a search finds nearest to the goals.
+        """Return the campaign of ``circles`` circles with the smallest distance from the goals.
 
-        Circles are added one by one; each is the circle that leaves the smallest distance from the
-        goals. Then every circle is exchanged for the circle that is best in its place. These
-        exchanges are repeated until nothing changes, at most four times.
+        The campaign is the result of a search. Circles are added one by one; each time, the circle
+        is added that makes the distance from the goals smallest. Then every circle is exchanged for
+        the best circle in its place. These exchanges are repeated until nothing changes, at most
+        four times.
 
         Parameters
         ----------
@@ -154,8 +155,8 @@ class QuickForecast:
     def _covariance(self, counts: Array) -> Array:
         """Return the covariances of all p coefficients after a campaign, shape (K, p, p).
 
-        They are computed for K values of the hyper-parameters. ``counts`` is the campaign's number
-        of circles of every candidate test.
+        There is one covariance matrix for each of K values of the hyper-parameters. ``counts`` is
+        the campaign's number of circles of every candidate test.
         """
         support = np.flatnonzero(counts)
         rows = self._rows[:, support] * np.sqrt(counts[support])[:, None, None]
@@ -177,9 +178,9 @@ class QuickForecast:
 
         Let Σ be the covariance of all p coefficients before the circle: ``covariance``, shape (K,
         p, p), at K values of the hyper-parameters. Let G be the derivatives of a circle's readings
-        with respect to the coefficients, in standard deviations of the noise. The circle adds GᵀG
-        to the precision matrix, so that the covariance after the circle is Σ − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ.
-        Only the variances of the goals' parameters are computed.
+        with respect to the coefficients, divided by the standard deviation of the noise. The circle
+        adds GᵀG to the precision matrix, so that the covariance after the circle is Σ − ΣGᵀ(1 +
+        GΣGᵀ)⁻¹GΣ. Only the variances of the goals' parameters are computed.
         """
         number = self._limits.shape[1]
         variances = []

@@ -1,10 +1,10 @@
 """Search for the design with the best whole numbers of tests (an exact design).
 
-A candidate is a test that could be run; a design has a count of tests for each candidate. The
-criterion Φ is the figure of merit to be made large. The search starts from several designs: the
-best fractions of the tests, rounded to whole numbers, and random designs. In each design, the
-search replaces one test at a time by a better candidate, until no replacement that is tried
-improves the design (coordinate exchange).
+A candidate is a test that could be run; a design has a number of tests of each candidate. The
+criterion Φ is the figure of merit that the search maximises. The search starts from several
+designs: the best fractions of the tests, rounded to whole numbers, and random designs. In each
+design, the search replaces one test at a time by a better candidate, until no replacement improves
+the design (coordinate exchange).
 """
 
 from __future__ import annotations
@@ -31,45 +31,46 @@ __all__ = ["MAX_TESTS", "ExactDesign", "Search", "efficient_rounding", "exchange
 
 # Largest number of tests (circles) that a design may have.
 MAX_TESTS = 300
-# Largest number of times that the search goes through all tests of a design to replace each by a
-# better candidate.
+# Largest number of times that the search goes through all tests of a design, to replace each test
+# by a better candidate.
 _MAX_SWEEPS = 50
-# If there are at most this many candidate tests, all candidates are tried as a replacement of each
+# If there are at most this many candidate tests, all candidates are tried as replacements for each
 # test of a design.
 _FEW_CANDIDATES = 64
-# If there are more candidate tests than ``_FEW_CANDIDATES``, this many with the largest sensitivity
-# and this many random candidates are tried as a replacement of each test of a design. The
-# sensitivity is the derivative of the criterion (figure of merit) with respect to the number of
-# runs of the candidate.
+# If there are more than ``_FEW_CANDIDATES`` candidate tests, two groups of this size are tried as
+# replacements for each test of a design: the candidates with the largest sensitivities, and random
+# candidates. The sensitivity is the derivative of the criterion (figure of merit) with respect to
+# the number of runs of the candidate.
 _TRIED_CANDIDATES = 12
-# At the end of a thorough search, this many candidates with the largest sensitivity and this many
-# random candidates are tried as a replacement of each test of a design.
+# At the end of a thorough search, two groups of this size are tried as replacements for each test
+# of a design: the candidates with the largest sensitivities, and random candidates.
 _TRIED_AT_THE_END = 128
-# Candidates are selected by their sensitivities. To save time, only one in ``_HYPER_STEP`` values
-# of the hyper-parameters is used for the average sensitivities.
+# Candidates are selected by their average sensitivity over the values of the hyper-parameters. To
+# save time, only one in ``_HYPER_STEP`` values is used for this average.
 _HYPER_STEP = 4
-# Number of designs that the search starts from. The first has the best fractions of tests, rounded
-# to whole numbers; the others are random. Tests of random designs are drawn from the candidates. In
-# every third random design, all candidates have equal probability. In the others, the probabilities
-# of the candidates are the best fractions of tests.
+# Number of designs that the search starts from. The first design has the best fractions of tests,
+# rounded to whole numbers. The tests of the other designs are drawn at random from the candidates.
+# In every third random design, all candidates have the same probability. In the others, the
+# probabilities of the candidates are the best fractions of tests.
 _STARTS = 6
-# The shares of candidate tests (their numbers of runs divided by the number of all runs) are
+# Tolerance for the best shares of candidate tests. The share of a candidate is its number of runs
+# divided by the number of all runs. Its sensitivity is the derivative of the criterion with respect
+# to the share. The bound is the mean of the sensitivities, weighted by the shares. The shares are
 # treated as the best if the largest sensitivity exceeds the bound by at most this share of the
-# bound. A sensitivity is the derivative of the criterion with respect to the share of a candidate.
-# The bound is the mean of the sensitivities, weighted by the shares.
+# bound.
 _SHARES_TOLERANCE = 1e-5
 # The search restarts from randomly changed designs ``_MAX_RESTARTS`` times, or less often if the
-# cost of these restarts would exceed ``_RESTART_COST``. The cost is the number of elements of the
-# precision matrices, times the number of tests, times the number of candidates that are tried as a
-# replacement of each test, times the number of restarts.
+# cost of these restarts would exceed ``_RESTART_COST``. The cost is the product of four numbers:
+# the elements of the precision matrices, the tests, the candidates that are tried as replacements
+# for each test, and the restarts.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
 # If at most this many designs are possible, the search does not restart from randomly changed
 # designs.
 _FEW_DESIGNS = 1000
 # Two forces of a design are close if their difference is at most ``_CLOSE_FORCES`` times the range
-# of force. Two close forces are replaced by one of them if the relative loss of efficiency is at
-# most ``_MERGING_LOSS``.
+# of force. All tests at one of two close forces are moved to the other force if the relative loss
+# of efficiency is at most ``_MERGING_LOSS``.
 _CLOSE_FORCES = 0.05
 _MERGING_LOSS = 1e-4
 
@@ -77,7 +78,7 @@ _MERGING_LOSS = 1e-4
 def efficient_rounding(share: Array, tests: int) -> Array:
     """Return whole numbers of tests that are closest to given shares of the number of all tests.
 
-    The numbers are found by the method of Pukelsheim and Rieder (1992).
+    The method is that of Pukelsheim and Rieder (1992).
 
     Parameters
     ----------
@@ -121,9 +122,9 @@ def exchange(
 ) -> tuple[Array, float]:
     """Return a design improved by exchanging one test at a time, and its criterion.
 
-    A candidate is a test that could be run; a design has a number of tests for each candidate. A
-    test is exchanged for another candidate if that improves the design. The function ends when no
-    exchange that is tried improves the design, or after it has gone through all tests 50 times.
+    A candidate is a test that could be run; a design has a number of tests of each candidate. A
+    test is exchanged for another candidate if this improves the design. The function ends when no
+    exchange improves the design, or after it has gone through all tests 50 times.
 
     Parameters
     ----------
@@ -139,7 +140,7 @@ def exchange(
         Function that takes the counts of a design and returns whether the design is allowed.
         Default: all designs are allowed.
     thorough
-        Whether the search tries more candidates as a replacement of each test once the first
+        Whether the search tries more candidates as replacements for each test after the first
         candidates bring no further improvement. If false, the search always tries only a few
         candidates.
 
@@ -191,7 +192,7 @@ def _likely_candidates(
 ) -> Array:
     """Return the indices of candidates that are likely to improve a design by one more test.
 
-    The result holds the ``size`` candidates with the largest sensitivity, and ``size`` random
+    The result holds the ``size`` candidates with the largest sensitivities, and ``size`` random
     candidates. The sensitivity is the derivative of the criterion with respect to the number of
     tests of the candidate. If there are at most ``size`` candidates, all are returned. ``base``
     holds the number of tests of each candidate in the design, shape (candidates,).
@@ -228,7 +229,7 @@ class ExactDesign:
 class Search:
     """Search for the best design among candidate tests.
 
-    A candidate is a test that could be run; a design has a number of tests for each candidate. The
+    A candidate is a test that could be run; a design has a number of tests of each candidate. The
     objective is a function that measures how good a design is. ``seed`` is the seed of the random
     numbers.
     """
@@ -252,8 +253,8 @@ class Search:
     def find_design(self, tests: int) -> ExactDesign:
         """Return the best design found for a number of tests.
 
-        Raise an `InputError` if no design has tests at enough different forces, or if the design
-        found leaves a parameter undetermined.
+        Raise an `InputError` if no design has tests at enough different forces, or if the best
+        design does not determine all parameters.
         """
         possible_levels = min(tests, len(distinct_forces(self.forces_N)))
         if possible_levels < self.levels:
@@ -290,8 +291,8 @@ class Search:
     def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
         """Return the designs that the search starts from, as numbers of tests of each candidate.
 
-        Each design has the shape (candidates,). The first is rounded from the best fractions of
-        tests, ``share``, shape (candidates,). The others are random.
+        Each design has the shape (candidates,). The first design is rounded from the best fractions
+        of tests, ``share``, shape (candidates,). The other designs are random.
         """
         n = self.objective.candidates
         starts = [efficient_rounding(share, tests)]
@@ -310,9 +311,10 @@ class Search:
     def _merge_close_forces(self, counts: Array, value: float) -> tuple[Array, float]:
         """Return the design with close forces merged, and the value of its criterion.
 
-        If two forces are close, all tests at one of them move to the other. The move is made only
-        if it lowers the efficiency by at most 0.01 %. ``counts`` is the number of tests of each
-        candidate before merging, and ``value`` is the criterion of the design before merging.
+        If two forces are close, all tests at one force are moved to the other force. The move is
+        made only if it reduces the efficiency by at most 0.01 %. ``counts`` is the number of tests
+        of each candidate before merging, and ``value`` is the criterion of the design before
+        merging.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
@@ -332,10 +334,10 @@ class Search:
     def _at_enough_forces(self, counts: Array, rng: np.random.Generator) -> Array:
         """Return a design with tests at enough different forces.
 
-        ``counts`` holds the number of tests of each candidate in the given design, which is
-        returned unchanged if it has enough different forces. If not, one test is replaced by a
-        candidate at another force, which is drawn at random with ``rng``. If no candidate has a
-        force that differs enough from the force of the tests, all tests are first moved to the
+        ``counts`` holds the number of tests of each candidate in the original design. This design
+        is returned unchanged if it has enough different forces. Otherwise, one of its tests is
+        replaced by a candidate at another force, drawn at random with ``rng``. If no single
+        candidate gives the design enough different forces, all other tests are first moved to the
         lowest force.
         """
         if self._is_feasible(counts):
@@ -351,9 +353,8 @@ class Search:
     def _completing_candidates(self, counts: Array) -> list[int]:
         """Return the indices of candidates that can give a design enough different forces.
 
-        After one more test of any of these candidates, the design has enough different forces.
-
-        ``counts`` holds the number of tests of each candidate.
+        With one more test of any of these candidates, the design has enough different forces.
+        ``counts`` holds the number of tests of each candidate in the design.
         """
         n = self.objective.candidates
         return [j for j in range(n) if self._is_feasible(_with_tests(counts, j))]
@@ -361,8 +362,8 @@ class Search:
     def _number_of_restarts(self, tests: int) -> int:
         """Return how many times the search restarts from randomly changed designs.
 
-        ``tests`` is the number of tests of a design. The number of restarts is limited, because
-        restarts take time. The number is zero if at most 1000 designs are possible.
+        ``tests`` is the number of tests of a design. The number of restarts is limited to save
+        time. It is zero if at most 1000 designs are possible.
         """
         n = self.objective.candidates
         possible_designs = comb(n + tests - 1, tests)

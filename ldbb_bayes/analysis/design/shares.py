@@ -1,10 +1,10 @@
-"""Best shares of tests (an approximate design), with a certificate that they are the best.
+"""Best shares of tests (an approximate design), with a proof that they are the best.
 
 A candidate is a test that could be run, once or several times. N is the number of all runs. The
 share of candidate i is n_i/N, where n_i is its number of runs and need not be whole. The criterion
-Φ is the figure of merit to be made large. The sensitivity of candidate i is N ∂Φ/∂n_i, the
+Φ is the figure of merit that the shares maximise. The sensitivity of candidate i is N ∂Φ/∂n_i, the
 derivative of Φ with respect to n_i, times N. The bound is the mean of the sensitivities, weighted
-by the shares; for the best shares, no sensitivity exceeds the bound.
+by the shares. For the best shares, no sensitivity exceeds the bound.
 """
 
 from __future__ import annotations
@@ -24,36 +24,36 @@ __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_
 
 # Rounding errors must not decide which of two candidates is better. Two values of the criterion, or
 # two sensitivities, are therefore treated as equal if their difference is below this share of the
-# largest value. Of candidates with equal values, the first is taken.
+# largest value. Among candidates with equal values, the first is chosen.
 _EQUALITY_TOLERANCE = 1e-9
-# Largest number of rounds in which shares are optimized. In each round, a few candidates are added
-# to those with a share above zero, and the shares of all these candidates are optimized.
+# Largest number of rounds in the optimization of shares. Each round adds a few candidates to those
+# with a share above zero, and then optimizes the shares of all these candidates.
 _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round of the optimization of shares.
 _SOLVER_ITERATIONS = 40
 # Largest number of candidates that one round adds to those whose shares are optimized.
 _JOINING_CANDIDATES = 3
-# Number of candidates, evenly spread over the list of all, whose shares are optimized in the first
-# round.
+# Number of candidates whose shares are optimized in the first round. They are evenly spread over
+# the list of all candidates.
 _FIRST_CANDIDATES = 32
 # If a candidate has less than this share of the tests, its share is treated as zero.
 _ZERO_SHARE = 1e-10
 # Before the solver starts, shares are raised to at least this number divided by the number of
-# candidates whose shares are optimized. After that, all shares are multiplied by one factor, so
-# that they sum to one.
+# candidates whose shares are optimized. All shares are then multiplied by one factor, so that their
+# sum is one.
 _STARTING_SHARE = 0.02
-# Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
+# Value of the solver's loss function if the shares of tests do not determine all parameters.
 _UNDETERMINED_LOSS = 1e6
 # Tolerances of the solver SLSQP for the best shares of tests. In the first round, the tolerance is
 # ``_LOOSE_TOLERANCE``. In later rounds, it is at most ``_TOLERANCE_PER_EXCESS`` times
-# `Optimum.excess`, which measures how far the shares are from the best. It is never less than
-# ``_TIGHT_TOLERANCE``.
+# `Optimum.excess`, which measures how far the shares are from the best shares. It is never smaller
+# than ``_TIGHT_TOLERANCE``.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
-# The optimization of shares ends, even if its tolerance is not reached, when it makes no progress.
-# This is so if no candidates are left to add, and if a round with the smallest solver tolerance
-# raises the criterion by at most this share of `Optimum.bound`.
+# The optimization of shares ends when it makes no progress, even if its tolerance is not reached.
+# It makes no progress if no candidates can be added, and a round with the smallest solver tolerance
+# increases the criterion by at most this share of `Optimum.bound`.
 _NO_GAIN = 1e-13
 
 
@@ -100,8 +100,8 @@ class Optimum(Shown):
     def excess(self) -> float:
         """Largest sensitivity divided by ``bound``, minus one; zero for the best shares of tests.
 
-        If the criterion is concave, no design of the same number of tests exceeds the criterion of
-        these shares by more than ``bound`` times this excess.
+        If the criterion is concave, the best design with the same number of tests exceeds the
+        criterion of these shares by at most ``bound`` times this excess.
         """
         return float(self.sensitivity.max() / self.bound - 1.0)
 
@@ -135,14 +135,14 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
 
 
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
-    """Return the shares (fractions) of N tests among candidates that make the criterion largest.
+    """Return the shares (fractions) of N tests among candidates that maximise the criterion.
 
     A candidate is a test that could be run, once or several times. Its sensitivity is N times the
     derivative of the criterion with respect to its number of tests. The bound is the mean of the
     sensitivities, weighted by the shares. The algorithm optimizes the shares of a few active
     candidates, then adds candidates whose sensitivity exceeds the bound. These two steps are
-    repeated, at most 400 times. They end when the relative excess of the largest sensitivity over
-    the bound is within the tolerance, or when they no longer raise the criterion.
+    repeated, at most 400 times. They end when the largest sensitivity exceeds the bound by no more
+    than the relative tolerance, or when the criterion no longer increases.
 
     Parameters
     ----------
@@ -151,8 +151,8 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     tests
         Number N of tests. If the prior is flat, the best shares do not depend on N.
     tolerance
-        Relative excess of the largest sensitivity over the bound at which the shares are accepted.
-        The excess of the result is `Optimum.excess`.
+        Tolerance for `Optimum.excess`, the relative excess of the largest sensitivity over the
+        bound. The shares are accepted when the excess is at most this number.
 
     Returns
     -------
@@ -205,7 +205,7 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
     The sensitivity of a candidate test is the derivative of the criterion with respect to its
     share. The bound is the mean of the sensitivities, weighted by the shares. Both are attributes
     of ``optimum``. At most ``_JOINING_CANDIDATES`` indices are returned. If no sensitivity is above
-    the bound, return the index of the candidate with the largest sensitivity.
+    the bound, the index of the candidate with the largest sensitivity is returned.
     """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]
@@ -215,12 +215,12 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 
 
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
-    """Return the shares of a few candidates that make the criterion largest, shape (candidates,).
+    """Return the shares of a few candidates that maximise the criterion, shape (candidates,).
 
-    ``objective`` gives the criterion as a function of the numbers of tests of these candidates, and
-    ``tests`` is the number of all tests. Shares are not negative and sum to one. The solver SLSQP
-    starts from the shares ``start``, shape (candidates,). ``tolerance`` is its tolerance of the
-    criterion, relative to the mean of the sensitivities, weighted by the shares.
+    ``objective`` states the criterion as a function of the numbers of tests of these candidates,
+    and ``tests`` is the number of all tests. Shares are not negative and sum to one. The solver
+    SLSQP starts from the shares ``start``, shape (candidates,). ``tolerance`` is its tolerance of
+    the criterion, relative to the mean of the sensitivities, weighted by the shares.
     """
     n = objective.candidates
     if n == 1:

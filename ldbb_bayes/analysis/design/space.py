@@ -44,12 +44,12 @@ CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
 _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 # Number of values of the hyper-parameters (scales of the noise and of other effects) that the
-# search for a design averages over. More values do not change the design found.
+# search for a design averages over. A larger number does not change the resulting design.
 _SEARCH_NODES = 12
 _MAX_CANDIDATES = 5000
 # ``_ALL_GROUPS`` holds all groups of parameters: compliances, slopes (changes of compliance with
-# force) and geometric errors. ``_GROUPS_BY_CRITERION`` states, for a criterion of design, the
-# groups whose parameters may be of interest. A criterion without an entry may be about all groups.
+# force) and geometric errors. ``_GROUPS_BY_CRITERION`` states, for a design criterion, the groups
+# whose parameters may be of interest. If a criterion has no entry, all groups may be of interest.
 _ALL_GROUPS = {"compliance", "slope", "geometric"}
 _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 
@@ -60,8 +60,8 @@ class Space:
 
     The attributes are the arguments of `ldbb_bayes.design` except the number of tests. Repeated
     values are dropped. The pilot is the campaign or plan that the design starts from. Its foreseen
-    tests are tests that may be run later. Candidates of kinds that the pilot has not run are added
-    to the foreseen tests, so that the model includes the effects of these candidates.
+    tests are tests that may be run later. A candidate whose kind does not occur in the pilot is
+    added to the foreseen tests, so that the model includes the effects of this candidate.
     """
 
     model: HybridModel
@@ -75,18 +75,17 @@ class Space:
     augment: bool = False
     slope_size: float = 1.0
     #: tests of other designs that are only compared with the best design; the model includes the
-    #: parameters that these tests can show
+    #: parameters that these tests can determine
     compared_tests: tuple[CircularTest, ...] = ()
     seed: int = 1
 
     def __post_init__(self) -> None:
         """Drop repeated values of the attributes, and add foreseen tests to the pilot.
 
-        The pilot is the campaign or plan that the design starts from.
-
-        Foreseen tests are tests that may be run later; the model includes their effects. If no
-        radii are given, the radii of the pilot's tests are used. An `InputError` is raised if the
-        candidate tests, the criterion or the parameters of interest are not valid.
+        The pilot is the campaign or plan that the design starts from. Foreseen tests are tests that
+        may be run later; the model includes their effects. If no radii are given, the radii of the
+        pilot's tests are used. An `InputError` is raised if the candidate tests, the criterion or
+        the parameters of interest are not valid.
         """
         radii_mm = self.radii_mm or _radii_of(self.pilot)
         self._store("forces_N", tuple(dict.fromkeys(self.forces_N)))
@@ -94,8 +93,8 @@ class Space:
         self._store("directions", tuple(dict.fromkeys(self.directions)))
         self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
-        # Make the candidate tests before the pilot is replaced, because they depend on the pilot
-        # that the caller gave.
+        # Make the candidate tests before the pilot is replaced, because the candidate tests depend
+        # on the original pilot.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
         # Call this check last, because it binds the model to the pilot stored above.
@@ -163,8 +162,8 @@ class Space:
     def chosen(self) -> tuple[str, ...]:
         """Names of the parameters of interest.
 
-        These are the names in ``parameters``. If no names are given, all parameters that the
-        criterion is about are of interest.
+        These are the names in ``parameters``. If ``parameters`` is empty, all parameters that the
+        criterion can be applied to are of interest.
         """
         check_known("criterion", [self.criterion], get_args(CriterionName))
         named = [inside_name(name) for name in self.parameters]
@@ -214,8 +213,8 @@ class Space:
         """Return ``number`` tests in equal steps of force, rounded to the force levels.
 
         The force of each test is the force level nearest to the equal step. All tests have the
-        first clocking (pair of angles of the balls) and the first radius to choose from. Planes and
-        directions of travel alternate from one force step to the next.
+        first clocking (pair of angles of the balls) and the first radius in the lists to choose
+        from. Planes and directions of travel alternate from one force step to the next.
         """
         levels = np.array(sorted(self.forces_N))
         nearest_levels = []
@@ -238,9 +237,9 @@ class Space:
         return len(self.pilot.tests) if self.augment else 0
 
     def objective(self, tests: Sequence[CircularTest]) -> Objective:
-        """Return the objective of a search for the best numbers of runs of given tests.
+        """Return the objective of a search for the best numbers of runs of ``tests``.
 
-        The tests need not be among the candidate tests of the design.
+        These tests need not be among the candidate tests of the design.
         """
         bound = bind_tests(self.model, self.pilot, tests, keep_pilot_tests=self.augment)
         phi = hyper_nodes(self.model, self.pilot, _SEARCH_NODES, self.seed)

@@ -23,9 +23,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
 
-# Posteriors of the hyper-parameters that were computed before. The keys are the pilots (campaigns
-# that designs start from); each value is a list of posteriors, one for each model. The posteriors
-# are kept because their computation takes a long time.
+# Posteriors of the hyper-parameters that have already been computed. The keys are the pilots
+# (campaigns that designs start from); each value is a list of posteriors, one for each model. The
+# posteriors are stored because their computation takes a long time.
 _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
@@ -33,16 +33,16 @@ _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictiona
 class States:
     """K equally likely states of the machine: values of hyper-parameters and parameters."""
 
-    #: hyper-parameters φ, shape (K, h), with lengths in mm. The noise factor λ of a circle has no
-    #: unit. Neither has the decay, the power by which the balls' form errors fall with the number
-    #: of waves per turn.
+    #: hyper-parameters φ, shape (K, h), with lengths in mm. The noise factor λ of a circle and the
+    #: decay have no unit. The decay is the exponent of the power law by which the balls' form
+    #: errors decrease with the number of waves per turn.
     phi: Array
-    #: parameters β, shape (K, p), whose compliances are not negative; if the prior is flat, no
-    #: parameters are drawn, and p = 0
+    #: parameters β, shape (K, p), with compliances that are not negative. If the prior is flat, no
+    #: parameters are drawn, and p = 0.
     beta: Array
     #: Gaussian density of the parameters given the hyper-parameters, before the new tests. It is
-    #: the prior; if earlier readings are analysed together with the new tests, it is the posterior
-    #: given these readings. Compliances may be negative.
+    #: the posterior given earlier readings if they are analysed together with the new tests, and
+    #: the prior otherwise. Compliances may be negative.
     before: Gaussian
 
 
@@ -50,13 +50,13 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
     """Return ``size`` equally likely values of the h hyper-parameters φ, shape (size, h).
 
     φ are the scales of the noise and of other effects. Lengths are in mm. The noise factor λ of a
-    circle has no unit. Neither has the decay, the power by which the balls' form errors fall with
-    the number of waves per turn. The values for ``model`` are a random sample, with the given
-    ``seed``, of the posterior given the readings of the pilot (the campaign that a design starts
-    from). If the pilot is a plan, the values are spread evenly over the prior, and their number is
-    rounded up to a power of two. If the priors of the parameters are flat, only the root mean
-    square of the values is returned, shape (1, h), because all variances are then proportional to
-    the variance of the noise.
+    circle and the decay have no unit. The decay is the exponent of the power law by which the
+    balls' form errors decrease with the number of waves per turn. The values for ``model`` are a
+    random sample of the posterior given the readings of the pilot (the campaign that a design
+    starts from); ``seed`` is the seed of the sample. If the pilot is a plan, the values are spread
+    evenly over the prior, and their number is rounded up to a power of two. If the priors of the
+    parameters are flat, all variances are proportional to the variance of the noise. In this case,
+    only the root mean square of the values is returned, shape (1, h).
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
@@ -78,12 +78,12 @@ def extend_hyper_parameters(
     """Return the hyper-parameters of a model bound to circles already run and to new circles.
 
     The pilot is the campaign that a design starts from. Its hyper-parameters φ are completed with
-    those of the new circles. The noise factor λ of each new circle, which multiplies the noise of
-    this circle, is set to 1, because the prior mean of 1/λ² is 1. If ``scattering`` is true, λ gets
-    values spread evenly over its prior instead. All other hyper-parameters that the pilot does not
-    have always get values spread evenly over their priors. Lengths are in mm. λ has no unit;
-    neither has the decay, the power by which the balls' form errors fall with the number of waves
-    per turn.
+    those of the new circles. Each new circle has a noise factor λ, by which the noise of this
+    circle is multiplied. λ is set to 1, because the prior mean of 1/λ² is 1. If ``scattering`` is
+    true, λ gets values spread evenly over its prior instead. All other hyper-parameters that the
+    pilot does not have always get values spread evenly over their priors. Lengths are in mm. λ and
+    the decay have no unit. The decay is the exponent of the power law by which the balls' form
+    errors decrease with the number of waves per turn.
 
     Parameters
     ----------
@@ -94,8 +94,8 @@ def extend_hyper_parameters(
     run
         Number of the pilot's circles that ``bound`` includes.
     scattering
-        Whether the noise factor λ differs between the new circles, as under its prior. Default: λ
-        is 1 for all new circles.
+        Whether the noise factors λ of the new circles differ, as they do under the prior. Default:
+        λ is 1 for all new circles.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def states_before(
     model
         Model whose parameters the tests are to determine.
     pilot
-        Campaign already run, or plan, that the design starts from.
+        Campaign that has already been run, or plan, from which the design starts.
     size
         Number of states.
     seed
