@@ -24,9 +24,12 @@ from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.transposed_tables import check_not_transposed
-from ldbb_bayes.reading.words import LONGEST_NAME
+from ldbb_bayes.reading.words import LONGEST_NAME, UNITS
 
 __all__ = ["HeadedSheet", "SheetSelection", "select_sheets"]
+
+# Number of rows at the beginning of a table that are examined for numbers.
+_FIRST_ROWS = 9
 
 
 class HeadedSheet(NamedTuple):
@@ -87,7 +90,8 @@ def select_sheets(
             selection.left_out.append(sheet)
             continue
         table = HeadedSheet(sheet, heading)
-        if is_optional and not _is_complete(heading):
+        is_table = _is_complete(heading) and _fits_stated_columns(table, layout)
+        if is_optional and not is_table:
             incomplete.append(table)
             selection.left_out.append(sheet)
         else:
@@ -229,6 +233,28 @@ def _is_complete(heading: Heading) -> bool:
     """Return whether a table has both a column of readings and a column of angles or times."""
     has_abscissa = "angle" in heading.roles or "time" in heading.roles
     return has_abscissa and bool(heading.readings)
+
+
+def _fits_stated_columns(table: HeadedSheet, layout: Layout) -> bool:
+    """Return whether the columns that the user states hold angles and readings in this sheet.
+
+    The user may state columns by their numbers. In an overview, a column with such a number may
+    hold texts, or the forces or pressures of the tests.
+    """
+    heading = table.heading
+    rows = table.sheet.rows[heading.first_row : heading.first_row + _FIRST_ROWS]
+    columns: list[int] = []
+    if "reading" in layout.columns:
+        columns += heading.readings
+    if "angle" in layout.columns:
+        columns.append(heading.roles["angle"])
+    for column in columns:
+        header = unit_of(heading.headers[column])
+        if header.unit in (*UNITS["force"], *UNITS["pressure"]):
+            return False
+        if not any(looks_like_number(row.cells[column]) for row in rows if len(row.cells) > column):
+            return False
+    return True
 
 
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
