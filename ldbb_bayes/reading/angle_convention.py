@@ -31,7 +31,7 @@ _WORDS = WORDS["angle_convention"]
 # Regular expression for the axis at which angles begin, after words such as "from" or "zero at".
 _ZERO = re.compile(
     rf"(?:{_WORDS['zero']})[^\w+\-−]*(?:(?:{_WORDS['filling']})[^\w+\-−]+)*"
-    r"(?P<sign>[+\-−]?|negative[nr]?\s|minus\s)\s?(?P<axis>[XYZ])(?P<behind>[+\-−](?!\w))?"
+    r"(?P<sign>[+\-−]?|negative[nr]?\s|neg\.?\s|minus\s)\s?(?P<axis>[XYZ])(?P<behind>[+\-−](?!\w))?"
     r"(?![^\W_])",
     re.IGNORECASE,
 )
@@ -50,8 +50,8 @@ _HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
 _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
 # Regular expression for words, such as "begin", for the start of a circle.
 _START = re.compile(_WORDS["start"], re.IGNORECASE)
-# Regular expression for the name of an axis as a separate word, such as +X.
-_AXIS = re.compile(r"(?<![\w/])[+\-−]?[XYZ][+\-−]?(?![\w/])")
+# Regular expression for the name of an axis as a separate word, such as +X or x axis.
+_AXIS = re.compile(r"(?<![\w/])[+\-−]?(?:[XYZ][+\-−]?|[xyz](?=[ -]?(?:axis|achse)))(?![\w/])")
 # Regular expression for words for a direction that is no axis, such as north.
 _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
 # Regular expression for the header of a column of angles that begins with a minus sign, such as
@@ -242,9 +242,11 @@ def _words_of(recording: Recording) -> list[_Words]:
     names of the test, its sheet and its file.
     """
     header = recording.heading.headers[recording.heading.roles["angle"]]
-    words = [_words_in(recording, f"the header {header!r}", header, is_header=True)]
+    text = name_as_words(header)
+    words = [_words_in(recording, f"the header {header!r}", text, is_header=True)]
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
-        for text in statements_of_line(content[:LONGEST_TEXT], _is_mixed):
+        content = content[:LONGEST_TEXT].replace("_", " ")
+        for text in statements_of_line(content, _is_mixed):
             if _SUBJECT.search(text) and not _OTHER_SUBJECT.search(text):
                 words.append(_words_in(recording, f"line {line}", text, is_header=False))
     for name in recording.names_of_files():

@@ -15,7 +15,7 @@ from ldbb_bayes.errors import InputError, nearest, require
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous
 from ldbb_bayes.reading.numerals import is_missing, looks_like_number
-from ldbb_bayes.reading.unit_lines import COUNT
+from ldbb_bayes.reading.unit_lines import COUNT, partner_of_units
 from ldbb_bayes.reading.words import (
     LONGEST_NAME,
     OTHER_QUANTITY,
@@ -67,6 +67,10 @@ _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 # Regular expression for a header in which R has written dots for brackets, as ``force..lbf.``.
 _DOTS_FOR_BRACKETS = re.compile(r"(?P<name>.*?\w)\.\.(?P<unit>[^\W\d_]+)\.")
+# Regular expression for a word before a word that is then no unit, as in "Angle of turn".
+_BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
+# Regular expression for the header of a column of temperatures.
+_TEMPERATURE = re.compile(WORDS["columns"]["temperature"], re.IGNORECASE)
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 # Entries of ``words.toml`` with words for the radius or the diameter of a circle.
@@ -202,6 +206,8 @@ def _unit_at_end(header: str) -> Header:
     if not unit:
         return Header(header, "")
     last_word = re.split(r"[\s_]+", name)[-1]
+    if _BEFORE_NO_UNIT.fullmatch(last_word):
+        return Header(header, "")
     if _FACTOR.fullmatch(last_word) and not _COLUMN_NUMBER.fullmatch(last_word):
         return Header(name, f"({last_word}) {unit}")
     if not name:
@@ -317,9 +323,10 @@ def find_columns(
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
         return _columns_without_header(place, roles, len(headers))
+    names = _without_other_content(headers, units)
     for role in ROLES:
         if role not in roles.columns:
-            _find_role(place, role, roles, headers)
+            _find_role(place, role, roles, names)
     for role in _ROLES_BY_UNIT:
         _find_role_by_unit(role, roles, units)
     _settle_time(roles, layout, headers)
@@ -332,6 +339,22 @@ def find_columns(
             " --reading-column."
         )
     return roles
+
+
+def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return the headers, with an empty text for each column of units or of temperatures.
+
+    The headers ``theta_unit`` and ``T [°C]`` contain words for a role, but name another content.
+    ``units`` holds the unit of each column.
+    """
+    names = list(headers)
+    for column, header in enumerate(headers):
+        texts = [header[:LONGEST_NAME]]
+        texts += [f"[{unit}]" for unit in units[column : column + 1]]
+        is_temperature = any(_TEMPERATURE.search(text) for text in texts)
+        if partner_of_units(header) or is_temperature:
+            names[column] = ""
+    return names
 
 
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:

@@ -176,12 +176,7 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
         for text in row_units.units:
             units.append(scaled_unit(text.strip("[]() ")) or text or _NO_UNIT)
         evidence.append(_UnitEvidence(units, row_units.source))
-    header_unit = _unit_of_header(recording, role, evidence)
-    if header_unit:
-        # A number in the unit of a header, as in 10 µm, may be a factor or the range of the
-        # instrument. A unit with a number is therefore treated as unknown.
-        factor = " …" if re.search(r"\d", header_unit) else ""
-        evidence.append(_UnitEvidence([header_unit + factor], _header_source(recording)))
+    evidence += _evidence_of_header(recording, role, evidence)
     for statement in recording.statements.get(f"{role}_unit", ()):
         evidence.append(_UnitEvidence([statement.value], f"line {statement.line}"))
     scales = recording.statements.get("reading_scale", ())
@@ -189,6 +184,26 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
     if role == "reading" and scales and not known:
         return [_UnitEvidence([scale.value], f"line {scale.line}") for scale in scales]
     return evidence
+
+
+def _evidence_of_header(
+    recording: Recording, role: str, evidence: Sequence[_UnitEvidence]
+) -> list[_UnitEvidence]:
+    """Return the unit that the header of a column, or the row of units below it, states.
+
+    The list is empty if they state none. ``evidence`` are the units of the cells.
+    """
+    heading = recording.heading
+    column = heading.roles[role]
+    if column in heading.scaled_units:
+        return [_UnitEvidence([heading.scaled_units[column]], f"line {heading.unit_line}")]
+    header_unit = _unit_of_header(recording, role, evidence)
+    if not header_unit:
+        return []
+    # A number in the unit of a header, as in 10 µm, may be a factor or the range of the
+    # instrument. A unit with a number is therefore treated as unknown.
+    factor = " …" if re.search(r"\d", header_unit) else ""
+    return [_UnitEvidence([header_unit + factor], _header_source(recording))]
 
 
 def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvidence]) -> str:

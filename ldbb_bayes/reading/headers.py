@@ -6,8 +6,8 @@ A sheet is a text file or one sheet of a workbook.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from ldbb_bayes.campaign.campaign import PER_TEST
@@ -27,7 +27,7 @@ from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import LOAD_IN_NAME, load_in_name
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, comparable, unit_named
+from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, comparable, scaled_unit
 
 __all__ = ["Heading", "NoTableError", "find_heading", "note_heading", "unused_columns"]
 
@@ -36,6 +36,10 @@ __all__ = ["Heading", "NoTableError", "find_heading", "note_heading", "unused_co
 _BLOCK_ROWS = 9
 # Regular expression for a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
+# Regular expression for a factor in a row of units whose cells are separated by blanks.
+_FACTOR = re.compile(r"[\[({]?(?:1/)?\d+(?:[.,]\d+)?[x×*]?")
+# Largest factor of a unit in a row of units, such as 10 in 10 nm.
+_LARGEST_FACTOR = 10.0
 # Largest number of characters that a cell in a row of units may have if it is not a known unit.
 _LONGEST_UNIT = 4
 # Largest number of cells of a row that an error message shows.
@@ -62,6 +66,9 @@ class Heading:
     lines_above: list[tuple[int | str, str]]  #: lines above the header, each with its line number
     #: indices (from 0) of the columns of readings; if there are several, each is a separate test
     readings: list[int]
+    #: unit with a factor, such as 0.1 um, of each column for which the row of units states one
+    scaled_units: Mapping[int, str] = field(default_factory=dict)
+    unit_line: int = 0  #: line number of the row of units below the header; 0 if there is none
     label: str = ""  #: name of the test, if the sheet has one column of readings for each test
     #: indices (from 0) of the columns that hold the unit of each row
     unit_columns: frozenset[int] = frozenset()
@@ -101,6 +108,9 @@ class _HeaderRows(NamedTuple):
     end: int  # index of the first row of numbers among the sheet's rows
     headers: list[str]  # name of each column, as the file writes it
     units: list[str]  # unit of each column; empty if none is stated
+    # unit with a factor, such as 0.1 um, of each column for which the row of units states one
+    scaled_units: Mapping[int, str]
+    unit_line: int  # line number of the row of units; 0 if there is none
 
 
 def find_heading(sheet: Sheet, layout: Layout) -> Heading:
@@ -140,6 +150,8 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
         roles=column_roles.columns,
         lines_above=list(sheet.texts(above)),
         readings=column_roles.readings,
+        scaled_units=header.scaled_units,
+        unit_line=header.unit_line,
     )
 
 
@@ -152,7 +164,7 @@ def _unit_of_reading(header: str) -> str:
 def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
     first = _first_row_without_header(sheet, block)
     empty = [""] * len(sheet.rows[block].cells)
-    return _HeaderRows(0, first, first, empty, list(empty))
+    return _HeaderRows(0, first, first, empty, list(empty), {}, 0)
 
 
 def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
@@ -172,11 +184,15 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
     """
     names = _column_names(sheet, header_row, first_block_row)
     units = [unit_of(name).unit for name in names]
+    scaled_units: dict[int, str] = {}
+    unit_line = 0
     next_row = header_row + 1
     if next_row < first_block_row:
-        units_below = _row_of_units(sheet.rows[next_row].cells)
+        units_below = _row_of_units(sheet.rows[next_row].cells, sheet.separator)
         if units_below:
             units = _units_from_below(names, units_below)
+            scaled_units = _scaled_units(names, units_below)
+            unit_line = sheet.rows[next_row].line
             next_row += 1
     while next_row < first_block_row and _is_underline(sheet.rows[next_row]):
         next_row += 1
@@ -186,6 +202,8 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
         end=next_row,
         headers=names,
         units=units,
+        scaled_units=scaled_units,
+        unit_line=unit_line,
     )
 
 
@@ -202,9 +220,31 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
     for column, header in enumerate(headers):
         unit = unit_of(header).unit
         if column < len(units_below) and units_below[column]:
-            unit = unit_of(f"{header} [{units_below[column]}]").unit
+            below = units_below[column]
+            if unit and _is_scaled(below):
+                unit = f"{unit} and {below}"  # an error is raised for it if the column is used
+            else:
+                unit = unit_of(f"{header} [{below}]").unit
         units.append(unit)
     return units
+
+
+def _is_scaled(unit: str) -> bool:
+    """Return whether a unit is a known unit with a factor, such as 0.1 um."""
+    return " " in unit and scaled_unit(unit) == unit
+
+
+def _scaled_units(headers: Sequence[str], units_below: Sequence[str]) -> dict[int, str]:
+    """Return a dict with the units with a factor, such as 0.1 um, in the row of units.
+
+    The keys are the indices of the columns. A column whose header also states a unit is left out.
+    ``headers`` are the names of the columns, and ``units_below`` the cells of the row of units.
+    """
+    scaled = {}
+    for column, unit in enumerate(units_below[: len(headers)]):
+        if _is_scaled(unit) and not unit_of(headers[column]).unit:
+            scaled[column] = unit
+    return scaled
 
 
 def _find_block(sheet: Sheet, layout: Layout) -> int:
@@ -307,7 +347,7 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
         if not wordy:
             return None
         header_row = wordy[-1]
-        if len(wordy) > 1 and _row_of_units(rows[header_row].cells):
+        if len(wordy) > 1 and _row_of_units(rows[header_row].cells, sheet.separator):
             header_row = wordy[-2]
     width = len(rows[block].cells)
     for row in rows[:header_row]:
@@ -381,20 +421,51 @@ def _join_units(words: Sequence[str]) -> list[str]:
     return joined
 
 
-def _row_of_units(cells: Sequence[str]) -> list[str]:
+def _row_of_units(cells: Sequence[str], separator: str) -> list[str]:
     """Return the units in a row of cells below a header; an empty list if it is no row of units.
 
     An unknown unit is returned as it is written. A row with a load, such as 36 N, is no row of
-    units.
+    units. ``separator`` is the separator of the cells. If this is a blank, a factor is joined to
+    the unit behind it.
     """
+    if separator == " ":
+        cells = _join_factors(cells)
     units = []
     for cell in cells:
-        text = cell.lstrip("#%").strip("[](){} ")
-        units.append(unit_named(text) or text)
+        text = _text_of_unit(cell)
+        units.append(_unit_in_row(text) or text)
     holds_load = any(load_in_name([cell]) is not None for cell in cells)
     if holds_load or not _holds_only_units(cells):
         return []
     return units
+
+
+def _join_factors(words: Sequence[str]) -> list[str]:
+    """Return the words of a row of units, with each factor joined to the unit behind it."""
+    joined: list[str] = []
+    for word in words:
+        if joined and _FACTOR.fullmatch(joined[-1]) and not _FACTOR.fullmatch(word):
+            joined[-1] += f" {word}"
+        else:
+            joined.append(word)
+    return joined
+
+
+def _text_of_unit(cell: str) -> str:
+    """Return the text of a cell in a row of units without brackets and signs for remarks."""
+    return cell.lstrip("#%").strip("[](){} ")
+
+
+def _unit_in_row(text: str) -> str:
+    """Return the known unit in a cell of a row of units, with its factor; empty if there is none.
+
+    A text with a large number, such as 100 mm, is a length and no unit.
+    """
+    unit = scaled_unit(text)
+    factor, _, _ = unit.rpartition(" ")
+    if factor and float(factor) > _LARGEST_FACTOR:
+        return ""
+    return unit
 
 
 def _holds_only_units(cells: Sequence[str]) -> bool:
@@ -408,7 +479,7 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
     n_bracketed = 0
     uncertain = []
     for cell in cells:
-        if unit_named(cell.lstrip("#%").strip("[](){} ")):
+        if _unit_in_row(_text_of_unit(cell)):
             n_known += 1
         elif _BRACKETED.fullmatch(cell):
             n_bracketed += 1

@@ -9,6 +9,7 @@ import re
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.bar_extensions import names_extension
+from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.reading.line_parts import divide_line
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.open_question import OpenQuestionError
@@ -55,6 +56,19 @@ _IN_OR_OUT = re.compile(_WORDS["in_or_out"], re.IGNORECASE)
 _IN_OR_OUT_FIRST = re.compile(_WORDS["in_or_out_first"], re.IGNORECASE)
 # Regular expression for a text that defines the reading as nominal radius minus actual radius.
 _NOMINAL_LESS_ACTUAL = re.compile(_WORDS["nominal_less_actual"])
+# Regular expression for a text that defines the reading as actual radius minus nominal radius.
+_ACTUAL_LESS_NOMINAL = re.compile(_WORDS["actual_less_nominal"])
+# Regular expressions for a name of readings, such as "Shortening", that shows which bar has a
+# positive reading. The keys are the signs of readings.
+_NAMES_OF_SIGN = {
+    -1: re.compile(_WORDS["shortening"], re.IGNORECASE),
+    1: re.compile(_WORDS["lengthening"], re.IGNORECASE),
+}
+# Regular expression for words in front of the name of readings in a line, such as "Readings:".
+_NAME_LABEL = re.compile(_WORDS["name_label"], re.IGNORECASE)
+# Regular expression for a name that is not clear if it is all that a line says. A line
+# "Compression" may be about the load.
+_UNCLEAR_ALONE = re.compile(_WORDS["unclear_alone"], re.IGNORECASE)
 # Regular expression for a header with a minus sign before the name of the reading.
 _MINUS = re.compile(_WORDS["minus"])
 # Regular expression for a load in front of a minus sign, as in "36 N -dR". The minus sign must
@@ -123,8 +137,9 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
     if _MINUS.search(_words_of_header(header)):
         sources[-1] = f"the header {header!r}"
     for source, text in _texts_of(recording, header):
-        if _NOMINAL_LESS_ACTUAL.search(_words_of_header(text)):
-            sources.setdefault(-1, source)
+        sign_of_definition = _sign_of_difference(text) or _sign_of_name(source, text)
+        if sign_of_definition is not None:
+            sources.setdefault(sign_of_definition, source)
             continue
         words = _words_in(text)
         sign = None
@@ -145,6 +160,43 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
                 ("1", "-1"),
             )
     return sources
+
+
+def _sign_of_difference(text: str) -> int | None:
+    """Return the sign of readings that a text defines as a difference of two radii.
+
+    The sign is −1 for nominal radius minus actual radius, and 1 for the opposite. The result is
+    None for any other text.
+    """
+    words = _words_of_header(text)
+    if _OTHER_SUBJECT.search(words):
+        return None
+    if _NOMINAL_LESS_ACTUAL.search(words):
+        return -1
+    if _ACTUAL_LESS_NOMINAL.search(words):
+        return 1
+    return None
+
+
+def _sign_of_name(source: str, text: str) -> int | None:
+    """Return the sign of readings that their name shows: −1 for ``Shortening [um]``.
+
+    The name is all that the text says: it is the header of the readings, or stands in a line,
+    alone or behind words such as "Readings:". ``source`` is the place of the text in words, such as
+    "line 3". The result is None if the text is not such a name.
+    """
+    words = LOAD_IN_NAME.sub("", _words_of_header(text))
+    label = _NAME_LABEL.match(words)
+    if label is not None:
+        words = words[label.end() :]
+    is_line = source.startswith("line")
+    if is_line and label is None and _UNCLEAR_ALONE.search(words):
+        return None
+    for name in (words, unit_of(words).name):
+        for sign, pattern in _NAMES_OF_SIGN.items():
+            if pattern.fullmatch(name.strip(" .,;:-–#%\"'")):
+                return sign
+    return None
 
 
 def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:

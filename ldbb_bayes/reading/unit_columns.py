@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ldbb_bayes.reading.unit_lines import COUNT, UNIT_COLUMN, has_factor
-from ldbb_bayes.reading.words import comparable, scaled_unit
+from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.unit_lines import COUNT, UNIT_COLUMN, has_factor, partner_of_units
+from ldbb_bayes.reading.words import ROLES, comparable, scaled_unit
 
 __all__ = ["unit_columns"]
 
@@ -24,9 +25,10 @@ def unit_columns(
 
     The keys are the indices of the columns of numbers, and the values are the indices of the
     columns of units. Columns of numbers without units are left out. A column holds units if the
-    header says so, or if every cell is a unit. The units belong to the nearest column of numbers to
-    the left that has no units yet. If there is none, they belong to the nearest such column to the
-    right.
+    header says so, or if every cell is a unit. The units belong to the column of numbers that the
+    header names, as in ``theta_unit``. If the header names none, they belong to the nearest column
+    of numbers to the left that has no units yet. If there is none, they belong to the nearest such
+    column to the right.
 
     Parameters
     ----------
@@ -37,9 +39,9 @@ def unit_columns(
     numeric
         Indices of the columns of numbers that have a role, such as angle.
     """
-    pairs: dict[int, int] = {}
+    pairs = _pairs_by_name(headers, numeric)
     for column, header in enumerate(headers):
-        if column in numeric or not _holds_units(header, cells[column]):
+        if column in numeric or partner_of_units(header) or not _holds_units(header, cells[column]):
             continue
         before = [number for number in numeric if number < column and number not in pairs]
         behind = [number for number in numeric if number > column and number not in pairs]
@@ -48,6 +50,34 @@ def unit_columns(
         elif behind:
             pairs[min(behind)] = column
     return pairs
+
+
+def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, int]:
+    """Return a dict with the column of units of each column that such a column is named after.
+
+    The columns ``theta`` and ``theta_unit`` belong together. If no column has the name, the units
+    belong to the columns with the same role, as those of ``angle unit`` to the column ``phi``.
+    """
+    pairs: dict[int, int] = {}
+    for column, header in enumerate(headers):
+        partner = partner_of_units(header)
+        if not partner or column in numeric:
+            continue
+        named = [number for number in numeric if _name_of(headers[number]) == partner]
+        alike = [number for number in numeric if _have_common_role(headers[number], partner)]
+        for number in named or alike:
+            pairs.setdefault(number, column)
+    return pairs
+
+
+def _name_of(header: str) -> str:
+    return comparable(unit_of(header).name)
+
+
+def _have_common_role(header: str, partner: str) -> bool:
+    """Return whether a header and the name ``partner`` have words for the same role."""
+    name = _name_of(header)
+    return any(has_role(name, role) and has_role(partner, role) for role in ROLES)
 
 
 def _holds_units(header: str, cells: Sequence[str]) -> bool:

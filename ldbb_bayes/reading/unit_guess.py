@@ -60,7 +60,7 @@ _COUNTS = re.compile(
 )
 # Size of a full turn in units of angle that are seldom used. If the angles of a test cover a whole
 # turn in one of these units, the user is asked for the unit.
-_OTHER_TURNS = {"gon": 400.0, "mrad": 2e3 * np.pi, "arcmin": 21_600.0}
+_OTHER_TURNS = {"gon": 400.0, "mrad": 2e3 * np.pi, "arcmin": 21_600.0, "turn": 1.0}
 _TURN_DEG = 360.0
 # The angles of a test are taken to cover whole turns if the angle that they cover differs from a
 # multiple of a full turn by at most this number of steps. A step is the difference of successive

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+from typing import NamedTuple
 
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
 from ldbb_bayes.reading.words import (
+    LONGEST_NAME,
     LONGEST_TEXT,
     ROLES,
     UNITS,
     WORDS,
     comparable,
     scaled_unit,
+    size_of_unit,
     unit_named,
 )
 
@@ -23,6 +26,7 @@ __all__ = [
     "header_has_factor",
     "mentions_scale",
     "multiplies_readings",
+    "partner_of_units",
     "unit_mentioned",
     "units_stated",
     "unknown_unit_in",
@@ -49,8 +53,18 @@ _STATED_IN = {
     )
     for role, words in {"reading": "readings_in", "angle": "angles_in"}.items()
 }
-# Regular expression for one unit in the part of a line that states units.
-_UNIT = re.compile(r"[^\s;,|:=()\[\]/]+")
+# Regular expression for a factor in front of a unit, such as 0.1 or 1/1000. A number that ends a
+# range, as in 0-360 deg, is no factor.
+_FACTOR_IN_LIST = r"(?<![\w.\-–])(?<!\d,)(?P<factor>(?:1\s?/\s?)?\d+(?:[.,]\d+)?)\s*[x×*·]?\s*"
+# Regular expression for one unit, with or without a factor, in the part of a line that states
+# units.
+_UNIT = re.compile(rf"(?:{_FACTOR_IN_LIST})?(?P<unit>[^\s\d;,|:=()\[\]/][^\s;,|:=()\[\]/]*)")
+# Regular expression for the signs between the units of a list, such as "deg / mm".
+_BETWEEN_UNITS = re.compile(r"[\s;,|/()\[\]\-–#%]*")
+# Regular expression for the number of a revision, as in "rev 2", which is no unit of angle.
+_REVISION = re.compile(_WORDS["revision"], re.IGNORECASE)
+# Largest factor of a unit of angle in a list. A larger number, as in 360 deg, is a range.
+_LARGEST_ANGLE_FACTOR = 10.0
 # Regular expression for a word for a fraction of a unit, such as thousandths.
 _SHARE = re.compile(rf"(?<!\w)(?:{_WORDS['share']})(?!\w)", re.IGNORECASE)
 # Regular expression for a line that is nothing but a label and a unit, such as "Units - mm".
@@ -92,6 +106,16 @@ _OTHER = re.compile(rf"\b(?:{_WORDS['other']})\b", re.IGNORECASE)
 COUNT = re.compile(_WORDS["count"], re.IGNORECASE)
 # Regular expression for the header of a column that holds the unit of each row.
 UNIT_COLUMN = re.compile(_WORDS["column"], re.IGNORECASE)
+# Regular expressions for the header of a column of units that also names the column of numbers to
+# which the units belong, as in "theta_unit" or "Winkeleinheit".
+_PARTNERS = (
+    re.compile(rf"(?P<partner>.*[^\W\d])[\W_]+(?:{_WORDS['label']})\W*", re.IGNORECASE),
+    re.compile(
+        rf"\W*(?:{_WORDS['label']})[\W_]+(?:(?:{_WORDS['filling']})\s)*(?P<partner>.*\w)\W*",
+        re.IGNORECASE,
+    ),
+    re.compile(r"(?P<partner>[^\W\d_]{3,}?)s?einheit(?:en)?", re.IGNORECASE),
+)
 # Regular expressions for the size of one count (digital step of the instrument), as in "0.1 µm per
 # count" or "1 count = 0.1 µm".
 _SIZE = rf"(?P<size>{NUMBER_IN_TEXT}[\s;|]*[^\W\d]+)"
@@ -105,6 +129,14 @@ _SCALE = re.compile(rf"(?<!\w)(?:{_WORDS['scale']})(?!\w)", re.IGNORECASE)
 # Units that are also ordinary words, such as "in". Such a word is not taken as a unit if the text
 # has another unit for the same role of a column.
 _ALSO_WORDS = ("in",)
+
+
+class _ListedUnit(NamedTuple):
+    """Unit in a list such as ``deg / 0.1 µm``."""
+
+    name: str  # name that this package uses for the unit without its factor
+    with_factor: str  # the unit with its factor, such as "0.1 um"; the name if it has none
+    is_also_word: bool  # whether the unit is also an ordinary word, such as "in"
 
 
 def units_stated(text: str) -> dict[str, str]:
@@ -122,6 +154,9 @@ def units_stated(text: str) -> dict[str, str]:
     if scale:
         stated["reading_scale"] = scale
     stated |= _units_stated_in(text)
+    units_of_list = _units_of_list(text)
+    if units_of_list:
+        return stated | units_of_list
     unit_alone = _unit_alone(text)
     if unit_alone:
         return stated | {"reading_unit": unit_alone}
@@ -135,11 +170,51 @@ def units_stated(text: str) -> dict[str, str]:
     if role is None:
         return stated
     text = match["units"].strip()
-    if _has_unread_factor(text):
+    if _has_unread_factor(text) and not _lists_units(text):
         return stated | {f"{role or 'reading'}_unit": text}
     if scaled_unit(text) and not unit_named(text):  # a unit with a factor, such as 10 nm
         return stated | _scaled_units(scaled_unit(text), role)
     return stated | _units_of_roles(text, role)
+
+
+def _units_of_list(text: str) -> dict[str, str]:
+    """Return a dict with the units of a line that is nothing but a list of units.
+
+    Examples are ``deg/0.1 µm`` and ``[°], [mm]``. The keys are ``angle_unit``, ``reading_unit`` and
+    so on. Two units with a slash between them are a list only if one is of angles or times and the
+    other of readings in this order; otherwise they may be a rate such as mm/min. The dict is empty
+    for any other line.
+    """
+    if not _lists_units(text):
+        return {}
+    units = _units_of_roles(text, "")
+    is_rate = len(_UNIT.findall(text)) == 2 and re.search(r"[^\d\s]\s?/", text) is not None
+    if is_rate and "angle_unit" not in units and not _begins_with_time(text):
+        return {}
+    if "reading_unit" not in units:
+        return {}
+    return units
+
+
+def _lists_units(text: str) -> bool:
+    """Return whether a text consists of at least two units with signs between them.
+
+    The German word Grad may stand for the unit of angles.
+    """
+    matches = list(_UNIT.finditer(text))
+    if len(matches) < 2 or _BETWEEN_UNITS.fullmatch(_UNIT.sub("", text)) is None:
+        return False
+    for match in matches:
+        word = match["unit"].strip(".")
+        if not unit_named(word) and comparable(word) != "grad":
+            return False
+    return re.search(r"[;,|/\])\t]", text) is not None
+
+
+def _begins_with_time(text: str) -> bool:
+    """Return whether the first unit in a list is a unit of time."""
+    match = _UNIT.search(text)
+    return match is not None and unit_named(match["unit"]) in UNITS["time"]
 
 
 def _units_of_bare_line(text: str) -> dict[str, str]:
@@ -277,16 +352,55 @@ def _units_of_roles(text: str, role: str) -> dict[str, str]:
     """
     roles = [role] if role else list(UNITS)
     names: dict[str, list[str]] = {}
-    for word in _UNIT.findall(text):
-        unit = unit_named(word.strip("."))
+    for unit in _units_in(_REVISION.sub(" ", text)):
         for unit_role in roles:
-            if unit in UNITS[unit_role] and unit not in names.get(unit_role, []):
-                names.setdefault(unit_role, []).append(unit)
-                if comparable(word) in _ALSO_WORDS and len(names[unit_role]) > 1:
-                    names[unit_role].pop()
+            if unit.name not in UNITS[unit_role]:
+                continue
+            names_of_role = names.setdefault(unit_role, [])
+            is_word = unit.is_also_word and names_of_role
+            if unit.with_factor not in names_of_role and not is_word:
+                names_of_role.append(unit.with_factor)
     if not names:
         return {f"{role or 'reading'}_unit": text}
     return {f"{unit_role}_unit": " and ".join(units) for unit_role, units in names.items()}
+
+
+def _units_in(text: str) -> list[_ListedUnit]:
+    """Return the known units in a text in the order of the text.
+
+    A number in front of a unit is its factor. It is no factor if the text also has the unit without
+    a number, as in "um (range 1000 um)", or if it is a large number in front of a unit of angle, as
+    in 360 deg.
+    """
+    matches = [match for match in _UNIT.finditer(text) if unit_named(match["unit"].strip("."))]
+    plain = {unit_named(match["unit"].strip(".")) for match in matches if not match["factor"]}
+    units = []
+    for match in matches:
+        word = match["unit"].strip(".")
+        name = unit_named(word)
+        with_factor = name
+        if match["factor"] and name not in plain:
+            with_factor = (
+                scaled_unit(re.sub(r"1\s?/\s?", "1/", match["factor"]) + " " + word) or name
+            )
+            is_range = size_of_unit("angle", with_factor) or 0.0
+            if name in UNITS["angle"] and is_range > _LARGEST_ANGLE_FACTOR * UNITS["angle"][name]:
+                with_factor = name
+        units.append(_ListedUnit(name, with_factor, comparable(word) in _ALSO_WORDS))
+    return units
+
+
+def partner_of_units(header: str) -> str:
+    """Return the name of the column whose units a column with this header holds.
+
+    The name is ``theta`` for the header ``theta_unit``. The result is empty for any other header.
+    """
+    text = comparable(header[:LONGEST_NAME])
+    for pattern in _PARTNERS:
+        match = pattern.fullmatch(text)
+        if match is not None and not unit_named(match["partner"]):
+            return match["partner"].strip(" _")
+    return ""
 
 
 def has_factor(text: str) -> bool:

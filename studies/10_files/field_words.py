@@ -12,6 +12,7 @@ from field_directions import direction_cases
 from field_files import TRUTH, Circle, FieldCase
 from field_layouts import layout_cases
 from field_shapes import shape_cases
+from field_statements import statement_cases
 from openpyxl import Workbook
 
 __all__ = ["word_cases"]
@@ -46,6 +47,7 @@ def word_cases() -> dict[str, FieldCase]:
         **direction_cases(),
         **layout_cases(),
         **shape_cases(),
+        **statement_cases(),
         **harmless_cases(),
     }
 
@@ -589,7 +591,7 @@ def header_cases() -> dict[str, FieldCase]:
 
     for header in ("Reading x10 [um]", "10*dR [um]", "Reading (x10) [um]", "dR_x10 [um]"):
         add(header, field.scaled(0.1), "Say which unit the numbers", "--unit", "0.1 um")
-    for header in ("Reading inverted [um]", "Deviation (neg) [um]", "-1*dR [um]", "Stauchung [µm]"):
+    for header in ("Reading inverted [um]", "Deviation (neg) [um]", "-1*dR [um]"):
         add(header, negated, WHICH_SIGN, "--sign", "-1")
     for header in ("2 x dR [um]", "D deviation [um]", "Double deviation [um]"):
         add(header, field.doubled, WHICH_LENGTH, "--measured", "diameter")
