@@ -219,7 +219,7 @@ class Shown:
 
     def __init_subclass__(cls) -> None:
         # The decorator ``dataclass`` writes a new method ``__repr__`` unless the class already has
-        # one. Therefore ``__repr__`` is set here. To write ``repr=False`` in every decorator would
+        # one. Therefore ``__repr__`` is set here. Writing ``repr=False`` in every decorator would
         # not suffice, because users define subclasses too.
         super().__init_subclass__()
         if "__repr__" not in vars(cls):

@@ -40,8 +40,8 @@ _TERMINAL_LINES = 24
 # Largest number of lines of a table that ``print`` shows with all columns. From a longer table,
 # ``print`` leaves out the columns that do not fit side by side.
 _SCREEN_LINES = 45
-# Smallest widths to which the heads of columns may be broken into lines [characters]. These widths
-# are tried in this order until the table fits.
+# Limits for breaking the heads of columns into lines [characters]: the lines of a head are not made
+# narrower than the limit. The limits are tried in this order until the table fits.
 _HEAD_WIDTHS = (12, 9, 7, 1)
 # Number of spaces between the columns of a displayed table.
 _GAP = 2
@@ -290,7 +290,7 @@ class _TextLayout:
     def _break_heads(self, least_width: int) -> None:
         """Break the heads of columns between words into lines, to make the columns narrower.
 
-        ``least_width`` is the smallest width [characters] to which a head is broken.
+        The lines of a head are not made narrower than ``least_width`` [characters].
         """
         for column in self._columns:
             words = _glued(self._heads[column]).split(" ")
@@ -342,8 +342,8 @@ def _entry(head: str, value: str, numeric: bool) -> str:
     """Return the head of a column and one of its cells as one text.
 
     ``value`` is the text of the cell. If the column is ``numeric``, the unit in brackets in
-    ``head`` is moved to a place after the value: "noise (µm)" and "0.12" give "noise 0.12 µm".
-    Otherwise, the head and the text are separated by a colon, as in "direction: CW".
+    ``head`` is written after the value: "noise (µm)" and "0.12" give "noise 0.12 µm". Otherwise,
+    the head and the text are separated by a colon, as in "direction: CW".
     """
     if not numeric:
         return f"{head}: {value}"

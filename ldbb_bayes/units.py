@@ -301,7 +301,7 @@ def is_slope(name: str) -> bool:
 
 
 def without_slopes(names: Iterable[str]) -> list[str]:
-    """Return ``names`` without the names of slopes, or all ``names`` if all are of slopes.
+    """Return ``names`` without the names of slopes, or all ``names`` if all are names of slopes.
 
     Slopes are coefficients of the change of a compliance with force (`is_slope`).
     """

@@ -39,7 +39,7 @@ _LINE_SHOWN = 40
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the content of a TOML file as a dictionary.
 
-    For a mistake, raise an `InputError` that names the file and the line.
+    If the file has a mistake, raise an `InputError` that names the file and the line.
     """
     content = bytes_of(path, LARGEST_TOML_BYTES, what="a readable TOML file")
     try:
@@ -55,7 +55,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 def parse_toml(text: str, place: str) -> dict[str, Any]:
     """Return the content of a TOML text as a dictionary.
 
-    For a mistake, raise an `InputError`; ``place`` names the text in the error message.
+    If the text has a mistake, raise an `InputError`; ``place`` names the text in the message.
     """
     require(
         len(text) <= LARGEST_TOML_BYTES,

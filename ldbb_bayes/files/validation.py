@@ -149,9 +149,10 @@ def _describe_invalid(subject: str, error: Any) -> str:
 def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
     """Return a decorator that makes a class raise an `InputError` for wrong arguments.
 
-    The class is a dataclass of the library pydantic, which otherwise raises a `ValidationError` of
-    several lines. The decorator must wrap ``__init__``, because pydantic itself writes this method
-    and turns every error in it into a `ValidationError`. A base class could not replace the method.
+    The class is a dataclass of the library pydantic, which otherwise raises a `ValidationError`
+    with a message of several lines. The decorator must wrap ``__init__``, because pydantic itself
+    writes this method and turns every error in it into a `ValidationError`. A base class could not
+    replace the method.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Search for the campaigns of a batch in the folders, files and lists given by the user."""
+"""Search for the campaigns of a batch in the folders, files and lists that the user names."""
 
 from __future__ import annotations
 

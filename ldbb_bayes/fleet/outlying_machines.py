@@ -37,10 +37,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Number of new random draws of the spreads if a machine is left out. Spreads are the standard
-# deviations of machines about the mean of their population. Usually the draws of the spreads given
-# all machines are weighted instead; new draws are made from the posterior given the other machines
-# if the weights cannot be trusted.
+# Number of new random draws of the spreads that are made for a machine that is left out. Spreads
+# are the standard deviations of machines about the mean of their population. Usually no new draws
+# are needed, because the draws given all machines can be weighted. New draws, from the posterior
+# given the other machines, are made only if the weights cannot be trusted.
 _DRAWS_WITHOUT = 512
 # Largest number of machines for which new random draws of the spreads (standard deviations of
 # machines about the mean of their population) are made. If more machines need new draws, they are

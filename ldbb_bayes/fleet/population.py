@@ -642,8 +642,8 @@ def _pool_machines(
     """Return the estimates for every machine, and its comparison with the other machines.
 
     The keys of the result are the names of the machines. A machine has two sets of estimates: the
-    estimates ``estimate`` use the population, and the estimates ``alone`` use only the campaigns of
-    the machine itself.
+    attribute ``estimate`` uses the population, and the attribute ``alone`` uses only the campaigns
+    of the machine itself.
 
     Parameters
     ----------

@@ -7,7 +7,6 @@ machine, however, scatter by a similar amount. If λ of a new circle were drawn 
 predicted band of the new circle's readings would be too wide. The shape a is therefore learnt from
 the R measured circles. A few values of a are considered, with prior probabilities p(a). Each
 posterior draw of the noise factors λ_1 … λ_R of the measured circles gives the probabilities
-noise factors λ_1 … λ_R of the measured circles gives the probabilities
 
     p(a | λ_1 … λ_R) ∝ p(a) Π InvGamma(λ_r²; a, a).
 

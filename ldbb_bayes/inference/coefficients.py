@@ -73,7 +73,7 @@ class ModelDraws(NamedTuple):
 
 
 class PrivateTerm(NamedTuple):
-    """An effect on one circle only; its v coefficients are drawn anew for every circle."""
+    """An effect on one circle only; its v coefficients are independent between circles."""
 
     #: change of the readings' 25 Fourier coefficients (orders 0 to 12) [mm] per unit of each of the
     #: effect's v coefficients, shape (25, v)

@@ -55,7 +55,7 @@ class IndependentPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """Coefficients that state how means and widths of h coordinates u depend on the first k of u.
+    """Coefficients that state how means and widths of h coordinates u depend on the first k.
 
     The rows of ``mean`` and of ``log_width`` hold the coefficients of the constant 1, of the first
     k coordinates, and of the squares of these coordinates. A coordinate depends only on coordinates

@@ -86,7 +86,6 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
 
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
     readings of test r, given the readings of all other tests and the hyper-parameters φ (scales of
-    readings of test r, given the readings of all other tests and the hyper-parameters φ (scales of
     the noise and of other effects). All unknowns on which the readings depend linearly are
     integrated out. If the model does not allow negative compliances, the integral is only over
     values without negative compliances. If the model has a factor λ_r, this factor is integrated

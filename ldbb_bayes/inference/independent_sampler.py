@@ -76,9 +76,9 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     If compliances must not be negative, several β are drawn for each φ, and the weight is
     multiplied by the share of these β without negative compliances. On average, the share is the
     probability, given φ and the readings, that no compliance is negative. The accepted draws
-    therefore follow the posterior. If the share is too small, the weight is multiplied by this
-    probability itself, and β is drawn from a density shifted towards compliances that are not
-    negative.
+    therefore follow the posterior. If the posterior probability that no compliance is negative is
+    below 2 %, almost all β would be rejected. The weight is then multiplied by the probability
+    itself, and β is drawn from a density shifted towards compliances that are not negative.
 
     ``posterior`` is the posterior density of φ, and ``rng`` generates the random numbers.
 
@@ -174,8 +174,9 @@ def _accept(log_weight: Array, rng: np.random.Generator) -> Index:
     """Return the indices of the accepted draws among n draws, in ascending order.
 
     ``log_weight``, shape (n,), holds the logarithms of the weights of the draws. A draw with a
-    weight below one is accepted with this probability. A draw with a larger weight may be accepted
-    several times, so that the expected number of times that its index occurs is its weight.
+    weight below one is accepted with a probability equal to its weight. A draw with a larger weight
+    may be accepted several times, so that the expected number of times that its index occurs is its
+    weight.
     """
     weight = np.exp(log_weight)
     rounded_up = rng.random(len(weight)) < weight % 1.0

@@ -6,7 +6,7 @@ two grids, the second moved by half a step in every direction. Together they for
 lattice, and most of their errors cancel in the mean of the two grids. A step is the distance from a
 point of a grid to the next one along a direction of the grid. The unit of a step is a standard
 deviation of the Gaussian that is fitted to the density at its highest mode. The edge of a lattice
-is its outermost points. f is the density integrated, h the number of dimensions, n the number of
+is its outermost points. f is the integrated density, h the number of dimensions, n the number of
 nodes (points).
 """
 
@@ -40,9 +40,9 @@ _LOOSE_DEPTH = 9.0
 # outermost points is lower than the highest log density by this number plus ln(1 / tolerance). The
 # tolerance is the error allowed in the log integral.
 _DEPTH = 5.5
-# Decrease of the log density [nat] by which a lattice is extended if too much of the integral lies
-# beyond its outermost points. The lattice is then computed again; at its new outermost points, the
-# log density is lower by this number than at the old ones.
+# If too much of the integral lies beyond the outermost points of a lattice, the lattice is extended
+# and computed again. At its new outermost points, the log density is lower by this number [nat]
+# than at the old ones.
 _DEEPER = 3.0
 # Factor by which the spacing of a lattice's points is multiplied if the lattice does not reach the
 # tolerance. The lattice is then computed again.

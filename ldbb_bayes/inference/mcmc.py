@@ -42,18 +42,18 @@ _LARGEST_DOUBLING = 5
 # block stores as many draws as before, and the number of steps from one stored draw to the next
 # doubles instead.
 _DOUBLINGS_STORED = 2
-# Share of the moves by differential evolution in which walkers can jump between modes. In such a
-# move, the step of a walker is a factor times the difference between the points of two other
-# walkers. In this share of the moves, the factor is one.
+# In a move by differential evolution, the step of a walker is a factor times the difference between
+# the points of two other walkers. In this share of the moves by differential evolution, the factor
+# is one, so that walkers can jump between modes.
 _JUMP_SHARE = 0.1
 # Share of the walkers' moves that propose independent points, if there is a source of such points.
-# The points are drawn from a density near the posterior.
+# The points are drawn from a density similar to the posterior.
 _REDRAW_SHARE = 0.9
 # Largest number of draws kept from each ensemble of walkers, unless the required effective sample
 # size needs more.
 _MOST_DRAWS = 25_000
-# Number of independent points that are drawn together. They are kept in a stock, from which they
-# are proposed to the walkers; new points are drawn when the stock is too small.
+# Number of independent points that are drawn at once. The points are stored until they are proposed
+# to the walkers; new points are drawn when too few points are left.
 _STOCK = 512
 
 

@@ -1,11 +1,11 @@
 """Posterior p(φ | y) of the hyper-parameters: modes, weighted nodes, and averages over nodes.
 
 y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
-are the p parameters: compliances, their changes with force, and geometric errors. β and the effects
-that are modelled but not of interest are integrated out exactly, as readings depend linearly on
-them. Truncation T restricts β to compliances that are not negative; P(T | y, φ) is the probability
-that β meets this condition. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower
-bound).
+are the p parameters: compliances, their changes with force, and geometric errors. The readings
+depend linearly on β and on the effects that are modelled but not of interest. Both are therefore
+integrated out exactly. Truncation T restricts β to compliances that are not negative; P(T | y, φ)
+is the probability that β meets this condition. Free coordinates are φ transformed to be unbounded,
+mostly ln(φ − lower bound).
 """
 
 from __future__ import annotations
@@ -60,8 +60,9 @@ _SEPARATION = 1.5
 # Another maximum of the log posterior density of the hyper-parameters is negligible if it is lower
 # than the highest maximum by this value [nat] or more.
 _NEGLIGIBLE_DEPTH = 12.0
-# Maxima of the posterior density are also sought with one scale at a time held near zero: at this
-# number of posterior standard deviations below the mode, in the coordinate of the scale.
+# Maxima of the posterior density are also sought with one scale at a time held near zero. The
+# coordinate of this scale is then held at this number of posterior standard deviations below the
+# mode.
 _BELOW_MODE = 4.0
 # Limits for neglecting a maximum of the density with one scale held near zero. The maximum is not
 # sought if the log density at the start of the search is lower than at the mode by more than
@@ -91,7 +92,7 @@ _LARGEST_LEFT_OUT = 5e-4
 _FINEST_TOLERANCE = 1e-3
 # Random error allowed in the log probability that no compliance is negative at one node (value of
 # the hyper-parameters), as a multiple of the tolerance. The probability is computed from
-# quasi-random points. These differ between nodes, so that their errors cancel in the mean over
+# quasi-random points. The points differ between nodes, so that the errors cancel in the mean over
 # hundreds of nodes.
 _NOISE_PER_TOLERANCE = 2.0
 # Factor by which the tolerance is multiplied if nodes (weighted values of the hyper-parameters)

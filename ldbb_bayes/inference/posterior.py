@@ -55,9 +55,9 @@ __all__ = [
 
 # Groups of arrays that a posterior must have, as a DataTree of xarray and as a file.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
-# Dimensions of those arrays in the tree of a posterior that do not hold random draws. The keys are
-# the names of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one
-# entry for each reading of all tests.
+# Dimensions of the arrays in a posterior's tree that hold no random draws. The keys are the names
+# of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one entry for
+# each reading of all tests.
 _DIMENSIONS = {
     "force_N": ["test"],
     "pressure_bar": ["test"],

@@ -110,7 +110,7 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
 
 
 def _with_changes(table: pd.DataFrame, posterior: xr.DataTree, prob: float) -> pd.DataFrame:
-    """Return ``table``, which then prints changes of compliances in place of coefficients.
+    """Make ``table`` print changes of compliances in place of coefficients, and return ``table``.
 
     A change is the change of a compliance C(F) from the smallest force tested to the largest. The
     coefficients, such as C_XXX_1, are the parameters that describe how C(F) depends on F. ``prob``

@@ -17,8 +17,8 @@ __all__ = ["ONE_THREAD", "one_blas_thread"]
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Environment variables and their values that limit BLAS (the linear algebra library behind NumPy)
-# to one thread in a new process.
+# Environment variables, with their values, that limit BLAS (the linear algebra library behind
+# NumPy) to one thread in a new process.
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
