@@ -72,8 +72,8 @@ def coefficients(columns: Callable[[Array], Array]) -> Array:
 def derivative(values: Array) -> Array:
     """Return Fourier coefficients of the derivatives of functions of the angle, shape (..., 25).
 
-    ``values``, shape (..., 25), are the Fourier coefficients of the functions to differentiate.
-    Derivatives are with respect to the angle in rad.
+    ``values``, shape (..., 25), holds the Fourier coefficients of the functions. The derivatives
+    are with respect to the angle in rad.
     """
     slopes = np.zeros_like(values)
     orders = np.arange(1, MAX_ORDER + 1)

@@ -1,9 +1,9 @@
 """Algebra of Gaussian functions of coefficients x: ln g(x) = constant + ηᵀ x − ½ xᵀ P x.
 
 x are q coefficients. P, shape (q, q), is the precision matrix (the inverse of the covariance), and
-η = P · mean, shape (q,). Leading array dimensions "..." hold many of these functions. "Whitened"
-rows and readings are divided by the standard deviation of the noise. One class serves everything
-that is linear and Gaussian:
+η = P · mean, shape (q,). Leading array dimensions "..." hold many Gaussian functions. "Whitened"
+rows and readings are divided by the standard deviation of the noise. The class `Gaussian` is used
+for all linear Gaussian computations:
 
 | what | how |
 |---|---|
@@ -15,10 +15,10 @@ that is linear and Gaussian:
 | ∫ g, moments, marginal densities | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)` |
 | random draws, standardised x, densities | `draw`, `from_standard`, `standardize`, `log_density` |
 
-P is stored as P = S⁻¹ L Lᵀ S⁻¹, with L lower triangular and S a diagonal matrix of scales. To limit
-rounding errors, likelihoods are computed by the QR decomposition of rows with scaled columns,
-without normal equations. Means and covariances exist only if P is positive definite; products of
-densities can be computed for any P.
+P is stored as P = S⁻¹ L Lᵀ S⁻¹, where L is lower triangular and S is a diagonal matrix of scales.
+To limit rounding errors, likelihoods are computed by the QR decomposition of rows with scaled
+columns, without normal equations. Means and covariances exist only if P is positive definite;
+products of Gaussian functions can be computed for any P.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ class Gaussian(Shown):
         shift: Array,
         log_constant: Array | float = 0.0,
     ) -> None:
-        # The attributes precision, shift and log_constant are cached properties of the class. They
-        # keep the values assigned here, and are not computed from mean and root.
+        # The attributes precision, shift and log_constant are cached properties of the class. The
+        # values assigned here take the place of values computed from mean and root.
         self.precision = precision
         self.shift = shift
         self.log_constant = np.asarray(log_constant, dtype=float)
@@ -239,7 +239,7 @@ class Gaussian(Shown):
             Diagonal of the diagonal matrix S, shape (..., q).
         constant
             Part of the logarithm of the function's integral that does not follow from R and
-            ``scale``; with a prior it includes ln det L.
+            ``scale``. If there is a prior, this part includes ln det L.
         has_prior
             Whether the decomposed matrix also has the rows [Lᵀ, 0] of a prior with the mean
             ``origin`` and the precision matrix S⁻¹ L Lᵀ S⁻¹, where L is lower triangular.
@@ -409,10 +409,10 @@ class Gaussian(Shown):
 
 
 def _lower_with_positive_diagonal(upper: Array) -> Array:
-    """Return the transpose of upper triangular matrices, with a positive diagonal.
+    """Return lower triangular matrices with a positive diagonal, made from upper triangular ones.
 
-    ``upper``, shape (..., q, q), holds the matrices of q rows and columns. A row of a matrix is
-    first multiplied by −1 if its diagonal entry is negative.
+    ``upper``, shape (..., q, q), holds upper triangular matrices. Each row with a negative diagonal
+    entry is multiplied by −1; then the matrices are transposed.
     """
     sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
     return np.swapaxes(upper * sign[..., :, None], -1, -2)
@@ -421,9 +421,9 @@ def _lower_with_positive_diagonal(upper: Array) -> Array:
 def _column_scales(rows: Array) -> Array:
     """Return factors, shape (..., q), that bring the norms of the columns of matrices near one.
 
-    There is one factor for each of the q columns of each matrix. ``rows``, shape (..., n, q), holds
-    the matrices of n rows. The factors are powers of two, so that multiplying by them causes no
-    rounding errors.
+    ``rows``, shape (..., n, q), holds matrices of n rows and q columns. There is one factor for
+    each column. The factors are powers of two, so that multiplication by them causes no rounding
+    errors.
     """
     norms = np.linalg.norm(rows, axis=-2)
     exponent = np.round(np.log2(np.where(norms > 0.0, norms, 1.0))).astype(int)

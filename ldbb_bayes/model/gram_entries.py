@@ -1,16 +1,16 @@
-"""Gram entries: scalar products of columns of the design matrix over rows of one kind.
+"""Gram entries: scalar products of columns of the design matrix over rows with equal variance.
 
 The precision matrix of coefficients is P = Aᵀ D⁻¹ A, with the design matrix A and the diagonal
 noise covariance D. Only D depends on the hyper-parameters φ, the scales of noise and nuisances
-(effects modelled but not of interest). Rows of A with the same variance are of one kind. An entry
-of P is therefore
+(effects modelled but not of interest). Rows of A with the same variance form a kind. An entry of P
+is therefore
 
     P_ij = Σ_kinds G_ij,kind / D_kind,   G_ij,kind = Σ_rows of the kind A_row,i A_row,j,
 
-and an entry of Aᵀ D⁻¹ r, with the readings r, has the same form. All entries together are one
-constant matrix G (entries, kinds) times the reciprocal variances (kinds, w) for w values of φ. G is
-stored as a sparse matrix. Blocks in which most entries are not zero are stored as dense matrices
-instead; their products are computed with the library BLAS.
+and an entry of Aᵀ D⁻¹ r, with the readings r, has the same form. All entries together are the
+product of a constant matrix G, shape (entries, kinds), and the reciprocal variances, shape (kinds,
+w) for w values of φ. G is stored as a sparse matrix. Parts of G in which most entries are not zero
+are stored as dense matrices instead; their products are computed with the library BLAS.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EntryBlock", "GramEntries"]
 
-# A block of Gram entries (scalar products of columns of the design matrix) is stored as a dense
-# matrix if at least this fraction of its entries is not zero. For each entry, a dense product takes
-# a third of the time of a sparse product (measured).
+# Gram entries (scalar products of columns of the design matrix) are computed in blocks. A block is
+# stored as a dense matrix if at least this fraction of its entries is not zero. A dense product
+# takes a third of the time of a sparse product for each entry (measured).
 _DENSE_SHARE = 0.35
 # A block of scalar products of columns is stored as a dense matrix only if each product with this
-# matrix uses at least this number of entries that are not zero. With fewer entries, the function
-# calls of dense products take longer than the sparse product.
+# matrix uses at least this number of nonzero entries. With fewer entries, the function calls for
+# dense products take longer than the sparse product.
 _FEWEST_DENSE = 500
-# One product with a dense matrix computes the entries of this number of columns of a precision
-# matrix. A smaller number would waste time in function calls; a larger number would waste time on
+# Number of columns of the precision matrix whose entries are computed by one product with a dense
+# matrix. A smaller number would need more function calls. A larger number would compute more
 # entries before the diagonal, which are not needed.
 _COLUMNS_AT_ONCE = 4
 
@@ -43,12 +43,12 @@ class EntryBlock(NamedTuple):
     """Consecutive entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r that belong to several groups of columns.
 
     A is the design matrix, D the noise covariance, and r are the readings. Each group has s columns
-    of P, and each column has n entries. The first s entries of a column belong to the s columns of
-    the same group; entries before the diagonal are not needed.
+    of P, and n entries are stored for each column. The first s entries of a column belong to the s
+    columns of the same group; entries before the diagonal are not needed.
     """
 
-    #: Indices of the entries of this block among all matrix entries. A block belongs to several
-    #: groups of s columns, and each of these columns has n entries.
+    #: Slice that selects the entries of this block from all matrix entries. A block consists of
+    #: several groups of s columns, with n entries for each column.
     entries: slice
     #: Number of groups of columns in this block, number s of columns in a group, and number n of
     #: entries in a column.
@@ -56,20 +56,20 @@ class EntryBlock(NamedTuple):
 
 
 class _DenseGram(NamedTuple):
-    """Gram entries of a block, for at most four columns of each group, as a dense array.
+    """Gram entries for at most four columns of each group of a block, as a dense array.
 
     Gram entries are scalar products of columns of the design matrix over rows of one kind (rows
-    with the same variance). A block belongs to several groups of columns. The array also holds the
+    with the same variance). A block consists of several groups of columns. The array also holds the
     entries that are zero.
     """
 
     block: EntryBlock
-    #: Index of the first column whose Gram entries (scalar products of columns) are in
-    #: ``products``. The index counts within each group of columns and is the same for all groups.
-    #: Entries before the diagonal entry of this column are left out.
+    #: Index, within each group of columns, of the first column whose Gram entries (scalar products
+    #: of columns) are in ``products``; the same for all groups. Entries before the diagonal entry
+    #: of this column are left out.
     first: int
     #: For each group of columns, the indices of the k kinds of rows (rows with the same variance)
-    #: to which the group's Gram entries (scalar products of columns) belong, shape (groups, k).
+    #: over which the scalar products of the group's columns are summed, shape (groups, k).
     kinds: NDArray[np.intp]
     #: Gram entries (scalar products of columns of the design matrix) for each of k kinds of rows,
     #: shape (groups, columns, entries of a column, k).
@@ -78,8 +78,8 @@ class _DenseGram(NamedTuple):
     def assemble(self, weight: Array, entries: Array) -> None:
         """Compute the entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r for the columns of this object.
 
-        A is the design matrix, D the noise covariance, and r are the readings. ``weight``
-        (kinds, w) is the reciprocal variance 1/D of every kind of row, for w values of the
+        A is the design matrix, D the noise covariance, and r are the readings. ``weight``, shape
+        (kinds, w), holds the reciprocal variance 1/D of every kind of rows, for w values of the
         hyper-parameters. The results are written into ``entries``, the array that
         `GramEntries.assemble` returns.
         """
@@ -90,22 +90,22 @@ class _DenseGram(NamedTuple):
 
 
 class GramEntries:
-    """Scalar products of a design matrix's columns with each other and with the readings.
+    """Scalar products of the columns of a design matrix with each other and with the readings.
 
     Parameters
     ----------
     blocks
-        Blocks of entries. One more entry, the last one, belongs to no block and remains zero.
+        Blocks of entries. There is one more entry, the last, which belongs to no block and is zero.
     place
-        Index, among all entries, of the product of columns i and j, shape (columns, columns + 1);
-        the last column is for products with the readings. The index of columns i and j is used only
-        if column i is eliminated before column j, or if i = j.
+        Index, among all entries, of the scalar product of columns i and j, shape (columns, columns
+        + 1). The last column is for products with the readings. The index is used only if column i
+        is eliminated before column j, or if i = j.
     columns
         Design matrix A, shape (rows, columns).
     values
         Readings r, shape (rows,).
     kinds
-        Index of each row's kind (rows of one kind have the same variance), shape (rows,).
+        Index of each row's kind, shape (rows,). Rows of one kind have the same variance.
     """
 
     def __init__(
@@ -131,9 +131,9 @@ class GramEntries:
     def assemble(self, weight: Array) -> Array:
         """Return all entries of P = Aᵀ D⁻¹ A and of Aᵀ D⁻¹ r, shape (entries, w).
 
-        A is the design matrix, D the noise covariance, and r are the readings. ``weight``
-        (kinds, w) is the reciprocal variance 1/D of every kind of row, for w values of the
-        hyper-parameters.
+        A is the design matrix, D the noise covariance, and r are the readings. ``weight``, shape
+        (kinds, w), holds the reciprocal variance 1/D of every kind of rows (rows with the same
+        variance), for w values of the hyper-parameters.
         """
         entries = np.asarray(self._sparse @ weight)
         for dense in self._dense:
@@ -151,17 +151,17 @@ def _sparse_gram(
     """Return all Gram entries, shape (entries, kinds), for a design matrix and readings.
 
     ``size`` is the number of entries; `GramEntries` explains ``place``, ``columns``, ``values`` and
-    ``kinds``. Each row of the design matrix adds, to the entries, the products of all pairs of its
-    elements that are not zero. The readings count as a last column of the matrix.
+    ``kinds``. Each row of the design matrix contributes the products of all pairs of its nonzero
+    elements. The readings are treated as a last column of the matrix.
     """
     order = np.argsort(np.diagonal(place))
     table = np.column_stack([columns[:, order], values])
     place_in_order = place[np.ix_(order, np.append(order, len(order)))]
     row, column = np.nonzero(table)
     element = table[row, column]
-    # The elements of the design matrix that are not zero are listed row by row. Each element is
-    # multiplied by itself and by all later elements of its row. Only readings, the last elements,
-    # are not multiplied by themselves.
+    # The nonzero elements of the design matrix are listed row by row. Each element is multiplied by
+    # itself and by all later elements of its row. Readings, the last elements of the rows, are not
+    # multiplied by themselves.
     end_of_row = np.cumsum(np.bincount(row, minlength=len(table)))
     number = np.arange(len(row))
     factors = np.where(column < len(order), end_of_row[row] - number, 0)
@@ -181,7 +181,8 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
 
     Gram entries are scalar products of columns of the design matrix; a block holds the scalar
     products of several groups of columns. The list is empty if most of the entries are zero, or if
-    the block has too few entries. ``gram`` (entries, kinds) holds the Gram entries of all blocks.
+    the block has too few entries. ``gram``, shape (entries, kinds), holds the Gram entries of all
+    blocks.
     """
     groups = block.shape[0]
     columns = block.shape[1]
@@ -198,8 +199,8 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     calls = -(-columns // _COLUMNS_AT_ONCE)
     if len(products) < max(_DENSE_SHARE * needed * most_kinds, _FEWEST_DENSE * calls):
         return []
-    # Groups of columns with fewer than ``most_kinds`` kinds of rows get additional products that
-    # are zero.
+    # If a group of columns has fewer than ``most_kinds`` kinds of rows, products that are zero are
+    # added.
     group_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
     rank = np.cumsum(has_kind, axis=1) - 1
     group_kinds[group, rank[group, kind]] = kind

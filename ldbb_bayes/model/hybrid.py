@@ -82,11 +82,11 @@ _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 # of single circles are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # If the model has the term ``CircleScale`` and the campaign has at least this number of circles,
-# every circle has a noise factor λ of its own. Otherwise no circle has a noise factor.
+# each circle has a separate noise factor λ. Otherwise no circle has a noise factor.
 _FEWEST_SCALED_CIRCLES = 4
-# Error tolerance [nat] for the log prior probability that compliances are not negative. It applies
-# separately to each group of compliances; compliances that depend on a common parameter are in one
-# group.
+# Error tolerance [nat] for the log prior probability that compliances are not negative. The
+# tolerance applies to each group of compliances separately; compliances that depend on a common
+# parameter form a group.
 _TRUNCATION_TOLERANCE = 1e-4
 # Largest number of machines (sets of parameters) that are drawn at random from the prior, to find
 # one without a negative compliance. With the default prior and three tested planes, about one in 60
@@ -238,9 +238,9 @@ class HybridModel(Result):
     def with_degree(self, degree: int) -> HybridModel:
         """Return the same model with another degree of the compliance as a polynomial in force.
 
-        The degree is 0, 1 or 2. If it is smaller than before, some slopes no longer exist; priors
-        that the user gave for these slopes are dropped, and the names of these slopes are removed
-        from ``fixed``.
+        The degree is 0, 1 or 2. If it is smaller than before, slopes of higher degrees no longer
+        exist; priors that the user gave for these slopes are dropped, and the names of these slopes
+        are removed from ``fixed``.
         """
         fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
         overrides = {
@@ -252,9 +252,9 @@ class HybridModel(Result):
     def with_slope_scale(self, scale: float) -> HybridModel:
         """Return the same model with another ``slope_scale``, a factor without unit.
 
-        ``scale`` is the new factor. The prior sds of all slopes (changes of compliances with force)
-        are proportional to this factor. Prior sds that the user gave for slopes are multiplied by
-        the ratio of the new factor to the old factor.
+        ``scale`` is the new factor. The default prior sds of all slopes (changes of compliances
+        with force) are proportional to this factor. Prior sds that the user gave for slopes are
+        multiplied by the ratio of the new factor to the old factor.
         """
         factor = scale / self.prior.slope_scale
         overrides = dict(self.prior.overrides)
@@ -343,7 +343,7 @@ class HybridModel(Result):
         return replace(self, fixed=fixed, prior=prior)
 
     def with_term(self, *terms: Term) -> HybridModel:
-        """Return the same model with the given nuisance terms added.
+        """Return the same model with further nuisance terms.
 
         If the model already has a term of the same class, the new term replaces it.
 
@@ -358,9 +358,9 @@ class HybridModel(Result):
         return replace(self, nuisances=tuple(term_by_kind[kind] for kind in kinds))
 
     def including(self, *terms: Term) -> HybridModel:
-        """Return the same model with the given terms added, as the method `with_term` does.
+        """Return the same model with further nuisance terms, as the method `with_term` does.
 
-        Warn that ``including`` is the old name of this method.
+        Issue a warning that ``including`` is the old name of the method.
         """
         renamed("the method", "including", {"including": "with_term"}, refused_from="0.3.0")
         return self.with_term(*terms)
@@ -379,11 +379,12 @@ class HybridModel(Result):
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Names of the model's rivals: effects that resemble a change of compliance with force.
+        """Names of effects in the model that resemble a change of compliance with force.
 
-        The names are ``joint load``, ``curved mount`` (a deflection of the work ball's mount that
-        is not proportional to force) and ``curved force law`` (a force that is not a linear
-        function of pressure). Only effects that the model has are named.
+        These alternative explanations of the slopes are called rivals. The possible names are
+        ``joint load``, ``curved mount`` (a deflection of the work ball's mount that is not
+        proportional to force) and ``curved force law`` (a force that is not a linear function of
+        pressure).
         """
         term_by_kind = {type(term): term for term in self.nuisances}
         names = []
@@ -394,11 +395,10 @@ class HybridModel(Result):
         return tuple(names)
 
     def with_rivals(self, *names: str) -> HybridModel:
-        """Return the same model with only the named rivals.
+        """Return the same model with only the named rivals of the slopes.
 
-        Rivals are effects that resemble a change of compliance with force, such as ``joint load``;
-        the property `rivals` names the rivals that the model has. All rivals except ``names`` are
-        removed.
+        Rivals are effects that resemble a change of compliance with force, such as ``joint load``.
+        The property `rivals` lists the rivals of a model. All rivals except ``names`` are removed.
         """
         model = self
         for name in self.rivals:
@@ -429,8 +429,8 @@ class HybridModel(Result):
         """Return the hyper-parameters that have an effect on the tests of a campaign.
 
         Hyper-parameters are the scales of the noise and of other effects. They include the noise
-        factors λ of single circles, if the circles have such factors. ``setting`` are the
-        conditions of the tests.
+        factors λ of single circles, if the circles have such factors. ``setting`` describes the
+        test conditions.
         """
         scales = [_SIGMA]
         acting = {_SIGMA.name}
@@ -450,7 +450,7 @@ class HybridModel(Result):
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
-        """Return this model bound to one campaign or plan, with numerical columns and priors.
+        """Return this model bound to one campaign or plan, with all columns and priors as numbers.
 
         The most recently bound models are kept in a cache, so that several analyses of one campaign
         use the same object. Raise an `InputError` if the campaign has too few different forces for
@@ -570,11 +570,11 @@ def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Ar
 def _draw_hyper_parameters(
     bound: BoundModel, hyper_um: Mapping[str, float], rng: np.random.Generator
 ) -> dict[str, float]:
-    """Return a dict with a value for each name of a hyper-parameter; lengths are in mm.
+    """Return the values of all hyper-parameters of a model in a dict, with lengths in mm.
 
-    The hyper-parameters are those of the model ``bound``. Values given in ``hyper_um``, with
-    lengths in µm, are used. All other hyper-parameters are drawn at random from their priors. Raise
-    an `InputError` for an unknown name or a value out of range.
+    The keys are the names of the hyper-parameters of the model ``bound``. ``hyper_um`` holds values
+    that the user gave, with lengths in µm. All other hyper-parameters are drawn at random from
+    their priors. Raise an `InputError` for an unknown name or a value out of range.
     """
     prior = bound.hyper_prior
     check_known("hyper-parameter", hyper_um, prior.names)
@@ -593,10 +593,10 @@ def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[f
     """Raise an `InputError` if a true hyper-parameter is out of range.
 
     ``name`` is the name of the hyper-parameter, and ``value`` the true value that a user gives for
-    a simulation. The value is in µm for a length; the decay and the noise factor of a circle have
-    no unit. ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the least and the
-    greatest permitted value; they are used only for the decay p (form errors with n waves around
-    the circle are proportional to n^(−p)).
+    a simulation. Lengths are in µm; the decay and the noise factor of a circle have no unit.
+    ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the smallest and the largest
+    permitted value. They are used only for the decay p, which states that form errors with n waves
+    around the circle are proportional to n^(−p).
     """
     if law == "decay":
         low, high = bounds
@@ -666,10 +666,10 @@ class BoundModel(Shown):
     ----------
     model : model for any campaign.
     campaign : campaign or plan.
-    keep_tests : names of the tests to use; by default all. The reference force F0, the force range,
-        the region in which compliances are not negative, and the estimate Ĉ of the compliances are
-        always computed from the whole campaign. Whether the model has one form error for both balls
-        or one for each ball also depends on the whole campaign.
+    keep_tests : names of the tests to use; by default all. Some properties are always those of the
+        whole campaign: the reference force F0, the force range, the region in which compliances are
+        not negative, the estimate Ĉ of the compliances, and whether the model has one form error
+        for both balls or one for each ball.
     pilot : for a plan, a campaign from which F0, the force range and Ĉ are taken.
 
     Attributes
@@ -685,9 +685,9 @@ class BoundModel(Shown):
         H: reading per unit of each parameter of interest, as 25 Fourier coefficients.
     physical, truncation : Truncation
         ``physical`` is the region of parameters in which compliances C(F) are not negative; only
-        compliances that are deflections in the direction of the load itself are restricted.
-        ``truncation`` is the same region if the prior is restricted to it; otherwise ``truncation``
-        permits all values of the parameters.
+        compliances that are deflections in the direction of the load itself are restricted. If the
+        prior is restricted to this region, ``truncation`` is the same region; otherwise
+        ``truncation`` permits all values of the parameters.
     """
 
     shown = ("model", "campaign", "test_names", "names", "setting")
@@ -737,8 +737,8 @@ class BoundModel(Shown):
         """Return the conditions of all tests, completed with estimates of the machine's parameters.
 
         The module `linearisation` explains which effects on the readings depend on these estimates.
-        The parameters are estimated from ``reduced``, the reduced readings of all tests, or from
-        the pilot campaign if there is one.
+        The parameters are estimated from the pilot campaign if there is one, and otherwise from
+        ``reduced``, the reduced readings of all tests.
         """
         setting = self._with_circles(
             setting_of(
@@ -754,9 +754,9 @@ class BoundModel(Shown):
     def _with_circles(self, setting: Setting) -> Setting:
         """Return the conditions of all tests, completed with the names of the noise factors λ.
 
-        ``setting`` are the conditions to complete. A noise factor λ is a hyper-parameter that
-        multiplies the noise of one circle. Circles have such factors only if the model has the term
-        `CircleScale`, and the campaign or its pilot has at least four tests.
+        ``setting`` describes the conditions before completion. A noise factor λ is a
+        hyper-parameter that multiplies the noise of one circle. Circles have noise factors only if
+        the model has the term `CircleScale`, and the campaign or its pilot has at least four tests.
         """
         count = len(self.campaign.tests)
         if self.pilot is not None:
@@ -772,11 +772,11 @@ class BoundModel(Shown):
     ) -> MachineEstimate:
         """Return the compliances and geometric errors estimated from the readings of all tests.
 
-        ``setting`` are the conditions of all tests and ``reduced`` their reduced readings. Models
-        of the presets ``first`` and ``paper``, and models with flat priors, use the least-squares
-        estimate. Other models use the posterior mean that follows if the scales of noise and other
-        effects are at their prior medians (module `reference_posterior`). A plan, which has no
-        readings, gets typical values. The estimates are kept in a cache for every campaign and
+        ``setting`` describes the conditions of all tests; ``reduced`` holds their reduced readings.
+        Models of the presets ``first`` and ``paper``, and models with flat priors, use the
+        least-squares estimate. Other models use the posterior mean with the scales of noise and
+        other effects fixed at their prior medians (module `reference_posterior`). A plan, which has
+        no readings, gets typical values. The estimates are kept in a cache for every campaign and
         model.
         """
         model = self.model
@@ -829,11 +829,11 @@ class BoundModel(Shown):
     def _physical_rows(self, reference_force_N: float) -> Array:
         """Return the matrix A of the region A β ≥ 0 of physical parameters, shape (rows, p).
 
-        β are the p parameters of interest; A β holds the compliances C(F) that must not be
+        β are the p parameters of interest. A β holds the compliances C(F) that must not be
         negative, at tested forces F. The elements of A for slopes are powers of F − F0, where F0 is
-        the reference force ``reference_force_N``. For compliances constant in force, one force
-        suffices; for compliances linear in force, the smallest and the largest force suffice. For
-        quadratic compliances, all tested forces are used.
+        the reference force ``reference_force_N``. If compliances are constant in force, A has rows
+        for one tested force; if they are linear, for the smallest and the largest tested force; if
+        they are quadratic, for all tested forces.
         """
         forces = distinct_forces(self.campaign.forces_N)
         if self.model.degree == 0:
@@ -846,8 +846,8 @@ class BoundModel(Shown):
     def _interest_columns(self) -> Array:
         """Return the reading per unit of each of p free parameters, shape (tests, 25, p).
 
-        The reading is given as 25 Fourier coefficients. Free parameters are the parameters that are
-        not fixed at zero.
+        The reading is described by 25 Fourier coefficients. Free parameters are the parameters that
+        are not fixed at zero.
         """
         return interest_columns(self.setting, self.model.degree)[:, :, self._free]
 
@@ -910,9 +910,9 @@ class BoundModel(Shown):
 
     @cached_property
     def scale(self) -> Array:
-        """Typical size of each of the p parameters of interest, shape (p,), in mm, N and rad.
+        """Typical magnitude of each of the p parameters of interest, shape (p,), in mm, N and rad.
 
-        The size is the prior sd of the parameter. If the prior is flat, the size is the prior sd
+        The magnitude is the prior sd of the parameter. If the prior is flat, it is the prior sd
         that the parameter has in the model's first edition (preset ``first``).
         """
         if not self.model.prior.flat:
@@ -923,9 +923,8 @@ class BoundModel(Shown):
     def centre(self) -> Array:
         """Least-squares estimate of the p parameters of interest, shape (p,), in mm, N and rad.
 
-        For a plan, which has no readings, it is the prior mean. Densities are computed for the
-        difference between the parameters and this estimate, so that fewer digits are lost by
-        rounding.
+        For a plan, which has no readings, it is the prior mean. Densities are computed as functions
+        of the difference between the parameters and this estimate, to reduce rounding errors.
         """
         return fit_nearest(
             self.interest, self.prior_mean, self.scale, self.reduced, self.known_offset
@@ -967,7 +966,8 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest. β are the parameters of interest and φ
         the hyper-parameters (scales of noise and nuisances). Methods of the object take
-        β − `centre` in place of β, where `centre` is a least-squares estimate.
+        the hyper-parameters (scales of noise and nuisances). Methods of the object take β −
+        `centre` instead of β, where `centre` is a least-squares estimate.
         """
         return self._structured(self.nuisance_columns, self.interest)
 
@@ -999,9 +999,9 @@ class BoundModel(Shown):
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
         """Return the log likelihood ln p(y | β, φ) of the readings y, shape (w,).
 
-        ``phi`` (w, h) are w values of the h hyper-parameters φ, the scales of noise and nuisances,
-        with lengths in mm. ``beta`` (w, p) are w values of the p parameters of interest β
-        (compliances, slopes and geometric errors) in mm, N and rad.
+        ``phi``, shape (w, h), holds w values of the h hyper-parameters φ (scales of noise and
+        nuisances), with lengths in mm. ``beta``, shape (w, p), holds w values of the p parameters
+        of interest β (compliances, slopes and geometric errors) in mm, N and rad.
         """
         return self.given_interest.log_density(phi, beta - self.centre)
 
@@ -1097,11 +1097,11 @@ class BoundModel(Shown):
     def draw_machine(self, rng: np.random.Generator) -> Array:
         """Return the p parameters of a machine drawn at random from the prior, shape (p,).
 
-        In the default model, the prior sd of a slope is proportional to the estimated size of its
-        compliance. For a drawn machine, this sd is proportional to the size of the drawn compliance
-        instead. If the prior excludes negative compliances, no drawn compliance is negative. The
-        parameters are in mm, N and rad. Raise an `InputError` if the prior is flat, or if nearly
-        all machines drawn from the prior have a negative compliance.
+        In the default model, the prior sd of a slope is proportional to the magnitude of the
+        estimated compliance. For a drawn machine, it is proportional to the magnitude of the drawn
+        compliance instead. If the prior excludes negative compliances, no drawn compliance is
+        negative. The parameters are in mm, N and rad. Raise an `InputError` if the prior is flat,
+        or if nearly all machines drawn from the prior have a negative compliance.
         """
         prior = self.model.prior
         if prior.flat or not prior.slopes_of_estimate:
@@ -1117,8 +1117,8 @@ class BoundModel(Shown):
     def _impossible_prior(self) -> InputError:
         """Return the error for a prior with which nearly all machines have a negative compliance.
 
-        The message names the compliance whose prior mean, divided by its prior sd, is the lowest.
-        If no prior mean is negative, the message names the setting ``slope_scale`` instead.
+        The message names the compliance with the lowest ratio of prior mean to prior sd. If no
+        prior mean is negative, the message names the setting ``slope_scale`` instead.
         """
         constrained = np.flatnonzero(self.truncation.rows.any(axis=0))
         ratio = self.prior_mean[constrained] / self.prior_sd[constrained]
@@ -1138,11 +1138,11 @@ class BoundModel(Shown):
         )
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the conditions of the tests for a machine whose parameters of interest are β.
+        """Return the test conditions for a machine whose parameters of interest are β.
 
-        ``beta``, shape (p,), holds the p parameters β in mm, N and rad; they replace the estimate
-        of the machine. Effects that depend on the machine, such as an error of the angle, are then
-        computed for β (``linearise``).
+        ``beta``, shape (p,), holds the p parameters β in mm, N and rad. They replace the estimates
+        of the machine's parameters. Effects that depend on the machine, such as an error of the
+        angle, are then computed for β (``linearise``).
         """
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta

@@ -25,13 +25,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Information"]
 
-# Singular values below this fraction of the largest singular value count as zero. The singular
-# values are those of the effects of the parameters of interest on the readings; they are computed
-# to remove these effects from the readings.
+# Limit for the rank of the matrix that holds the effects of the parameters of interest on the
+# readings. Singular values below this fraction of the largest singular value count as zero.
 _RANK_TOLERANCE = 1e-9
-# The precision (1 / variance) that the readings alone give to a coefficient is compared with the
-# prior precision of the coefficient. If the ratio is below this number, it is a rounding error, and
-# the readings do not depend on the coefficient.
+# The precision (1 / variance) that the readings alone give to a coefficient is divided by the prior
+# precision of the coefficient. A ratio below this number is a rounding error; the readings then do
+# not depend on the coefficient.
 _ROUNDING = 1e-9
 
 
@@ -54,17 +53,17 @@ class Information:
     #: Class name of the nuisance term to which each of the m coefficients belongs, or `OWN` for a
     #: parameter of interest.
     owners: tuple[str, ...]
-    #: Prior sd of each of the m coefficients in internal units (mm, N, rad), shape (m,); for a
-    #: coefficient with a flat prior, its typical size.
+    #: Prior sd of each of the m coefficients in internal units (mm, N, rad), shape (m,). If the
+    #: prior of a coefficient is flat, its typical magnitude is stored instead.
     scale: Array
     #: Whether the parameters of interest have flat priors.
     flat: bool
-    #: Effect of one unit of each of the m coefficients on the k reduced readings (k ≤ 25) of each
-    #: test, one array (k, m) for each test.
+    #: Effect of one unit of each of the m coefficients on the k reduced readings of each test (k ≤
+    #: 25): one array of shape (k, m) for each test.
     design: tuple[Array, ...]
-    #: For each test, a dict of covariances (k, k) [mm²] of the test's k reduced readings (k ≤ 25),
-    #: one for every independent source of noise. The keys are the class names of the terms that
-    #: cause the noise; the noise of the readings themselves has the key ``NOISE``.
+    #: Covariances of the k reduced readings (k ≤ 25) of each test, for every independent source of
+    #: noise: one dict of arrays of shape (k, k) [mm²] for each test. The keys are the class names
+    #: of the terms that cause the noise; the white noise of the readings has the key ``NOISE``.
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -85,9 +84,9 @@ class Information:
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Class names of all nuisance terms; terms that act as noise of single tests are last.
+        """Class names of all nuisance terms (effects modelled but not of interest).
 
-        Nuisances are effects modelled but not of interest. The white noise of the readings is left
+        Terms that act as noise of single tests come last. The white noise of the readings is left
         out.
         """
         names = list(self.owners)
@@ -103,10 +102,10 @@ class Information:
     def rows(self, fixed: Collection[str] = ()) -> Array:
         """Return the design matrix of all m coefficients for readings with unit noise, (k, m).
 
-        Each row belongs to one of the k reduced readings of all tests (at most 25 for each test).
+        There is one row for each of the k reduced readings of all tests (at most 25 for each test).
         The matrix is multiplied from the left by the inverse Cholesky factor of the noise
-        covariance of the reduced readings. The coefficients are divided by their prior sd. Noise of
-        the terms whose class names are in ``fixed`` is left out, as if it were known.
+        covariance of the reduced readings. The coefficients are divided by their prior sd.
+        ``fixed`` holds class names of terms whose noise is left out, as if it were known.
         """
         return np.concatenate(self.blocks(fixed))
 
@@ -137,8 +136,8 @@ class Information:
                 raise InputError(
                     "reading noise must be left: readings without any would make everything known."
                 )
-        # The design matrices of all tests with the same noise covariance are multiplied in one step
-        # by the inverse Cholesky factor of this covariance.
+        # Tests with the same noise covariance are treated together: one call multiplies the design
+        # matrices of all these tests by the inverse Cholesky factor of the covariance.
         blocks_by_noise: dict[int, list[int]] = {}
         for k, sources in enumerate(self.noise):
             blocks_by_noise.setdefault(id(sources), []).append(k)
@@ -160,8 +159,8 @@ class Information:
     ) -> tuple[Array, NDArray[np.intp]]:
         """Return a square root of the posterior precision matrix, and the coefficients in it.
 
-        The coefficients are divided by their prior sd. Coefficients that are taken as known are
-        left out of the matrix.
+        The coefficients are divided by their prior sd. The matrix does not contain coefficients
+        that are taken as known.
 
         Parameters
         ----------
@@ -187,9 +186,9 @@ class Information:
             if len(free) == len(self.names):
                 return self._root, free
             # R is a square root of the posterior precision matrix of all coefficients,
-            # RᵀR = precision. With only the columns of the free coefficients, RᵀR is the precision
-            # matrix of these coefficients. R is used here because it has fewer rows than the design
-            # matrix.
+            # RᵀR = precision. If only the columns of the free coefficients are kept, RᵀR is the
+            # precision matrix of the free coefficients. R is used here instead of the design matrix
+            # because it has fewer rows.
             return np.asarray(np.linalg.qr(self._root[:, free], mode="r")), free
         return self._root_of(np.sqrt(times) * self.rows(fixed), free), free
 
@@ -289,8 +288,8 @@ class Information:
 
         Sources are the priors of the p parameters of interest, the nuisance coefficients (of
         effects modelled but not of interest) and the noise. The estimate of the parameters is a
-        linear function of all sources. Each source s alone therefore contributes an error of
-        covariance Cov_s, shape (p, p), and the errors together have the covariance C = Σ Cov_s. The
+        linear function of all sources. Each source s therefore contributes an error with a
+        covariance Cov_s, shape (p, p), and the total error has the covariance C = Σ Cov_s. The
         share of s in the variance of parameter i is [Γ_s V]_ii / V_ii with Γ_s = Cov_s C⁻¹, where V
         is the covariance matrix that is to be divided into shares. The shares of all sources sum to
         one.
@@ -322,8 +321,8 @@ class Information:
         """Return the covariances of the parameters' errors that are due to each independent source.
 
         The errors of the p parameters of interest are divided by their prior sds. The result is a
-        dict of arrays of shape (p, p); its keys are the names of the sources, which the method
-        `shares` explains. The sum of all covariances is the posterior covariance.
+        dict of arrays of shape (p, p). Its keys are those of the sources in the result of `shares`.
+        The sum of all covariances is the posterior covariance.
 
         Parameters
         ----------
@@ -358,8 +357,8 @@ class Information:
         The result is a dict of arrays of shape (p,); its keys are the class names of the terms. The
         noise of the readings (key ``NOISE``) and the priors of the parameters of interest (key
         ``OWN``) count as terms. The shares of all terms sum to one. A share is also the derivative
-        d ln u / d ln s, where u is the standard uncertainty of the parameter and s the scale (prior
-        sd) of the term, with all other scales constant.
+        d ln u / d ln s at constant scales of all other terms, where u is the standard uncertainty
+        of the parameter and s is the scale (prior sd) of the term.
         """
         by_term: dict[str, Array] = {}
         for (_, term), share in self.shares().items():
@@ -367,18 +366,18 @@ class Information:
         return by_term
 
     def sd_from_readings(self) -> Array:
-        """Return the sd of each nuisance coefficient as the readings alone determine it, (m,).
+        """Return the sd of each nuisance coefficient that follows from the readings alone, (m,).
 
-        The result has one element for each of all m coefficients. To compute the sd of a
-        coefficient, the priors of this coefficient and of the parameters of interest are taken as
-        flat; all other nuisance coefficients keep their priors. The sds are divided by the
-        coefficients' prior sds. An sd is infinite if the coefficient changes no reading, or if the
-        parameters of interest can change the readings in the same way. For parameters of interest,
-        the result is not a number (NaN).
+        The result has one element for each of the m coefficients; for parameters of interest, it is
+        NaN. When the sd of a nuisance coefficient is computed, the priors of this coefficient and
+        of the parameters of interest are taken as flat, and all other nuisance coefficients keep
+        their priors. The sd is divided by the coefficient's prior sd. The sd is infinite if the
+        coefficient changes no reading, or if the parameters of interest can change the readings in
+        the same way.
 
-        Let v_k be the posterior variance of coefficient k if this coefficient has the prior
-        precision 1 and the parameters of interest have flat priors. Then 1 / v_k = 1 + r_k, where
-        r_k is the precision from the readings alone, and the sd is r_k^(−1/2).
+        Suppose that coefficient k has the prior precision 1 and the parameters of interest have
+        flat priors. The posterior variance v_k of the coefficient is then given by 1 / v_k = 1 +
+        r_k, where r_k is the precision from the readings alone. The sd is r_k^(−1/2).
         """
         sd = np.full(len(self.names), np.nan)
         nuisances = np.setdiff1d(np.arange(len(self.names)), self.interest)
@@ -398,8 +397,9 @@ class Information:
     def _range_of_parameters(self) -> Array:
         """Return an orthonormal basis of the effects of the parameters of interest, (k, rank).
 
-        An effect is the change of the k reduced readings of all tests, scaled to unit noise, per
-        unit of a parameter. A test has at most 25 reduced readings.
+        An effect is the change of the k reduced readings of all tests per unit of a parameter. The
+        readings are scaled so that the noise has unit variance. A test has at most 25 reduced
+        readings.
         """
         columns = self._all_rows[:, self.interest]
         length = np.linalg.norm(columns, axis=0)

@@ -29,9 +29,9 @@ __all__ = [
 ]
 
 Group = Literal["compliance", "slope", "geometric"]
-# The prior sd of a slope (change of a compliance with force) is proportional to the estimated size
-# of the compliance. The size used is at least the typical size of the compliance (usually its prior
-# sd) divided by this number.
+# The prior sd of a slope (change of a compliance with force) is proportional to the magnitude of
+# the estimated compliance. This magnitude is replaced by the typical magnitude of the compliance
+# (usually its prior sd) divided by this number, if the latter is larger.
 _SD_PER_LEAST_SIZE = 20.0
 
 
@@ -61,7 +61,7 @@ class Parameter:
 
 
 class _Row(NamedTuple):
-    """Parameter of interest whose prior is not yet known."""
+    """Name, unit, kind and degree of a parameter of interest, without its prior."""
 
     name: str
     unit: str
@@ -79,8 +79,8 @@ class ParametersOfInterest:
     """
 
     degree: int
-    #: the compliances that the campaign's circles can separate; each also represents compliances
-    #: that the circles cannot separate from it
+    #: the compliances that the campaign's circles can separate; each of them also represents
+    #: compliances that cannot be separated from it
     visible: Kept
     geometric_errors: tuple[GeometricName, ...]
 
@@ -92,8 +92,8 @@ class ParametersOfInterest:
     def with_prior(self, prior: Prior, setting: Setting) -> tuple[Parameter, ...]:
         """Return all parameters of interest with their prior means and sds.
 
-        ``setting`` are the conditions of the campaign's tests. Raise an `InputError` if the prior
-        names a parameter that the campaign does not have.
+        ``setting`` describes the test conditions. Raise an `InputError` if the prior names a
+        parameter that the campaign does not have.
         """
         rows = self._rows()
         names = [row.name for row in rows]
@@ -134,12 +134,12 @@ class ParametersOfInterest:
     def prior_sd(self, prior: Prior, setting: Setting) -> Array:
         """Return the prior sd of all parameters of interest, shape (parameters,).
 
-        The sds are in internal units (mm, N, rad). Sds that the user gave are not changed. The
-        default prior sd of a slope is proportional to the size of its compliance. ``setting`` holds
-        this size: the estimate of the compliance and its standard uncertainty, added in quadrature.
-        A size smaller than 1/20 of the compliance's prior sd is replaced by this fraction of the
-        prior sd. In the model's first edition (preset ``first``), the prior sd of a slope is
-        proportional to the prior sd of the compliance instead.
+        The sds are in internal units (mm, N, rad). A prior sd that the user gave is used unchanged.
+        The default prior sd of a slope is proportional to the magnitude of its compliance, which
+        ``setting`` holds: the estimate of the compliance and its standard uncertainty, added in
+        quadrature. The magnitude is taken as at least 1/20 of the typical magnitude of the
+        compliance (usually its prior sd). In the model's first edition (preset ``first``), the
+        prior sd of a slope is proportional to this typical magnitude instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
@@ -152,22 +152,23 @@ class ParametersOfInterest:
     def compliance_sd(self, prior: Prior) -> Array:
         """Return the prior sd of every compliance, shape (compliances,), in mm, N and rad.
 
-        Some compliances are not in the model, because their effect on the readings is a combination
-        of the effects of other compliances. These other compliances are in the model and represent
-        the compliances that are left out. The prior sd of a compliance includes contributions of
-        the compliances that it represents, unless the user gave the sd.
+        Some compliances are not in the model, because their effect on the readings is a linear
+        combination of the effects of compliances that are in the model. The compliances in the
+        model then represent those that are not. Unless the user gave the prior sd of a compliance,
+        it includes contributions of the compliances that are represented.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
         return np.where(overridden, prior.compliance_sd(self.compliances), with_dropped_sets)
 
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
-        """Return the size of every compliance of the model, shape (compliances,).
+        """Return prior sds or typical magnitudes of the model's compliances, shape (compliances,).
 
-        A compliance of the model may represent, in part, compliances that are not in the model
-        (`Kept.absorbed`). The sizes of the represented compliances, multiplied by weights, are then
-        added in quadrature to the size of the compliance that represents them. ``size_of`` is a
-        function that returns the sizes of named compliances before this addition.
+        Some compliances of the model also represent compliances that are not in the model
+        (`Kept.absorbed`). The values of the represented compliances, multiplied by weights, are
+        added in quadrature to the value of the compliance that represents them. ``size_of`` is a
+        function that returns the values (prior sds or magnitudes) before this addition, for given
+        names of compliances.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
@@ -181,10 +182,10 @@ class ParametersOfInterest:
 def interest_columns(setting: Setting, degree: int) -> Array:
     """Return the reading per unit of all parameters of interest, shape (tests, 25, parameters).
 
-    The reading is given as 25 Fourier coefficients. For compliances (k = 0) and their slopes of
-    degree k, the reading per unit is F (F − F0)^k j_C; for geometric errors, it is j_G. F is the
-    force, F0 the reference force, j_C the reading per unit force and compliance, and j_G the
-    reading per unit geometric error. ``setting`` are the conditions of the tests, and ``degree`` is
+    The reading is described by 25 Fourier coefficients. The reading per unit is F (F − F0)^k j_C
+    for a compliance (k = 0) and for its slope of degree k; it is j_G for a geometric error. F is
+    the force, F0 the reference force, j_C the reading per unit force and compliance, and j_G the
+    reading per unit geometric error. ``setting`` describes the test conditions, and ``degree`` is
     the degree of the compliance as a polynomial in force.
     """
     lever = setting.force_N - setting.reference_force_N
@@ -229,10 +230,10 @@ def physical_rows(
 ) -> Array:
     """Return the matrix A of the region A β ≥ 0 of physical parameters β, shape (rows, p).
 
-    The product of a row of A with β is a compliance C(F) at one force F. This compliance must not
-    be negative, because it is a deflection in the direction of the load itself. Raise an
-    `InputError` if a compliance is fixed at zero, but has a free slope that would make the
-    compliance negative on one side of the reference force F0.
+    The product of a row of A and β is a compliance C(F) at one force F that must not be negative,
+    because it is a deflection in the direction of the load itself. Raise an `InputError` if a
+    compliance is fixed at zero but has a free slope that would make the compliance negative on one
+    side of the reference force F0.
 
     Parameters
     ----------
@@ -241,7 +242,7 @@ def physical_rows(
     parameters
         The p parameters β that are not fixed, one for each column of A.
     levers_N
-        F − F0 at every force F where C(F) ≥ 0 is required [N].
+        F − F0 for every force F at which C(F) ≥ 0 is required [N].
     reference_force_N
         Reference force F0 [N], for the error message.
     """
@@ -265,12 +266,11 @@ def _check_slope_has_compliance(
     """Raise an `InputError` if a compliance that is fixed at zero would be negative at some force.
 
     A compliance that is fixed at zero is zero at the reference force, but changes with force if its
-    slope is free. Its values are negative on one side of the reference force if the linear slope is
-    free, no quadratic slope is free, and tested forces lie on both sides of the reference force.
-    ``label`` is the name of the compliance, and ``parameters`` are the p parameters that are not
-    fixed. ``rows`` holds one array (p,) for each tested force; the product of this array with the
-    parameters is the compliance at the force. ``reference_force_N`` is the reference force F0 [N],
-    for the error message.
+    slope is free. It is then negative on one side of the reference force if only the linear slope
+    is free and there are tested forces on both sides. ``label`` is the name of the compliance, and
+    ``parameters`` are the p parameters that are not fixed. ``rows`` holds one array of shape (p,)
+    for each tested force; the product of this array and the parameters is the compliance at the
+    force. ``reference_force_N`` is the reference force F0 [N], for the error message.
     """
     belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
     degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]

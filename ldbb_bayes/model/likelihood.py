@@ -43,35 +43,36 @@ from ldbb_bayes.results import Array
 
 __all__ = ["StructuredGaussian"]
 
-# Size of an array that is allocated and freed once at the start [bytes]. The memory allocator of
-# the GNU C library (malloc) afterwards keeps freed memory of up to this size for reuse, which is
-# faster.
+# Size [bytes] of an array that is allocated and freed once at the start. Afterwards, the memory
+# allocator of the GNU C library (malloc) keeps freed memory blocks of up to this size for reuse,
+# which is faster.
 _MALLOC_BYTES = 31 << 20
-# Variances of noise and of priors are replaced by this number [mm², or no unit] if their absolute
-# value is smaller, because the likelihood divides by variances. A coefficient with this prior
-# variance is numerically zero.
+# Variances of noise and of priors whose absolute value is smaller than this number [mm², or no
+# unit] are replaced by this number, because the likelihood divides by variances. A coefficient with
+# this prior variance is numerically zero.
 _LEAST_VARIANCE = 1e-60
 
 
 class _Batch(NamedTuple):
     """Quantities for w values of the hyper-parameters φ that are processed together.
 
-    If necessary, the last value of φ is repeated so that w is a multiple of eight. For such
-    multiples, the library of matrix products (BLAS) rounds in the same way, whatever w is.
+    w is a multiple of eight; if necessary, the last value of φ is repeated. The library for matrix
+    products (BLAS) then rounds in the same way, whatever w is.
     """
 
     #: Index of each of the batch's w values of the hyper-parameters in the array that the caller
     #: gave, shape (w,).
     phi_index: NDArray[np.intp]
-    #: Reciprocal noise variance of every kind of row (rows with the same variance) for w values of
-    #: the hyper-parameters, shape (kinds, w).
+    #: Reciprocal noise variance of every kind of rows for w values of the hyper-parameters, shape
+    #: (kinds, w). Rows of one kind have the same variance.
     weight: Array
-    #: Part of Aᵀ D⁻¹ r from rows that depend on the parameters β, shape (columns of A, w) for w
-    #: values of the hyper-parameters. A is the design matrix of the nuisance coefficients, D the
-    #: diagonal noise covariance, and r the readings minus the effect of β. None if no β is given.
+    #: Part of Aᵀ D⁻¹ r from rows that depend on the parameters β, for w values of the
+    #: hyper-parameters, shape (columns of A, w). A is the design matrix of the nuisance
+    #: coefficients, D the diagonal noise covariance, and r the readings minus the effect of β. None
+    #: if there are no parameters β.
     shift: Array | None
-    #: Part −½ Σ ln D − ½ rᵀ D⁻¹ r + constant of the log density of the readings, shape (w,) for w
-    #: values of the hyper-parameters. D is the diagonal noise covariance and r the readings minus
+    #: Part −½ Σ ln D − ½ rᵀ D⁻¹ r + constant of the log density of the readings for w values of the
+    #: hyper-parameters, shape (w,). D is the diagonal noise covariance, and r the readings minus
     #: the effect of the parameters of interest.
     log_density: Array
 
@@ -82,9 +83,9 @@ class _Batch(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of values of the hyper-parameters in the batch, as the caller gave them.
+        """Number of values of the hyper-parameters in the batch, without repetitions of the last.
 
-        Copies of the last value, which are added to fill up the batch, are not counted.
+        The last value is repeated to fill up the batch to a multiple of eight.
         """
         return int(self.phi_index[-1] + 1 - self.phi_index[0])
 
@@ -105,13 +106,12 @@ class StructuredGaussian:
         order of these columns.
     offset
         Known part of the readings, as 25 Fourier coefficients of every test, shape (tests, 25)
-        [mm]; it is subtracted from the readings.
+        [mm]. This part is subtracted from the readings.
     hypers
         Names of the h hyper-parameters φ, in the order in which arrays hold their values.
     interest
         Reading per unit of each of the p parameters β, as 25 Fourier coefficients, shape
-        (tests, 25, p). Values of β are then given in every call. By default there are no such
-        parameters.
+        (tests, 25, p). The methods then need values of β. By default there are no such parameters.
     """
 
     def __init__(
@@ -196,9 +196,9 @@ class StructuredGaussian:
     ) -> tuple[Array, Gaussian]:
         """Return the log density ln p(z | β, φ), shape (w,), and the density of the coefficients.
 
-        The density is that of the coefficients that are the same in all tests, given the readings
-        z, the parameters β and the hyper-parameters φ. The second result holds one Gaussian density
-        for each of w values of φ; the ``log_integral`` of each density is ln p(z | β, φ).
+        The coefficients are those that are the same in all tests. Their density is conditional on
+        the readings z, the parameters β and the hyper-parameters φ. It is returned as one Gaussian
+        density for each of w values of φ; the ``log_integral`` of each density is ln p(z | β, φ).
 
         Parameters
         ----------
@@ -208,8 +208,8 @@ class StructuredGaussian:
             Values of the p parameters of interest, shape (w, p), or (p,) if they are the same for
             all values of φ. None if the object was made without parameters.
         last
-            Number q of coefficients in the density. They are the last q of the coefficients that
-            are the same in all tests; by default, all of these coefficients are used.
+            Number q of coefficients in the density: the last q of the coefficients that are the
+            same in all tests. By default, all of these coefficients are used.
         """
         size = self._shared if last is None else last
         first = self._shared - size
@@ -236,18 +236,19 @@ class StructuredGaussian:
     def draw_shared(self, phi: Array, standard: Array, rng: np.random.Generator) -> Array:
         """Return random draws of the coefficients that are the same in all tests.
 
-        The caller gives the last p of these coefficients as standard coordinates. `conditional`
-        returns the density of these p coefficients; the method `from_standard` of this density
-        turns standard coordinates into coefficients. All other coefficients are drawn from their
-        density given the readings and the last p coefficients.
+        The last p of these coefficients are given by the caller as standard normal coordinates. The
+        method `conditional` returns the density of these p coefficients, and the method
+        `from_standard` of this density converts standard normal coordinates to coefficients. All
+        other coefficients are drawn from their density given the readings and the last p
+        coefficients.
 
         Parameters
         ----------
         phi
             w values of the h hyper-parameters, shape (w, h); lengths in mm.
         standard
-            Standard coordinates of the last p coefficients, for several draws at each value of φ,
-            shape (w, draws, p).
+            Standard normal coordinates of the last p coefficients, for several draws at each value
+            of φ, shape (w, draws, p).
         rng
             Generator of random numbers.
 
@@ -267,8 +268,8 @@ class StructuredGaussian:
                 normal[first : self._shared] = standard[batch.phi_index, k].T
                 if not elimination.is_positive:
                     # Coefficients with a negative prior variance cannot be drawn at random. They
-                    # belong to single tests. The random numbers of all coefficients of single tests
-                    # are therefore set to zero. This does not change the draws of the coefficients
+                    # belong to single tests, so the random numbers of all coefficients of single
+                    # tests are set to zero. This does not change the draws of the coefficients
                     # common to all tests, because the coefficients of single tests are eliminated
                     # first.
                     normal[self._shared :] = 0.0
@@ -281,11 +282,11 @@ class StructuredGaussian:
         beta: Array,
         shared: Array,
     ) -> Array:
-        """Return the conditional mean of each test's own v coefficients, shape (w, tests, v).
+        """Return the conditional mean of the v coefficients of each single test, (w, tests, v).
 
-        The readings, the parameters of interest, the hyper-parameters and the nuisance coefficients
-        that are the same in all tests are given. If the covariance of some noise could not be made
-        diagonal, the last of the v coefficients describe this noise.
+        The mean is conditional on the readings, the parameters of interest, the hyper-parameters
+        and the nuisance coefficients that are the same in all tests. If the covariance of a noise
+        term could not be made diagonal, the last of the v coefficients describe this noise.
 
         Parameters
         ----------
@@ -320,9 +321,7 @@ class StructuredGaussian:
     ) -> Iterator[_Batch]:
         """Yield, for batches of values of φ, the quantities that elimination needs (`_Batch`).
 
-        φ are the hyper-parameters. A is the design matrix of the nuisance coefficients, D the
-        diagonal noise covariance, and r the readings minus the effect of the parameters of interest
-        β.
+        φ are the hyper-parameters.
 
         Parameters
         ----------
@@ -330,8 +329,8 @@ class StructuredGaussian:
             Values of the h hyper-parameters, shape (values, h); lengths in mm.
         beta
             Values of the p parameters of interest β, shape (values, p), or (p,) if they are the
-            same for all values of φ. If it is None, ``shift`` (the part of Aᵀ D⁻¹ r that depends on
-            β) is None too, and β does not enter the log density.
+            same for all values of φ. If it is None, the quantity ``shift`` is None too, and β does
+            not enter the log density.
         batch_size
             Largest number of values of φ in a batch.
         """
@@ -359,8 +358,8 @@ class StructuredGaussian:
         """Return the absolute value of the variance of every kind of row, shape (kinds, w).
 
         The rows are those of the observation equations; rows of one kind have the same variance.
-        ``phi``, shape (w, h), are w values of the h hyper-parameters, with lengths in mm. Absolute
-        values below 1e-60 are replaced by 1e-60.
+        ``phi``, shape (w, h), holds w values of the h hyper-parameters, with lengths in mm.
+        Absolute values below 1e-60 are replaced by 1e-60.
         """
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
         squares = np.empty((len(self._sources), len(phi)))
@@ -371,7 +370,7 @@ class StructuredGaussian:
 
 
 def _round_to_ten_digits(values: Array) -> Array:
-    """Return ``values``, which are variances, rounded to ten significant digits.
+    """Return variances (``values``) rounded to ten significant digits.
 
     Variances that differ only by rounding errors then count as equal.
     """
@@ -384,7 +383,7 @@ def _round_to_ten_digits(values: Array) -> Array:
 def _keep_freed_memory() -> None:
     """Allocate and free one large array, so that freed memory is later reused.
 
-    The memory allocator of the GNU C library (malloc) afterwards keeps the memory of freed arrays
+    Afterwards, the memory allocator of the GNU C library (malloc) keeps the memory of freed arrays
     for new arrays, if they are not larger than this array (M_MMAP_THRESHOLD in mallopt(3)).
     Operations on many small matrices are then two to three times faster.
     """

@@ -1,14 +1,14 @@
 """Estimates of a machine, about which the model of a campaign is linearised.
 
 Some effects, such as an error of the angle, depend on the readings that the machine's compliances
-and geometric errors cause. Such effects are computed for the estimated compliances Ĉ and geometric
+and geometric errors cause. These effects are computed for the estimated compliances Ĉ and geometric
 errors Ê. The prior sds of some effects, such as the load on the joints, are proportional to the
-size of a compliance. This size is √(Ĉ² + u(Ĉ)²), with the standard uncertainty u(Ĉ) of the
-estimate. For a plan, which has no readings, typical values of Ĉ are assumed.
+magnitude of a compliance, √(Ĉ² + u(Ĉ)²), where u(Ĉ) is the standard uncertainty of the estimate.
+For a plan, which has no readings, typical values of Ĉ are assumed.
 
-The estimate is the posterior mean that the linearised model gives, and the model is linearised
-about the estimate. The estimate is therefore found by iteration, which starts from the
-least-squares estimate (module `reference_posterior`).
+The estimate is the posterior mean from the linearised model, and the model is linearised about the
+estimate. The estimate is therefore computed by iteration, starting from the least-squares estimate
+(module `reference_posterior`).
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ __all__ = [
     "planned_compliances",
 ]
 
-# Direct compliance of a typical machine tool [mm/N], a stiffness of 20 N/µm. It is assumed where no
-# readings determine a direct compliance, such as for plans.
+# Direct compliance of a typical machine tool [mm/N], which corresponds to a stiffness of 20 N/µm.
+# This value is assumed where no readings determine a direct compliance, such as for plans.
 _USUAL_DIRECT_COMPLIANCE = 5e-5
 
 
 class MachineEstimate(NamedTuple):
-    """Estimated compliances and geometric errors of a machine, one number for each.
+    """Estimated compliances and geometric errors of a machine.
 
-    The numbers are in internal units (mm, N, rad) and in the order in which the model names
+    The values are in internal units (mm, N, rad) and in the order in which the model lists
     compliances and geometric errors.
     """
 
@@ -66,11 +66,11 @@ class MachineEstimate(NamedTuple):
 def linearise(
     setting: Setting, compliances: Sequence[ComplianceName], estimate: MachineEstimate
 ) -> Setting:
-    """Return the conditions of the tests with an estimated machine and its predicted readings.
+    """Return the test conditions, completed with an estimated machine and its predicted readings.
 
-    ``setting`` are the conditions of the tests, ``estimate`` is the estimated machine, and
-    ``compliances`` are the names of the machine's compliances. The result is a copy of ``setting``
-    with the estimated compliances and their sizes, the size of the direct compliance along each
+    ``setting`` describes the test conditions, ``estimate`` is the estimated machine, and
+    ``compliances`` are the names of its compliances. The result is a copy of ``setting`` with the
+    estimated compliances and their magnitudes, the magnitude of the direct compliance along each
     axis, and the readings that the estimate predicts.
     """
     axial = np.zeros(3)
@@ -107,8 +107,8 @@ def nominal_mount_offset(setting: Setting) -> Array:
 def planned_compliances(compliances: Sequence[ComplianceName], prior: Prior) -> Array:
     """Return the compliances assumed for a plan, which has no readings, shape (compliances,).
 
-    The value of a compliance is its prior mean if the user gave one. If not, the value is 5e-5 mm/N
-    for a direct compliance and zero for any other compliance.
+    If the user gave a prior mean for a compliance, this mean is used. Otherwise the value is 5e-5
+    mm/N for a direct compliance and zero for any other compliance.
     """
     values = []
     for name in compliances:
@@ -179,7 +179,7 @@ def fit_nearest(
     reduced
         Readings of every test, reduced to at most 25 numbers.
     offset
-        Known part of the readings, as Fourier coefficients, shape (tests, 25) [mm]; it is
+        Known part of the readings, as Fourier coefficients, shape (tests, 25) [mm]. This part is
         subtracted from the readings.
     """
     rows = []

@@ -11,13 +11,13 @@ from ldbb_bayes.results import Array
 
 __all__ = ["central_differences", "newton"]
 
-# Fractions of a Newton step that are tried together. The one that leads to the largest density is
-# taken.
+# Fractions of a Newton step that are tried together. The fraction with the largest density is used.
 _FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
 # Longest Newton step, in the unit of the coordinates. If a coordinate is the logarithm of a scale,
 # such a step multiplies or divides the scale by 4.5.
 _LONGEST_STEP = 1.5
-# Maximum number of Newton steps in the search for a mode. From a sensible start ten are enough.
+# Maximum number of Newton steps in the search for a mode. From a good starting point, ten are
+# enough.
 _STEPS = 60
 
 
@@ -32,11 +32,11 @@ def newton(
 ) -> Array:
     """Return a mode (local maximum) of a log density of h coordinates, shape (h,).
 
-    The mode is found by damped Newton steps. The curvatures (eigenvalues of the negative Hessian)
-    are replaced by their absolute values, or by ``least_curvature`` if this is larger, so that
-    every step leads uphill. No step is longer than 1.5. Several fractions of a step are tried, and
-    the one that leads to the largest density is taken. The search ends after 60 steps at the
-    latest.
+    The mode is computed by damped Newton steps. The curvatures (eigenvalues of the negative
+    Hessian) are replaced by their absolute values, or by ``least_curvature`` if this is larger, so
+    that every step leads uphill. No step is longer than 1.5. Several fractions of each step are
+    tried, and the fraction with the largest density is used. The search ends after at most 60
+    steps.
 
     Parameters
     ----------
@@ -48,9 +48,9 @@ def newton(
     start
         Point where the search starts, shape (h,).
     least_curvature
-        Smallest curvature that a step uses.
+        Smallest curvature with which a step is computed.
     gain
-        The search ends when a step raises the log density by no more than this [nat].
+        The search ends when a step raises the log density by at most this amount [nat].
     stop
         Function that takes a point (h,) and returns whether the search may end there, for example
         because the point is near a mode that is already known.
@@ -85,8 +85,9 @@ def central_differences(
 ) -> tuple[Array, Array]:
     """Return gradient (h,) and Hessian (h, h) of a function at a point, by central differences.
 
-    The function has h coordinates. Its mixed derivative for coordinates i and j is computed from
-    the values at two further points, at which both coordinates are changed in the same direction.
+    The function has h coordinates. The mixed derivative for coordinates i and j is computed from
+    the values at two further points: both coordinates are increased in one and decreased in the
+    other.
 
     Parameters
     ----------
@@ -96,11 +97,12 @@ def central_differences(
     point
         Point where the derivatives are computed, shape (h,).
     step
-        Distance between neighbouring points of the differences, the same for every coordinate.
+        Distance between neighbouring points at which the function is computed, the same for every
+        coordinate.
     coupled
         Whether the mixed derivative is computed for each pair of coordinates, shape (h, h),
-        symmetric; for all other pairs, the derivative is set to zero. By default it is computed for
-        all pairs.
+        symmetric. For all other pairs, the mixed derivative is set to zero. By default it is
+        computed for all pairs.
     """
     h = len(point)
     steps = np.eye(h) * step

@@ -1,19 +1,19 @@
 """Order of elimination: which columns of a sparse least-squares problem are eliminated together.
 
 The observation equations r = A x + noise have one column of A for each coefficient x. Two columns
-are neighbours if both are not zero in some row. When a column is eliminated, all its neighbours
-become neighbours of each other, and the time needed is proportional to the square of the number of
-these neighbours. The order therefore matters:
+are neighbours if there is a row in which neither of them is zero. When a column is eliminated, all
+its neighbours become neighbours of each other. The time for this is proportional to the square of
+the number of neighbours. The order is therefore chosen as follows:
 
 1. The column with the fewest neighbours is always eliminated next (minimum degree). The only
-   exceptions are columns whose Cholesky factor is wanted: they are eliminated last, in the order in
-   which they stand in A.
-2. The neighbours that a column has when it is eliminated are its border. The first of these
-   neighbours to be eliminated is the parent of the column. All columns and their parents form a
-   forest (the elimination tree).
+   exceptions are columns whose Cholesky factor is wanted: they are eliminated last, in their order
+   in A.
+2. The neighbours that a column has when it is eliminated are called its border. The neighbour that
+   is eliminated first is the parent of the column. All columns and their parents form a forest (the
+   elimination tree).
 3. Eliminating one column alone takes a fixed time for function calls. A column is merged into its
-   parent if this saves more time for function calls than the additional multiplications take. The
-   results are groups of columns (supernodes) that are eliminated together.
+   parent if this saves more time for function calls than it adds for multiplications. The results
+   are groups of columns (supernodes) that are eliminated together.
 
 Literature: J. W. H. Liu, The multifrontal method for sparse matrix solution: theory and practice,
 SIAM Review 34 (1992) 82; T. A. Davis, Direct Methods for Sparse Linear Systems, SIAM (2006).
@@ -31,40 +31,39 @@ from numpy.typing import NDArray
 
 __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 
-# Number of columns that one function call multiplies with all columns of a border. A border is the
+# Number of columns that one function call multiplies by all columns of a border. A border is the
 # set of later columns that a group of columns changes when it is eliminated.
 PRODUCT_COLUMNS = 8
-# The following costs are measured times, in units of the time of one multiplication for all values
-# of the hyper-parameters that are processed together. Their exact values matter little. The first
-# cost is the time of the function calls that each group of columns needs once, when the group is
-# eliminated.
+# Time of the function calls that are needed once for each group of columns when it is eliminated.
+# This time and the following times were measured; the unit is the time of one multiplication for
+# all values of the hyper-parameters that are processed together. The exact values matter little.
 _GROUP_COST = 100.0
 # Time of the function calls that eliminate one column of a group, in units of the time of one
 # multiplication.
 _COLUMN_COST = 200.0
 # Time of the function calls that multiply `PRODUCT_COLUMNS` columns of a border (the later columns
-# that a group changes) with all columns of the border, in units of the time of one multiplication.
+# that a group changes) by all columns of the border, in units of the time of one multiplication.
 _PRODUCT_CALL_COST = 250.0
-# Time to subtract one product from the matrix entry of two later columns, in units of the time of
+# Time to subtract one product from the matrix entry for two later columns, in units of the time of
 # one multiplication.
 _UPDATE_COST = 1.0
-# Largest number of computed elimination times that the cache holds. A cache is useful because
-# groups with the same numbers of columns occur again and again.
+# Largest number of computed elimination times that the cache holds. The cache saves time because
+# many groups have the same numbers of columns.
 _KEPT_COSTS = 4096
 
 
 class ColumnGroup(NamedTuple):
     """Columns of the design matrix that are eliminated together.
 
-    ``columns`` and ``border`` hold indices of columns of the design matrix, in the order of their
+    ``columns`` and ``border`` hold indices of columns of the design matrix, in the order of
     elimination.
     """
 
     #: Columns of the group, shape (s,).
     columns: NDArray[np.intp]
-    #: The m neighbours of the group that are eliminated later, shape (m,). A column is a neighbour
-    #: if it has a row in common with a column of the group, or if it becomes a neighbour when
-    #: earlier columns are eliminated.
+    #: Indices of the m neighbours of the group that are eliminated later, shape (m,). A column is a
+    #: neighbour if there is a row in which neither it nor a column of the group is zero. Further
+    #: columns become neighbours when earlier columns are eliminated.
     border: NDArray[np.intp]
 
 
@@ -85,7 +84,7 @@ class _Node(NamedTuple):
         return self.columns.bit_count(), self.border.bit_count()
 
     def into(self, parent: _Node) -> _Node:
-        """Return the union of this set of columns and ``parent``, to be eliminated together."""
+        """Return a node with the columns of this node and of ``parent``, to eliminate together."""
         border = (self.border | parent.border) & ~parent.columns
         return _Node(self.columns | parent.columns, border)
 
@@ -99,13 +98,13 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
         Whether each element of the design matrix is not zero, shape (rows, columns).
     last
         Indices of the columns that are eliminated after all other columns, in the order of their
-        elimination. These columns need not all be in one group.
+        elimination. They may be in different groups.
 
     Returns
     -------
     list of ColumnGroup
-        Every column is in one group. Each group precedes all groups whose columns change when it is
-        eliminated.
+        Every column is in one group. Each group comes before all groups whose columns change when
+        it is eliminated.
     """
     columns = pattern.astype(np.float32)
     neighbours = (columns.T @ columns) > 0.0
@@ -122,10 +121,10 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
 def heights(groups: list[ColumnGroup]) -> list[int]:
     """Return the height of each column group; groups of equal height can be eliminated together.
 
-    The height of a group is 0 if the elimination of no other group changes a column of this group.
-    Otherwise the height is larger than the heights of all groups whose elimination changes a column
-    of this group. Groups of equal height therefore do not depend on each other. ``groups`` are in
-    the order of elimination.
+    ``groups`` are in the order of elimination. Eliminating a group changes columns of later groups.
+    The height of a group is 0 if no other group changes one of its columns. Otherwise the height is
+    larger than the heights of all groups that change one of its columns. Groups of equal height
+    therefore do not depend on each other.
     """
     group_of = {}
     for k, group in enumerate(groups):
@@ -140,19 +139,18 @@ def heights(groups: list[ColumnGroup]) -> list[int]:
 
 
 def _bit_sets(matrix: NDArray[np.bool_]) -> list[int]:
-    """Return, for each row of a matrix, the set of columns where the row is true, as an integer.
+    """Return, for each row of a matrix, the set of columns in which the row is true, as an integer.
 
-    Bit k of the integer is set if column k belongs to the set.
-
-    Sets of columns are stored as integers, because operations on the bits of long integers in
-    Python are faster than operations on short arrays in NumPy.
+    Bit k of the integer is set if column k belongs to the set. Sets of columns are stored as
+    integers because Python's operations on the bits of long integers are faster than NumPy's
+    operations on short arrays.
     """
     packed = np.packbits(matrix, axis=1, bitorder="little")
     return [int.from_bytes(row.tobytes(), "little") for row in packed]
 
 
 def _members(bits: int) -> Iterator[int]:
-    """Yield the places of the bits that are set in an integer, from the lowest on."""
+    """Yield the positions of the bits that are set in an integer, the lowest first."""
     while bits:
         lowest = bits & -bits
         yield lowest.bit_length() - 1
@@ -162,9 +160,10 @@ def _members(bits: int) -> Iterator[int]:
 def _minimum_degree(neighbours: NDArray[np.bool_], last: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return all columns except those in ``last``, in an order that needs little work.
 
-    Two columns are neighbours if they have a row in common; ``neighbours`` (columns, columns)
-    states this for all pairs. The next column is always the one with the fewest neighbours that are
-    not yet eliminated. If several columns have equally few, the first of them is taken.
+    ``neighbours``, shape (columns, columns), states for all pairs of columns whether they are
+    neighbours, that is, whether there is a row in which neither column is zero. The next column is
+    always the column with the fewest neighbours that are not yet eliminated. If there are several
+    such columns, the first of them is taken.
     """
     others = neighbours.copy()
     np.fill_diagonal(others, False)
@@ -187,12 +186,12 @@ def _minimum_degree(neighbours: NDArray[np.bool_], last: NDArray[np.intp]) -> ND
 def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
     """Return one node (set of columns that are eliminated together) for each column.
 
-    ``neighbours`` (columns, columns) states which columns have a row in common; rows and columns of
-    this matrix are in the order of elimination. The border of a column is the set of its neighbours
-    that are eliminated later. When the column is eliminated, the columns of its border become
-    neighbours of each other. To save time, this function adds the border, without its first member,
-    only to the neighbours of this first member. When the first member is eliminated, its neighbours
-    are passed on to the next member in the same way, and so on.
+    ``neighbours``, shape (columns, columns), states which columns are neighbours, that is, have a
+    row in which neither is zero; its rows and columns are in the order of elimination. The border
+    of a column is the set of its neighbours that are eliminated later. When a column is eliminated,
+    the columns of its border become neighbours of each other. To save time, the function makes them
+    neighbours of the first column of the border only. When this first column is eliminated, its
+    neighbours are passed on to the next column in the same way, and so on.
     """
     linked = _bit_sets(np.triu(neighbours, k=1))
     nodes = []
@@ -205,14 +204,14 @@ def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
 
 
 def _merge(single: list[_Node]) -> list[_Node]:
-    """Merge nodes into their parents where this is faster, and return the nodes that remain.
+    """Merge nodes into their parents where this saves time, and return the nodes that remain.
 
-    ``single`` holds one node for each column. A node is a set of columns that are eliminated
-    together. The border of a node is the set of later columns that change when the node is
+    A node is a set of columns that are eliminated together; ``single`` holds one node for each
+    column. The border of a node is the set of later columns that change when the node is
     eliminated. The parent of a node is the node that contains the first column of its border. Nodes
-    with equal numbers of columns, and with borders of equal size, are eliminated by the same
-    function calls, whose time is spent only once for all these nodes. Merging is repeated until no
-    node is merged any more.
+    with equal numbers of columns, and equal numbers of columns in their borders, are eliminated by
+    the same function calls, whose time is needed only once for all these nodes. The nodes are
+    examined repeatedly until no further node is merged.
     """
     nodes = dict(enumerate(single))
     node_of = list(range(len(single)))
@@ -220,10 +219,10 @@ def _merge(single: list[_Node]) -> list[_Node]:
     while merged:
         merged = False
         count = Counter(node.shape for node in nodes.values())
-        # Nodes (sets of columns) count as copies of each other if they have equal numbers of
+        # Nodes (sets of columns) are called copies of each other if they have equal numbers of
         # columns and change equal numbers of later columns. If a node is merged into its parent,
-        # the copies of the node are merged into copies of the parent. The merged node therefore has
-        # as many copies as the parent had.
+        # copies of the node are merged into copies of the parent. The merged node therefore has as
+        # many copies as the parent had.
         copies = {k: count[node.shape] for k, node in nodes.items()}
         for k in sorted(nodes):
             node = nodes[k]
@@ -245,19 +244,20 @@ def _merge(single: list[_Node]) -> list[_Node]:
 
 @lru_cache(maxsize=_KEPT_COSTS)
 def _cost(shape: tuple[int, int], copies: int) -> float:
-    """Return the time of eliminating a set of columns, in units of the time of one multiplication.
+    """Return the time to eliminate a set of columns, in units of the time of one multiplication.
 
-    ``shape`` holds the number of columns, and the number of later columns that they change.
-    ``copies`` is the number of sets with this shape, which are eliminated by the same function
-    calls. Two times are spent once for all of these sets: the time of the function calls, and the
-    time of subtracting sums of products from the matrix entries of later columns. The result
-    contains 1/``copies`` of these two times, and the whole time of the multiplications for one set.
+    ``shape`` holds the number of columns of the set, and the number of later columns that they
+    change. ``copies`` is the number of sets with this shape, which are eliminated by the same
+    function calls. Two times are needed only once for all copies: the time of the function calls,
+    and the time to subtract sums of products from the matrix entries of later columns. The result
+    is the sum of these two times divided by ``copies``, plus the time of the multiplications for
+    one set.
     """
     columns = shape[0]
     border = shape[1]
     # The s columns of a set are numbered k = 0 … s − 1. For column k, k products are subtracted
-    # from each of the s + border + 1 − k entries from the diagonal on. The next two lines are the
-    # sums of k and of k² over all columns.
+    # from each of its s + border + 1 − k entries from the diagonal on. ``places`` is the sum of k
+    # over all columns, and ``squares`` is the sum of k².
     places = columns * (columns - 1) // 2
     squares = columns * (columns - 1) * (2 * columns - 1) // 6
     multiplications = places * (columns + border + 1) - squares

@@ -1,15 +1,15 @@
 """Probabilities P(u ≥ 0) of Gaussian vectors u, and exact random draws of u given u ≥ 0.
 
-Each element u_j has the constraint u_j ≥ 0, such as a compliance that must not be negative. The
-region u ≥ 0 is called the orthant. Small probabilities and random draws are computed by minimax
-tilting, that is by sampling from a shifted density (`tilting`). Most probabilities P are computed
-without sampling, because they lie between close bounds. Let u₁ ≥ 0 and u₂ ≥ 0 be the two
-constraints that are most likely to fail, and P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0). Then
+Each element u_j, such as a compliance, has the constraint u_j ≥ 0. The region u ≥ 0 is called the
+orthant. Small probabilities and random draws are computed by minimax tilting, that is, by sampling
+from a shifted density (`tilting`). Most probabilities P are computed without sampling, from lower
+and upper bounds that are close to each other. Let u₁ ≥ 0 and u₂ ≥ 0 be the two constraints that are
+most likely to fail, and P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0). Then
 
     P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁) ≤ P ≤ P₁₂.
 
-The tightest constraint u_j ≥ 0 is the constraint that is most likely to fail: the mean of u_j
-divided by the sd of u_j is the smallest.
+The tightest constraint u_j ≥ 0 is the constraint that is most likely to fail. For this constraint,
+the ratio of the mean of u_j to the sd of u_j is the smallest.
 """
 
 from __future__ import annotations
@@ -33,66 +33,63 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NoisyLogProbability", "Orthant", "OrthantMoments"]
 
-# Each constraint has a row of coefficients. A constraint counts as a linear combination of other
-# constraints if the part of its row that is perpendicular to the rows of these other constraints is
-# shorter than this fraction of the whole row.
+# A constraint on a standard normal vector has a row of coefficients. The constraint counts as a
+# linear combination of other constraints if the component of its row that is perpendicular to the
+# rows of these other constraints is shorter than this fraction of the row.
 _DEPENDENT = 1e-7
-# A constraint u_j ≥ 0 counts as certain to hold if the mean of u_j is more than this many sd of u_j
-# above zero.
+# A constraint u_j ≥ 0 counts as certain to hold if the mean of u_j divided by the sd of u_j is
+# larger than this number.
 _CERTAIN_SD = 12.0
 # A constraint u_j ≥ 0 on a Gaussian variable u_j counts as improbable if the mean of u_j divided by
-# the sd of u_j is below this number. If some constraint is improbable, no constraint counts as
-# certain to hold.
+# the sd of u_j is below this number. If at least one constraint is improbable, no constraint counts
+# as certain to hold.
 _PUSHED_SD = -3.0
 # The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 for which the mean of
-# u_j is at least this many sd of u_j above zero.
+# u_j divided by the sd of u_j is at least this number.
 _NEAR_SD = 6.0
-# Constraints that hardly ever fail are left out only if leaving them out changes ln P(u ≥ 0) by at
-# most this fraction of the error tolerance. If ln P changes more, all constraints are used.
+# Constraints that hardly ever fail are left out only if this changes ln P(u ≥ 0) by at most this
+# fraction of the error tolerance. Otherwise all constraints are used.
 _LEFT_OUT_SHARE = 0.1
 # Largest number of proposals that the rejection sampler tries for one random draw.
 _MOST_PROPOSALS = 12_800
-# For one random draw, the rejection sampler computes several proposals at once. This is the largest
-# number of proposals that are computed at once.
+# Largest number of proposals that the rejection sampler computes at once for one random draw.
 _MOST_TRIES = 64
-# Number of points, in each dimension, of the Gauss-Legendre quadrature rule. The rule is used to
-# compute moments of Gaussian vectors u given u ≥ 0.
+# Number of points, in each dimension, of the Gauss-Legendre quadrature rule with which moments of
+# Gaussian vectors u given u ≥ 0 are computed.
 _RULE_POINTS = 24
-# A probability P(u ≥ 0) is estimated independently from this many copies of one set of quasi-random
-# points. The points of each copy (here called a scramble) are shifted by a random vector of their
-# own. The scatter between the estimates gives the stated error.
+# Number of independent estimates of a probability P(u ≥ 0). Each estimate uses a copy of one set of
+# quasi-random points, shifted by a random vector (here called a scramble). The scatter between the
+# estimates gives the stated error.
 _SCRAMBLES = 8
-# Numbers of quasi-random points in a scramble (shifted copy of the set of points). They are tried
-# one after the other, until the error of ln P(u ≥ 0) is small enough.
+# Numbers of quasi-random points in a scramble (a randomly shifted copy of the set of points). These
+# numbers are tried one after the other until the error of ln P(u ≥ 0) is small enough.
 _SIZES = (32, 128, 512, 2048, 8192)
-# Factor (as Student's t) by which the standard error of a probability is enlarged, because the
-# standard error is computed from the scatter of only eight estimates.
+# Factor by which the standard error of a probability is enlarged. It corresponds to Student's t
+# distribution and is needed because the standard error is computed from only eight estimates.
 _STUDENT = 1.5
-# The stated error of a probability is at least this fraction of the error that the same number of
-# plain random points would give. The lower limit is needed because the eight estimates, whose
-# scatter gives the error, may agree by chance.
+# Lower limit of the stated error of a probability, as a fraction of the error that the same number
+# of independent random points would give. The limit is needed because the eight estimates whose
+# scatter gives the error may agree by chance.
 _LEAST_ERROR_SHARE = 0.1
 # Largest number of importance weights that are computed at once, to limit the memory used. There is
 # one weight for every quasi-random point and every probability P(u ≥ 0) of a batch.
 _CHUNK = 1 << 20
-# Factor used to compute different quasi-random points for different problems. Each problem has
-# constraints with lower bounds on a standard normal vector. The points of a problem are shifted by
-# these lower bounds times the factor, modulo 1, so that even small differences between the bounds
-# give different shifts.
+# Factor for the shift of quasi-random points. The points for a set of constraints are shifted by
+# the lower bounds of the constraints times this factor, modulo 1. The factor is so large that even
+# small differences between the bounds give different shifts.
 _DIGITS = 1e5
-# Absolute error of SciPy's implementation of Owen's T function. The probability that two
-# constraints both hold is computed from this function.
+# Absolute error of SciPy's implementation of Owen's T function, from which the probability that two
+# constraints both hold is computed.
 _OWEN_ERROR = 1e-15
-# Smallest probability P(u₁ ≥ 0, u₂ ≥ 0) for which the bound of P(u ≥ 0) from pairs of constraints
-# is used, where u₁ ≥ 0 and u₂ ≥ 0 are the two constraints that are most likely to fail. Below this
-# probability, the bound is too inaccurate.
+# P(u ≥ 0) is bounded by P(u₁ ≥ 0, u₂ ≥ 0) for the two constraints that are most likely to fail. The
+# bound is used only if it is at least this number, because smaller bounds are too inaccurate.
 _LEAST_PAIR = 1e-9
 # The computed probability that two constraints u_i ≥ 0 and u_j ≥ 0 both hold counts as too
 # inaccurate if the correlation of u_i and u_j differs from 1 or −1 by less than this number.
 _LEAST_DIFFERENCE = 1e-6
 # P(u ≥ 0) is first bounded by the probability that the tightest constraint (the constraint that is
-# most likely to fail) holds. If the relative error of this bound is below this number, pairs of
-# constraints are not considered.
+# most likely to fail) holds. If the relative error of this bound is at most this number, bounds
+# from pairs of constraints are not computed.
 _NEGLIGIBLE_ERROR = 1e-9
 # Number that replaces h or k in Owen's formula for P(x < h, y < k) if h or k is zero, because the
 # formula divides by both numbers.
@@ -100,45 +97,46 @@ _NEARLY_ZERO = 1e-300
 # Generating vector of a lattice of quasi-random points, one number for each of ten dimensions
 # (F. Y. Kuo, lattice-32001-1024-1048576). For further dimensions random odd numbers are used.
 _LATTICE = (1, 182667, 469891, 498753, 110745, 446979, 250185, 118627, 245333, 283199)
-# Random shifts of the lattice of quasi-random points are generated for at least this many
-# dimensions, so that the shifts of the first dimensions do not depend on the number of dimensions
-# that are used.
+# Random shifts of the lattice of quasi-random points are generated for at least this number of
+# dimensions. The shifts of the first dimensions then do not depend on the number of dimensions that
+# are used.
 _SHIFT_DIMENSIONS = 32
 
 
 class OrthantMoments(NamedTuple):
-    """Mean and covariance of e ~ N(0, I) given u = mean + spread e ≥ 0, for w problems.
+    """Mean and covariance of w standard normal vectors e, given u = mean + spread @ e ≥ 0.
 
-    e has q elements; u, the vector of the constraints, has m elements. The moments describe the d
-    coordinates of e along the orthonormal directions ``axes``. u depends on these coordinates only.
+    e has q elements, and u, the vector of the constraints, has m elements. The moments describe the
+    d coordinates of e along the orthonormal directions ``axes``. u depends on these coordinates
+    only.
     """
 
-    #: Mean of the d coordinates of the standard normal vector e along the directions ``axes``,
-    #: given that all constraints hold, shape (w, d) for w problems.
+    #: Mean of the d coordinates of each standard normal vector e along the directions ``axes``,
+    #: given that all constraints hold, shape (w, d) for w vectors.
     mean: Array
-    #: Covariance of the d coordinates of the standard normal vector e along the directions
-    #: ``axes``, given that all constraints hold, shape (w, d, d) for w problems.
+    #: Covariance of the d coordinates of each standard normal vector e along the directions
+    #: ``axes``, given that all constraints hold, shape (w, d, d) for w vectors.
     covariance: Array
-    #: The d orthonormal directions of the standard normal vector e (q elements) along which the
-    #: constraints depend on e, shape (w, d, q) for w problems.
+    #: The d orthonormal directions of each standard normal vector e (q elements) along which the
+    #: constraints depend on e, shape (w, d, q) for w vectors.
     axes: Array
 
 
 class NoisyLogProbability(NamedTuple):
-    """Log probabilities ln P(u ≥ 0) of w problems, and two parts of their errors [nat]."""
+    """Log probabilities ln P(u ≥ 0) of w Gaussian vectors u, and two parts of the errors [nat]."""
 
     log_value: Array  #: log probability that all constraints u ≥ 0 hold, shape (w,)
-    #: error of each of w log probabilities due to analytical bounds and to constraints left out
-    #: [nat], shape (w,); infinite if no quasi-random point satisfies all constraints
+    #: error of each of the w log probabilities that is due to analytical bounds and to constraints
+    #: left out [nat], shape (w,); infinite if no quasi-random point satisfies all constraints
     common_error: Array
     noise: Array  #: error due to the limited number of quasi-random points [nat], shape (w,)
 
 
 class _Solved(NamedTuple):
-    """Problems with triangular matrices of constraints, and the densities from which to draw.
+    """Constraints with triangular matrices on w random vectors, and densities from which to draw.
 
-    Each of w problems concerns a standard normal vector e with q elements. ``axes`` (w, d, q) holds
-    the d orthonormal directions of e on which the constraints depend. ``tilted`` states the
+    Each of w standard normal vectors e has q elements. ``axes``, shape (w, d, q), holds the d
+    orthonormal directions of each e on which the constraints depend. ``tilted`` states the
     constraints on the d coordinates of e along these directions, and the shifts (tilts) of the
     density from which the coordinates are drawn at random.
     """
@@ -155,15 +153,15 @@ class _Points:
     shared: bool  #: whether all w probabilities are computed from the same points
 
     def of(self, tilted: Tilted, size: int) -> Array:
-        """Return quasi-random points in the unit cube for w problems.
+        """Return quasi-random points in the unit cube for w sets of constraints.
 
-        ``tilted`` states the constraints of the problems. There are eight scrambles (randomly
-        shifted copies of a lattice) of ``size`` points. The result has the shape (dimensions,
-        scrambles · size, 1) if all problems use the same points, otherwise (dimensions, scrambles ·
-        size, w). In the second case, the points of each problem are shifted by a further amount,
-        which is computed from the bounds of the problem's constraints alone. The points have no
-        coordinate for the last element of the problem's standard normal vector x, because the
-        importance weights do not depend on this element.
+        ``tilted`` states the constraints. There are eight scrambles (randomly shifted copies of a
+        lattice) of ``size`` points. If all sets of constraints use the same points, the result has
+        the shape (dimensions, scrambles · size, 1). Otherwise it has the shape (dimensions,
+        scrambles · size, w); the points of each set are then shifted by a further amount, which is
+        computed from the bounds of its constraints alone. There is no coordinate for the last
+        element of the constrained standard normal vector x, because the importance weights do not
+        depend on this element.
         """
         dimensions = max(len(tilted.bound) - 1, 1)
         points = _scrambled_lattice(dimensions, size, self.seed).reshape(dimensions, -1, 1)
@@ -173,18 +171,18 @@ class _Points:
 
 
 class Orthant:
-    """Batch of w problems: the probability of u ≥ 0, and random vectors u given u ≥ 0.
+    """Batch of w Gaussian vectors u: probability of u ≥ 0, and random draws of u given u ≥ 0.
 
-    In each problem u = mean + spread e has m elements, and e ~ N(0, I) has q elements. Each
+    Each vector u = mean + spread @ e has m elements, where e ~ N(0, I) has q elements. Each
     u_j ≥ 0 is a constraint. Methods raise an `InputError` if double precision does not suffice to
-    find the shifted density from which they sample.
+    compute the shifted density from which they sample.
 
     Parameters
     ----------
     mean
-        Means of the m elements of u in each of w problems, shape (w, m).
+        Means of the m elements of each of the w vectors u, shape (w, m).
     spread
-        Square root of the covariance of u in each problem, shape (w, m, q).
+        Square root of the covariance of each vector u, shape (w, m, q).
     """
 
     def __init__(self, mean: Array, spread: Array) -> None:
@@ -197,23 +195,22 @@ class Orthant:
         *,
         seed: int = 0,
     ) -> tuple[Array, Array]:
-        """Return ln P(u ≥ 0) and its numerical error [nat], each of shape (w,) for w problems.
+        """Return ln P(u ≥ 0) and its numerical error [nat] for w vectors u, each of shape (w,).
 
-        u ≥ 0 are the constraints of a problem, and u is Gaussian. ln P is computed from analytical
-        bounds if their distance is small enough for the tolerance; if not, it is computed from up
-        to 65 536 quasi-random points. In the second case, eight copies of the points, each with a
-        random shift, give eight estimates. The error is the standard error from the scatter of
-        these estimates, times a factor from Student's t. The true value of ln P then differs from
-        the result by at most three times this error, with a probability of 99 %. The result of a
-        problem does not depend on the other problems. All problems use the same points, so that
-        their errors are correlated. If no point satisfies all constraints, ln P is replaced by its
-        upper bound and the error is infinite.
+        ln P is computed from analytical bounds if they are close enough to each other for the
+        tolerance. Otherwise it is computed from up to 65 536 quasi-random points. Eight copies of
+        these points, each with a random shift, then give eight estimates; the error is the standard
+        error from the scatter of the estimates, times a factor from Student's t. With a probability
+        of 99 %, the true value of ln P differs from the result by at most three times this error.
+        The result for a vector does not depend on the other vectors. All vectors use the same
+        points, so that their errors are correlated. If no point satisfies all constraints, ln P is
+        replaced by its upper bound, and the error is infinite.
 
         Parameters
         ----------
         tolerance
-            Largest error of ln P that is accepted [nat]. More points are used until the error is
-            small enough or all 65 536 points are used.
+            Largest error of ln P that is accepted [nat]. The number of points is increased until
+            the error is small enough or all 65 536 points are used.
         seed
             Seed of the random shifts of the quasi-random points.
         """
@@ -227,19 +224,19 @@ class Orthant:
         *,
         seed: int = 0,
     ) -> NoisyLogProbability:
-        """Return ln P(u ≥ 0) for w problems, from quasi-random points that differ between problems.
+        """Return ln P(u ≥ 0) for w vectors u, from quasi-random points that differ between vectors.
 
-        The errors that come from the points, called noise, are independent. In a mean over many
-        problems these errors cancel to a large part, so that few points suffice for each problem.
-        In all other respects, the method does the same as `log_probability`.
+        The errors due to the quasi-random points, called noise, are independent between vectors. In
+        a mean over many vectors they cancel to a large part, so that few points suffice for each
+        vector. In all other respects, the method works like `log_probability`.
 
         Parameters
         ----------
         tolerance
             Largest error [nat] with which analytical bounds are used instead of points.
         largest_noise
-            Largest noise that is accepted [nat]. More points are used until the noise is small
-            enough or all 65 536 points are used.
+            Largest noise that is accepted [nat]. The number of points is increased until the noise
+            is small enough or all 65 536 points are used.
         seed
             Seed of the quasi-random points.
         """
@@ -256,8 +253,8 @@ class Orthant:
         open_members = np.flatnonzero(error > tolerance)
         for near in (_NEAR_SD, np.inf):
             # The first pass leaves out the constraints u_j ≥ 0 for which the mean of u_j is at
-            # least six sd above zero. Where leaving them out changes ln P(u ≥ 0) by more than a
-            # tenth of the tolerance, the second pass uses all constraints.
+            # least six sds above zero. If leaving them out changes ln P(u ≥ 0) by more than a tenth
+            # of the tolerance, the second pass uses all constraints.
             near_rows = distance[open_members] < near
             unfinished = np.zeros(len(open_members), dtype=bool)
             for pattern in np.unique(near_rows, axis=0):
@@ -277,28 +274,28 @@ class Orthant:
 
     @property
     def log_bound(self) -> Array:
-        """Upper bound of ln P(u ≥ 0) for each of w problems, shape (w,).
+        """Upper bound of ln P(u ≥ 0) for each of w Gaussian vectors u, shape (w,).
 
-        u ≥ 0 are the constraints of a problem, and u is Gaussian. The bound is a smooth function of
-        the mean of u, close to ln P where P is small, and exact for a single constraint.
+        The bound is a smooth function of the mean of u. It is close to ln P if P is small, and
+        equal to ln P if there is a single constraint.
         """
         return self._tilted.log_bound
 
     def moments(self, size: int = 512, *, seed: int = 0) -> OrthantMoments:
-        """Return mean and covariance of the standard normal e, given u = mean + spread e ≥ 0.
+        """Return mean and covariance of standard normal vectors e, given u = mean + spread @ e ≥ 0.
 
-        e is a vector of q elements in each of w problems. The moments describe the coordinates of e
-        along the directions `axes`; perpendicular to these directions, e stays standard normal. The
-        moments are weighted means over quasi-random points. The points of a problem are shifted by
-        an amount that is computed from its constraints alone. Different problems therefore use
-        different points, so that errors average out over many problems; and the result of a problem
-        does not depend on other problems in the batch.
+        There are w vectors e of q elements. The moments describe the coordinates of e along the
+        directions `axes`; perpendicular to these directions, e stays standard normal. The moments
+        are weighted means over quasi-random points. The points for a vector are shifted by an
+        amount that is computed from the constraints on this vector alone. Different vectors
+        therefore use different points, so that errors average out over many vectors, and the result
+        for a vector does not depend on the other vectors of the batch.
 
         Parameters
         ----------
         size
             Number of quasi-random points. It has no effect if there are only one or two directions
-            `axes`, because a quadrature rule is then used instead.
+            `axes`; a quadrature rule is then used instead.
         seed
             Seed of the quasi-random points; it has an effect only beyond ten directions.
         """
@@ -323,9 +320,9 @@ class Orthant:
     def axes(self) -> Array:
         """Orthonormal directions along which the constraints depend on e, shape (w, d, q).
 
-        Each of w problems has a standard normal vector e of q elements and constraints u ≥ 0, where
-        u = mean + spread e. Constraints that are certain to hold in all problems are left out. The
-        d coordinates of e along the directions are ``x = axes @ e``.
+        Each of w standard normal vectors e of q elements has the constraints u = mean + spread @ e
+        ≥ 0. Constraints that are certain to hold for all w vectors are left out. The d coordinates
+        of e along the directions are ``x = axes @ e``.
         """
         return self._solved.axes
 
@@ -335,11 +332,11 @@ class Orthant:
         *,
         max_proposals: int = _MOST_PROPOSALS,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return an exact random draw of ``x = axes @ e`` given u ≥ 0 for each of w problems.
+        """Return an exact random draw of ``x = axes @ e`` given u ≥ 0 for each of w vectors e.
 
-        Each problem has a standard normal vector e and constraints u ≥ 0, where
-        u = mean + spread e. x are the d coordinates of e along the directions `axes`. A rejection
-        sampler proposes x from a shifted (tilted) normal density.
+        Each standard normal vector e has the constraints u = mean + spread @ e ≥ 0. x holds the d
+        coordinates of e along the directions `axes`. A rejection sampler proposes x from a shifted
+        (tilted) normal density.
 
         Parameters
         ----------
@@ -352,7 +349,7 @@ class Orthant:
         Returns
         -------
         x
-            Random draws, shape (w, d). Where no proposal was accepted, they are zeros or a rejected
+            Random draws, shape (w, d). If no proposal was accepted, a draw is zero or a rejected
             proposal.
         accepted
             Whether one of the proposals was accepted, shape (w,).
@@ -379,15 +376,15 @@ class Orthant:
         self,
         rng: np.random.Generator,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return an exact random draw of e ~ N(0, I) given u = mean + spread e ≥ 0.
+        """Return an exact random draw of e ~ N(0, I) given u = mean + spread @ e ≥ 0.
 
-        Each problem has a standard normal vector e of q elements and the constraints u ≥ 0. A
-        rejection sampler makes one draw for each of the w problems.
+        A rejection sampler makes one draw for each of w standard normal vectors e of q elements,
+        with the constraints u ≥ 0.
 
         Returns
         -------
         e
-            Random draws of e, shape (w, q). They are not exact where no proposal was accepted.
+            Random draws of e, shape (w, q). A draw is not exact if no proposal was accepted.
         accepted
             Whether the rejection sampler accepted a proposal, shape (w,).
         """
@@ -402,34 +399,35 @@ class Orthant:
     ) -> tuple[Array, Array]:
         """Return a random draw of e from the shifted density, and its log importance weight.
 
-        Each of w problems has a standard normal vector e of q elements and m constraints
-        u = mean + spread e ≥ 0, which depend on e along d directions only (`axes`). The draw has
-        the shape (w, q). The log weight, shape (w,), is ln (density of e given u ≥ 0 / shifted
-        density), without the constant ln P(u ≥ 0). It is −inf if the draw violates a constraint.
+        Each of w standard normal vectors e of q elements has m constraints u = mean + spread @ e ≥
+        0, which depend on e only along d directions (`axes`). The draws have the shape (w, q). The
+        log weight, shape (w,), is ln (density of e given u ≥ 0 / shifted density), without the
+        constant ln P(u ≥ 0). It is −inf if the draw violates a constraint.
 
         Parameters
         ----------
         uniform
-            Uniform random numbers between 0 and 1, shape (w, m). The first d ≤ m numbers give the
-            coordinates of e along `axes`; the remaining numbers are not used.
+            Uniform random numbers between 0 and 1, shape (w, m). The coordinates of e along `axes`
+            are computed from the first d ≤ m numbers; the remaining numbers are not used.
         normal
-            Standard normal random numbers, shape (w, q), which give e perpendicular to `axes`.
+            Standard normal random numbers, shape (w, q), from which the component of e
+            perpendicular to `axes` is computed.
         """
         d = len(self._tilted.bound)
         log_weight, x = self._tilted.propose(uniform.T[:d, None])
         return self._complete(x[:, 0].T, normal), log_weight[0]
 
     def log_proposal_weight(self, e: Array) -> Array:
-        """Return the log importance weight of one point e for each of w problems, shape (w,).
+        """Return the log importance weight of one point e for each of w random vectors, shape (w,).
 
-        The weight is ln (density of e given u ≥ 0 / shifted density), without the constant
+        The log weight is ln (density of e given u ≥ 0 / shifted density), without the constant
         ln P(u ≥ 0), as in `propose_standard`.
 
         Parameters
         ----------
         e
-            Values of the standard normal vectors e of q elements, for which the constraints u =
-            mean + spread e ≥ 0 hold, shape (w, q).
+            Values of the standard normal vectors e of q elements, shape (w, q). The constraints
+            u = mean + spread @ e ≥ 0 must hold.
         """
         x = np.einsum("wiq,wq->iw", self.axes, e)
         return self._tilted.log_weight(x[:, None])[0]
@@ -437,7 +435,7 @@ class Orthant:
     def _complete(self, x: Array, normal: Array) -> Array:
         """Return vectors e (w, q) from their coordinates x (w, d) along the directions `axes`.
 
-        Each of w problems has a vector e of q elements and d directions. Perpendicular to these
+        Each of w vectors e has q elements, and there are d directions. Perpendicular to these
         directions, e is equal to the vectors ``normal``, shape (w, q).
         """
         normal_along_axes = np.einsum("wiq,wq->wi", self.axes, normal)
@@ -446,8 +444,8 @@ class Orthant:
     def _sum_points(self, tolerance: float, points: _Points) -> tuple[Array, Array]:
         """Return ln P(u ≥ 0) and its error [nat] from quasi-random points, each of shape (w,).
 
-        u ≥ 0 are the constraints of each of w problems. The number of points is multiplied by four
-        until the error is within ``tolerance`` [nat] or 65 536 points are used.
+        There is one probability for each of w Gaussian vectors u. The number of points is
+        multiplied by four until the error is within ``tolerance`` [nat] or 65 536 points are used.
         """
         tilted = self._tilted
         value = tilted.log_bound.copy()
@@ -479,10 +477,10 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Triangular matrices of the constraints of all problems, and the shifted densities.
+        """Triangular matrices of the constraints on all vectors, and the shifted densities.
 
-        Random vectors are drawn from the shifted densities. Constraints that are certain to hold in
-        all problems of the batch are left out.
+        Random vectors are drawn from the shifted densities. Constraints that are certain to hold
+        for all vectors of the batch are left out.
         """
         rows = _uncertain_rows(self._mean, self._spread)
         mean = self._mean[:, rows]
@@ -498,10 +496,10 @@ class Orthant:
         bound = -core_mean / np.abs(diagonal)
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
-        # ``core`` holds the rows of linearly independent constraints. All other constraints are
+        # ``core`` holds the indices of linearly independent constraints. All other constraints are
         # linear combinations of these constraints. Each of the other constraints is expressed as a
-        # row of length one that multiplies x, the coordinates of the standard normal vector along
-        # the directions ``axes``.
+        # row of coefficients, of length one, that multiplies x, the coordinates of the standard
+        # normal vector along the directions ``axes``.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)
@@ -526,13 +524,13 @@ class Orthant:
 
 
 def _scramble_error(weight: Array) -> Array:
-    """Return the error of the mean importance weight of each of w problems, shape (w,).
+    """Return the error of the mean importance weight of each of w probabilities, shape (w,).
 
-    The error is the standard error of the mean of eight independent estimates, times a factor
-    (because eight estimates are few), but at least a tenth of the standard error that plain random
-    points would have. ``weight`` holds the weights of all quasi-random points, shape (scrambles,
-    points, w). Each scramble (a copy of the points with its own random shift) gives one estimate:
-    the mean of its weights.
+    ``weight`` holds the weights of all quasi-random points, shape (scrambles, points, w). Each
+    scramble (a randomly shifted copy of the points) gives one estimate: the mean of its weights.
+    The error is the standard error of the mean of the eight independent estimates, times a factor
+    because there are only eight of them. It is at least a tenth of the standard error that
+    independent random points would have.
     """
     scatter = weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
     points = weight.shape[0] * weight.shape[1]
@@ -546,20 +544,20 @@ def _bound_in_closed_form(
 ) -> tuple[Array, Array]:
     """Return ln P(u ≥ 0) from analytical bounds, and its largest error, each of shape (w,).
 
-    u ≥ 0 are the m constraints of each of w problems. P is at most the probability that the
-    tightest constraint holds, that is, the constraint u_j ≥ 0 with the smallest ratio of mean and
-    sd of u_j. P is at least this probability minus the probabilities that the other elements of u
-    are negative. Where the two bounds differ, closer bounds are computed from pairs of constraints.
-    ln P is returned with the largest error that the closest bounds permit; this error may be
-    infinite.
+    There is one probability P for each of w Gaussian vectors u with m constraints u_j ≥ 0. P is at
+    most the probability that the tightest constraint holds; for this constraint, the ratio of the
+    mean of u_j to its sd is the smallest. P is at least this probability minus the probabilities
+    that the other elements of u are negative. If the two bounds differ, closer bounds are computed
+    from pairs of constraints. The error is the largest error of ln P that the closest bounds
+    permit; it may be infinite.
 
     Parameters
     ----------
     distance
         Mean of each u_j divided by its sd, shape (w, m).
     spread
-        Matrix that multiplies e in u = mean + spread e, for each problem, shape (w, m, q); e is
-        standard normal with q elements.
+        Matrix in u = mean + spread @ e for each vector u, shape (w, m, q); e is standard normal
+        with q elements.
     """
     w, m = distance.shape
     if m == 0:
@@ -592,15 +590,17 @@ def _bound_by_pairs(
 ) -> tuple[Array, Array]:
     """Return ln P(u ≥ 0), with P midway between bounds from pairs of constraints, and its error.
 
-    u ≥ 0 are the m constraints of each of w problems; u depends on q standard normal variables.
-    Both results have shape (w,). The error is infinite if rounding makes the bounds unreliable. The
-    upper bound is P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of the first two constraints. The lower bound is P₁₂ −
-    Σ_{j>2} p_j, where p_j is the smallest of P(u_j < 0), P(u_j < 0 ≤ u₁) and P(u_j < 0 ≤ u₂).
+    There is one probability P for each of w Gaussian vectors u with m constraints u_j ≥ 0; u
+    depends on q standard normal variables. Both results have the shape (w,). The upper bound is P₁₂
+    = P(u₁ ≥ 0, u₂ ≥ 0) of the first two constraints. The lower bound is P₁₂ − Σ_{j>2} p_j, where
+    p_j is the smallest of P(u_j < 0), P(u_j < 0 ≤ u₁) and P(u_j < 0 ≤ u₂). The error is infinite if
+    rounding errors make the bounds unreliable.
 
     Parameters
     ----------
     distance
-        Mean of each of the m elements of u divided by its sd, the smallest first, shape (m, w).
+        Mean of each of the m elements of u divided by its sd, sorted so that the smallest ratio is
+        first, shape (m, w).
     tail
         Probability that each constraint alone fails, shape (m, w).
     unit
@@ -629,10 +629,10 @@ def _loss_to_row(
 ) -> Array:
     """Return the probability P(u_j < 0 ≤ u_i) of two Gaussian variables u_i and u_j.
 
-    ``distance`` is the mean of u_j divided by its sd, ``tight_distance`` the mean of u_i divided by
-    its sd, and ``correlation`` the correlation of u_i and u_j; all are arrays of shape (w,), with
-    one element for each of w pairs of variables. The result is 1 where the correlation is too close
-    to ±1 to compute the probability.
+    ``distance`` is the mean of u_j divided by its sd, ``tight_distance`` is the mean of u_i divided
+    by its sd, and ``correlation`` is the correlation of u_i and u_j. All three are arrays of shape
+    (w,), with one element for each of w pairs of variables. The result is 1 if the correlation is
+    too close to ±1 to compute the probability.
     """
     probability = _pair_probability(-distance, tight_distance, -correlation)
     return np.where(np.abs(correlation) < 1.0 - _LEAST_DIFFERENCE, probability, 1.0)
@@ -645,8 +645,9 @@ def _pair_probability(
 ) -> Array:
     """Return P(x < h, y < k) for standard normal x and y with correlation ρ.
 
-    ``h``, ``k`` and the correlation ``rho`` are arrays. There is one probability for each of their
-    elements; it is computed by Owen's T function (Ann. Math. Stat. 27, 1075-1090, 1956).
+    ``h``, ``k`` and the correlation ``rho`` are arrays, and there is one probability for each of
+    their elements. The probabilities are computed with Owen's T function (Ann. Math. Stat. 27,
+    1075-1090, 1956).
     """
     h = np.where(h == 0.0, _NEARLY_ZERO, h)
     k = np.where(k == 0.0, _NEARLY_ZERO, k)
@@ -660,10 +661,10 @@ def _pair_probability(
 
 @cache
 def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
-    """Return shifted lattices before they are taken modulo 1, shape (dimensions, scrambles, size).
+    """Return shifted lattices, not yet reduced modulo 1, shape (dimensions, scrambles, size).
 
-    Each of the eight scrambles is a copy of the same lattice of ``size`` points, shifted by one
-    random vector (from ``seed``).
+    Each of the eight scrambles is a copy of the same lattice of ``size`` points, shifted by a
+    random vector. ``seed`` is the seed of the random vectors.
     """
     rng = np.random.default_rng([seed, size])
     shifts = rng.random((_SCRAMBLES, max(dimensions, _SHIFT_DIMENSIONS)))
@@ -672,10 +673,10 @@ def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
 
 
 def _shift_of_problem(tilted: Tilted) -> Array:
-    """Return the shift of the quasi-random points of each of w problems, shape (d, 1, w).
+    """Return the shifts of the quasi-random points for w sets of constraints, shape (d, 1, w).
 
-    Each problem has d constraints on a standard normal vector; ``tilted`` states them. The shift of
-    a problem is computed from the lower bounds of its constraints alone.
+    ``tilted`` states the constraints. Each set has d constraints on a standard normal vector. The
+    shift for a set is computed from the lower bounds of its constraints alone.
     """
     return np.asarray(tilted.bound[:, None] * _DIGITS)
 
@@ -684,8 +685,8 @@ def _fold(points: Array) -> Array:
     """Return the baker's transformation 1 − |2x − 1| of numbers x between 0 and 1.
 
     ``points`` holds the numbers x, which are the coordinates of points of a lattice. The
-    transformation makes the function to integrate periodic in x, so that the mean of the function
-    over the lattice is more exact.
+    transformation makes the integrand periodic in x, so that its mean over the lattice is more
+    accurate.
     """
     return 1.0 - np.abs(2.0 * points - 1.0)
 
@@ -695,10 +696,10 @@ def _lattice(
     size: int,
     seed: int,
 ) -> Array:
-    """Return the points of a lattice before they are taken modulo 1, shape (dimensions, size).
+    """Return the points of a lattice, not yet reduced modulo 1, shape (dimensions, size).
 
-    Point number k has the coordinates k g / size, with an integer g for each dimension. ``seed``
-    has an effect only beyond ten dimensions, where the integers g are random.
+    Point k has the coordinates k g / size, with an integer g for each dimension. ``seed`` has an
+    effect only beyond ten dimensions, for which the integers g are random.
     """
     rng = np.random.default_rng([seed, 1])
     generators = list(_LATTICE)
@@ -724,8 +725,8 @@ def _quadrature_rule(dimensions: int) -> _Rule:
     """Return a quadrature rule for the unit cube in one or two dimensions.
 
     In each dimension, the rule is the Gauss-Legendre rule for a variable s in [0, 1], with the
-    substitution u = s³ (10 − 15 s + 6 s²). The points u are dense near 0 and 1, where the function
-    to integrate changes most.
+    substitution u = s³ (10 − 15 s + 6 s²). The points u are dense near 0 and 1, where the integrand
+    changes most.
     """
     nodes, legendre_weight = np.polynomial.legendre.leggauss(_RULE_POINTS)
     s = (nodes + 1.0) / 2.0
@@ -742,13 +743,14 @@ def _uncertain_rows(
     mean: Array,
     spread: Array,
 ) -> NDArray[np.intp]:
-    """Return the indices (from 0) of the constraints that may fail in at least one problem.
+    """Return the indices (from 0) of the constraints that may fail for at least one vector.
 
-    Each of w problems has m constraints u = mean + spread e ≥ 0, with standard normal e of q
-    elements; ``mean`` has shape (w, m) and ``spread`` (w, m, q). A constraint u_j ≥ 0 counts as
-    certain, and is left out, if the mean of u_j is more than 12 sd above zero in every problem. All
-    indices are returned if, in some problem, the mean of some u_j is more than three sd below zero:
-    given that this u_j is not negative, constraints that look certain may fail.
+    Each of w Gaussian vectors u = mean + spread @ e has m constraints u_j ≥ 0; e is standard normal
+    with q elements, ``mean`` has the shape (w, m), and ``spread`` has the shape (w, m, q). A
+    constraint u_j ≥ 0 counts as certain, and is left out, if the mean of u_j is more than 12 sds
+    above zero for every vector. All indices are returned if the mean of at least one u_j is more
+    than three sds below zero: given that this u_j is not negative, constraints that look certain
+    may fail.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = mean / np.linalg.norm(spread, axis=2)
@@ -762,12 +764,12 @@ def _core_rows(
     mean: Array,
     spread: Array,
 ) -> NDArray[np.intp]:
-    """Return the indices of linearly independent constraints of w problems, shape (w, rank).
+    """Return the indices of linearly independent constraints on each of w vectors, shape (w, rank).
 
-    The rank is the number of linearly independent constraints, the same in all problems. Each
-    problem has m constraints u = mean + spread e ≥ 0, with standard normal e of q elements;
-    ``mean`` has shape (w, m) and ``spread`` (w, m, q). The indices j of a problem are in increasing
-    order of the mean of u_j divided by the sd of u_j.
+    The rank is the number of linearly independent constraints; it is the same for all vectors. Each
+    vector u = mean + spread @ e has m constraints u_j ≥ 0; e is standard normal with q elements,
+    ``mean`` has the shape (w, m), and ``spread`` has the shape (w, m, q). For each vector, the
+    indices j are sorted so that the ratio of the mean of u_j to its sd increases.
     """
     if not mean.shape[1]:
         return np.zeros(mean.shape, dtype=np.intp)
@@ -788,18 +790,18 @@ def _binding_rows(
     unit: Array,
     rank: int,
 ) -> list[int]:
-    """Return the indices of linearly independent constraints of one problem, the tightest first.
+    """Return the indices of linearly independent constraints on one vector, the tightest first.
 
-    The problem has m constraints on a standard normal vector e of q elements. Consider the most
-    probable e that satisfies all constraints. Constraints that hold with equality at this e are
-    chosen first. Further constraints are chosen one by one, each time the constraint whose row has
-    the longest part perpendicular to the rows chosen before, until ``rank`` constraints are chosen.
-    The result is in increasing order of ``distance``.
+    There are m constraints on a standard normal vector e of q elements. First, the constraints are
+    chosen that hold with equality at the most probable e that satisfies all constraints. Further
+    constraints are then chosen one by one until there are ``rank`` constraints: each time, the
+    constraint is chosen whose row has the longest component perpendicular to all rows chosen
+    before. The result is sorted by increasing ``distance``.
 
     Parameters
     ----------
     distance
-        Mean of each constrained variable divided by its sd, shape (m,); the ratio is smallest for
+        Mean of each constrained variable divided by its sd, shape (m,). The ratio is smallest for
         the tightest constraint.
     unit
         Rows of coefficients of the constraints, scaled to length one, shape (m, q).

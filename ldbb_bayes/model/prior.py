@@ -1,10 +1,9 @@
 """Priors of the parameters of interest, and settings of the priors of the hyper-parameters.
 
 Parameters of interest are the compliances, their slopes (changes with force) and the geometric
-errors. Hyper-parameters are the scales (standard deviations) of the noise and of the other effects,
-such as the form errors of the balls, and an exponent, the decay. The decay p states that the
-standard deviation of a form error of the balls with n waves around the circle is proportional to
-n^(−p).
+errors. Hyper-parameters are the scales (standard deviations) of the noise and of other effects, and
+an exponent, the decay p. The standard deviation of a form error of the balls with n waves around
+the circle is proportional to n^(−p).
 """
 
 from __future__ import annotations
@@ -81,8 +80,8 @@ EXAMPLES = [
     "E_Xt0",
     "E_Yt0",
 ]
-# A prior mean of a parameter is refused if its absolute value is more than this number of default
-# prior sds, because its unit is then probably wrong.
+# A prior mean of a parameter is refused if its absolute value exceeds the default prior sd times
+# this number, because the unit is then probably wrong.
 _LARGEST_MEAN_PER_SD = 1000.0
 # Regular expression for the names of compliances, such as C_XXX, and of their slopes, such as
 # C_XXX_1.
@@ -147,11 +146,12 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
 
 
 def settings_of_sd(parameter: str) -> tuple[str, ...]:
-    """Return the names of the fields of `Prior` from which a parameter's prior sd follows.
+    """Return the names of the fields of `Prior` that determine a parameter's prior sd.
 
-    For C_XXX the only field is ``direct_mm_per_N``; for its slope C_XXX_1 there are also
-    ``slope_scale`` and ``slopes_of_estimate``. The fields for single parameters (``overrides``,
-    ``means``) are left out. The result is an empty tuple if no parameter can have the name.
+    For C_XXX the only field is ``direct_mm_per_N``. For the slope C_XXX_1, the fields
+    ``slope_scale`` and ``slopes_of_estimate`` are named too. The fields for single parameters
+    (``overrides``, ``means``) are left out. The result is an empty tuple if ``parameter`` is not
+    the name of a parameter.
     """
     kind = _kind_of(parameter)
     if kind is None:
@@ -162,9 +162,10 @@ def settings_of_sd(parameter: str) -> tuple[str, ...]:
 
 
 def _kind_of(parameter: str) -> _Kind | None:
-    """Return a parameter's internal unit, and the field of `Prior` with its default prior sd.
+    """Return the internal unit of a parameter, and the field of `Prior` with its default prior sd.
 
-    For C_XXX, these are mm/N and direct_mm_per_N. Return None if no parameter can have the name.
+    For C_XXX, the unit is mm/N and the field is direct_mm_per_N. Return None if ``parameter`` is
+    not the name of a parameter.
     """
     match = _COMPLIANCE_NAME.fullmatch(parameter)
     if match is not None:
@@ -178,7 +179,7 @@ def _kind_of(parameter: str) -> _Kind | None:
 
 
 def degree_of(parameter: str) -> int:
-    """Return the degree of a slope, 1 or 2, from its name; return 0 for any other parameter.
+    """Return the degree of a slope, 1 or 2, from its name; return 0 for all other parameters.
 
     A slope is the change of a compliance with force. It is linear (degree 1) for C_XXX_1 and
     quadratic (degree 2) for C_XXX_2.
@@ -199,9 +200,9 @@ class Prior(Shown):
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
     slope is always zero, because the model of constant compliance is the linear model with all
-    slopes at zero. If ``means`` names a compliance, its prior sd in ``overrides`` states how well
-    the compliance is known, not how large it may be. The prior sds of its slopes therefore follow
-    from the default prior sd for this kind of compliance.
+    slopes at zero. If ``means`` names a compliance, the prior sd of this compliance in
+    ``overrides`` states how well the compliance is known, not how large it may be. The prior sds of
+    its slopes are therefore computed from the default prior sd of this kind of compliance.
 
     Raises
     ------
@@ -230,10 +231,10 @@ class Prior(Shown):
     #: prior sd of rotations caused by a moment, such as C_CCY (rotation about Z per moment about Z)
     #: [rad/(N mm)]
     rotation_for_moment_rad_per_N_mm: float = 1e-9
-    #: factor of the prior sd of slopes (changes of a compliance with force), without unit: a slope
-    #: of degree k has the prior sd slope_scale · size / (F_max − F_min)^k. F_min and F_max are the
-    #: campaign's smallest and largest force; ``slopes_of_estimate`` states which size of the
-    #: compliance is used.
+    #: factor in the prior sd of slopes (changes of a compliance with force), without unit. A slope
+    #: of degree k has the prior sd slope_scale · c / (F_max − F_min)^k. c is a magnitude of the
+    #: compliance, which ``slopes_of_estimate`` selects; F_min and F_max are the campaign's smallest
+    #: and largest force.
     slope_scale: float = 0.3
     gain: float = 2e-4  #: prior sd of scale errors of axes, such as E_XX1, without unit
     squareness_rad: float = 5e-5  #: prior sd of squareness errors, such as E_C(0Y)X [rad]
@@ -259,14 +260,13 @@ class Prior(Shown):
     #: higher orders, are proportional to n^(−p), where the order n is the number of waves around
     #: the circle. The prior is Gaussian, restricted to [0.5, 3.5].
     decay: float = 2.0
-    #: prior sd of the decay p, which the field ``decay`` explains, before the restriction to [0.5,
-    #: 3.5]
+    #: prior sd of the decay p (see ``decay``) before the restriction to [0.5, 3.5]
     decay_sd: float = 0.7
     #: whether the prior sd of a slope (change of a compliance with force) is proportional to the
-    #: estimate of its compliance. If true, ``slope_scale`` multiplies the size max(√(Ĉ² + u²),
-    #: sd(C)/20) of the compliance, where Ĉ is the estimate of the compliance, u the standard
-    #: uncertainty of the estimate, and sd(C) the prior sd of the compliance. If false,
-    #: ``slope_scale`` multiplies sd(C), as in the model's first edition (preset ``first``).
+    #: estimate of its compliance. If true, the prior sd is proportional to max(√(Ĉ² + u²),
+    #: sd(C)/20), where Ĉ is the estimate of the compliance, u the standard uncertainty of the
+    #: estimate, and sd(C) the prior sd of the compliance. If false, it is proportional to sd(C), as
+    #: in the model's first edition (preset ``first``). The factor is ``slope_scale``.
     slopes_of_estimate: bool = True
     #: whether compliances that are deflections in the direction of the load itself (such as C_XXX,
     #: C_YYY and C_CCY) must not be negative at the tested forces
@@ -313,8 +313,8 @@ class Prior(Shown):
     def _convert_table(self, table: str, words: str) -> None:
         """Convert every value of ``overrides`` or ``means`` to internal units (mm, N, rad).
 
-        ``table`` is the name of one of these two fields. ``words`` describe its values in error
-        messages, such as "prior sd of".
+        ``table`` is the name of one of these two fields. ``words`` describes the values in error
+        messages, for example as "prior sd of".
         """
         values = {inside_name(name): value for name, value in getattr(self, table).items()}
         for name, value in values.items():
@@ -324,8 +324,8 @@ class Prior(Shown):
     def _check_flat(self) -> None:
         """Raise an `InputError` if the prior is flat and has settings that contradict it.
 
-        Such settings are the exclusion of negative compliances (``truncated``), prior sds
-        (``overrides``) and prior means (``means``).
+        A flat prior is contradicted by the exclusion of negative compliances (``truncated``), by
+        prior sds (``overrides``) and by prior means (``means``).
         """
         if not self.flat:
             return
@@ -343,7 +343,7 @@ class Prior(Shown):
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what pickle needs to create the same prior: the class with all its settings.
 
-        Read-only mappings, which pickle cannot store, are replaced by dictionaries.
+        Read-only mappings are replaced by dictionaries, because pickle cannot store them.
         """
         settings = {**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)}
         return partial(Prior, **settings), ()
@@ -373,8 +373,8 @@ class Prior(Shown):
     def compliance_sd(self, names: Sequence[ComplianceName]) -> Array:
         """Return the prior sd of each named compliance, shape (compliances,), in mm, N and rad.
 
-        ``names`` are the names of the compliances. The sd is the value that the user gave for the
-        compliance. If there is none, the sd is the default for this kind of compliance.
+        ``names`` are the names of the compliances. A prior sd that the user gave for a compliance
+        is used; otherwise the sd is the default for this kind of compliance.
         """
         return self._overridden([name.label for name in names], self._usual_sd(names))
 
@@ -383,8 +383,8 @@ class Prior(Shown):
     ) -> Array:
         """Return the prior sd of the slope of each named compliance, shape (compliances,).
 
-        The sd is the value that the user gave for the slope. If there is none, the sd is
-        slope_scale · size / (force range)^degree. Sds are in mm, N and rad.
+        A prior sd that the user gave for a slope is used; otherwise the sd is
+        slope_scale · size / (force range)^degree. The sds are in mm, N and rad.
 
         Parameters
         ----------
@@ -395,7 +395,7 @@ class Prior(Shown):
         force_range_N
             Largest minus smallest force of the campaign [N].
         size
-            Typical size of each compliance, shape (compliances,).
+            Typical magnitude of each compliance, shape (compliances,).
         """
         return self._overridden(
             [f"{name.label}_{degree}" for name in names],
@@ -403,11 +403,11 @@ class Prior(Shown):
         )
 
     def compliance_size(self, names: Sequence[ComplianceName]) -> Array:
-        """Return the typical size of each named compliance, shape (compliances,), in mm, N and rad.
+        """Return the typical magnitude of each named compliance, shape (compliances,).
 
-        ``names`` are the names of the compliances. The size is the prior sd of the compliance. If
-        the user gave a prior mean for the compliance, the size is the default prior sd of its kind
-        instead.
+        ``names`` are the names of the compliances. The magnitude, in mm, N and rad, is the prior sd
+        of the compliance. If the user gave a prior mean for the compliance, the magnitude is the
+        default prior sd of this kind of compliance instead.
         """
         has_mean = [name.label in self.means for name in names]
         return np.where(has_mean, self._usual_sd(names), self.compliance_sd(names))
@@ -418,8 +418,8 @@ class Prior(Shown):
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
         """Return the prior sd of each named geometric error, shape (errors,), in mm and rad.
 
-        ``names`` are the names of the errors. The sd is the value that the user gave for the error.
-        If there is none, the sd is the default for this kind of error.
+        ``names`` are the names of the errors. A prior sd that the user gave for an error is used;
+        otherwise the sd is the default for this kind of error.
         """
         return self._overridden(
             [name.label for name in names],
@@ -436,14 +436,14 @@ class Prior(Shown):
         """Return the joint prior of the hyper-parameters, with lengths in mm.
 
         Hyper-parameters are the scales (standard deviations) of the noise and of other effects, and
-        numbers without unit, such as the decay p: a form error of order n is proportional to
+        numbers without unit, such as the decay p. A form error of order n is proportional to
         n^(−p).
 
         Parameters
         ----------
         scales
-            Hyper-parameters of the model. Each hyper-parameter states the scale of its prior [µm],
-            or the name of the field of this object that holds the scale.
+            Hyper-parameters of the model. Each holds the scale of its prior [µm], or the name of
+            the field of this `Prior` that holds the scale.
         resolution_um
             Resolution of the readout [µm]. The sd σ of white noise is at least resolution/√12; the
             other hyper-parameters are at least zero.
@@ -475,8 +475,8 @@ def _check_mean(name: str, mean: float) -> None:
     """Raise an `InputError` if the prior mean of a named parameter is not permitted.
 
     ``name`` is the name of the parameter and ``mean`` the prior mean, in internal units
-    (mm, N, rad). A prior mean is not permitted if it is not finite, belongs to a slope, or is more
-    than 1000 default prior sds from zero.
+    (mm, N, rad). A prior mean is not permitted if it is not finite, if the parameter is a slope, or
+    if its absolute value exceeds 1000 default prior sds.
     """
     require(
         bool(np.isfinite(mean)),

@@ -2,9 +2,9 @@
 
 The model describes readings at the angles θ by the 25 Fourier functions 1, cos θ, sin θ, …, cos
 12θ, sin 12θ. Let B be the matrix of these functions at the n angles of a test, and B = Q R its QR
-decomposition. The at most 25 numbers Qᵀ · readings, and the sum of squares of the part of the
-readings that the functions cannot describe, contain all information that the readings carry about
-the model. This is true for any number of readings.
+decomposition. All information that the readings carry about the model is contained in the at most
+25 numbers Qᵀ · readings, and in the sum of squares of the part of the readings that the functions
+cannot describe. This is true for any number of readings.
 """
 
 from __future__ import annotations
@@ -23,35 +23,36 @@ __all__ = ["NearUniform", "Reduced", "reduce_readings"]
 
 # Largest number of readings of a test that one QR decomposition reduces; it limits the memory used.
 _CHUNK = 8192
-# Departures of a circle from uniformly spaced angles (`NearUniform.departure`, without unit) below
-# this size are neglected: they change a log density by less than 1e-6.
+# Departures of a circle from uniformly spaced angles (`NearUniform.departure`, without unit) are
+# neglected if their absolute value is at most this number. They then change a log density by less
+# than 1e-6.
 _LEAST_DEPARTURE = 1e-6
-# A circle counts as an arc if it has more than this number of significant departures from uniformly
-# spaced angles, out of the 25 of `NearUniform.departure`.
+# A test counts as an arc instead of a full circle if more than this number of its 25 departures
+# from uniformly spaced angles (`NearUniform.departure`) are significant.
 _MOST_DEPARTURES = 4
-# Elements of the eigenvectors of RᵀR (R is the triangular factor of the Fourier functions) below
-# this size are rounding errors and count as zero.
+# Elements of the eigenvectors of RᵀR (R is the triangular factor of the Fourier functions) count as
+# zero if their absolute value is at most this number, because they are then rounding errors.
 _ROUNDING = 1e-12
 
 
 class NearUniform(NamedTuple):
-    """Full circle of nearly uniform angles, and the departure of the angles from uniform spacing.
+    """Departure of the angles of a full circle from uniform spacing, for nearly uniform angles.
 
     R is the triangular factor in the QR decomposition of the 25 Fourier functions at the test's
     angles, and RᵀR = S (1 + V λ Vᵀ) S. The diagonal matrix S holds the norms of these functions,
-    the diagonal matrix λ the departures from uniform angles, and V is orthogonal; each has the
-    shape (25, 25). At exactly uniform angles λ is zero.
+    the diagonal matrix λ holds the departures from uniform angles, and V is orthogonal; each matrix
+    has the shape (25, 25). At exactly uniform angles λ is zero.
     """
 
     #: Norms of the 25 Fourier functions at uniform angles, the diagonal of S in
     #: RᵀR = S (1 + V λ Vᵀ) S, shape (25,).
     column_norms: Array
-    #: Relative departures λ of the matrix RᵀR = S (1 + V λ Vᵀ) S from S², the value of the matrix
-    #: at uniform angles. They have the shape (25,), and the largest absolute value is first. R is
-    #: the triangular factor in the QR decomposition of the Fourier functions at the test's angles.
+    #: Departures λ in RᵀR = S (1 + V λ Vᵀ) S, shape (25,), sorted so that the largest absolute
+    #: value is first. At uniform angles, RᵀR = S². R is the triangular factor in the QR
+    #: decomposition of the Fourier functions at the test's angles.
     departure: Array
-    #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25); each column belongs to one
-    #: departure λ from uniform angles.
+    #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25). Each column belongs to one of
+    #: the departures λ from uniform angles.
     directions: Array
 
     @property
@@ -64,8 +65,8 @@ class NearUniform(NamedTuple):
 class Reduced:
     """Readings of one test, reduced to at most 25 numbers by projection on the Fourier basis.
 
-    The matrix B (n, 25) holds the 25 Fourier functions at the test's n angles; B = Q R is its QR
-    decomposition.
+    The matrix B, shape (n, 25), holds the 25 Fourier functions at the test's n angles, and B = Q R
+    is its QR decomposition.
     """
 
     #: Reduced readings Qᵀ y [mm], where y are the n readings of the test and Q is the orthogonal

@@ -1,12 +1,12 @@
-"""Posterior of a machine's parameters, about whose mean the model of a campaign is linearised.
+"""Estimate of a machine's parameters, about which the model of a campaign is linearised.
 
-The posterior is computed at reference scales: the scales of the noise and of other effects (the
-hyper-parameters φ) are at their prior medians. Negative compliances are not excluded. The posterior
-of the compliances C at the reference force and of the geometric errors E is then Gaussian. Its mean
-and sd are the estimates Ĉ, Ê and the uncertainty u(Ĉ). The model itself depends on these numbers:
-effects are linearised about Ĉ, Ê, and some prior sds are proportional to √(Ĉ² + u(Ĉ)²). The
-estimate is therefore a fixed point, found in three steps that start from the least-squares
-estimate. Each step linearises the model about the estimate of the step before.
+The estimates Ĉ, Ê of the compliances C at the reference force and of the geometric errors E are
+posterior means, and u(Ĉ) is the posterior sd of C. The posterior is computed with the
+hyper-parameters φ (scales of the noise and of other effects) fixed at their prior medians. Negative
+compliances are not excluded, so that the posterior is Gaussian. The model itself depends on the
+estimates: effects are linearised about Ĉ, Ê, and some prior sds are proportional to √(Ĉ² + u(Ĉ)²).
+The estimate is therefore computed in three steps, starting from the least-squares estimate. In each
+step, the model is linearised about the estimate of the previous step.
 """
 
 from __future__ import annotations
@@ -37,17 +37,19 @@ from ldbb_bayes.results import Array
 __all__ = ["ReferencePosterior", "fixed_point"]
 
 # Number of steps in which a machine's parameters are estimated, starting from the least-squares
-# estimate. Each step linearises the model about the estimate of the step before.
+# estimate. In each step, the model is linearised about the estimate of the previous step.
 _STEPS = 3
-# A flat prior of a nuisance coefficient counts as a Gaussian prior. Its sd is this number times the
-# uncertainty that the coefficient has from the readings alone if all other coefficients are known.
+# A flat prior of a nuisance coefficient is replaced by a wide Gaussian prior. The prior sd is this
+# number times the uncertainty of the coefficient from the readings alone, with all other
+# coefficients known.
 _FLAT_SDS = 1e6
 
 
 class _SharedCoefficients(NamedTuple):
-    """Coefficients that all tests share: nuisance coefficients, then parameters of interest.
+    """Coefficients with the same values in all tests, with their columns and priors.
 
-    Nuisances are effects that are modelled but not of interest.
+    Coefficients of nuisances (effects that are modelled but not of interest) come first, then the
+    parameters of interest.
     """
 
     #: reading per unit of each of the q coefficients, as Fourier coefficients, shape (tests, 25, q)
@@ -69,8 +71,8 @@ class _StackedReadings(NamedTuple):
 class ReferencePosterior:
     """Posterior of a machine's parameters at fixed scales of the noise and of other effects."""
 
-    #: parameters of interest; slopes of the second degree (quadratic changes of compliances with
-    #: force) are left out
+    #: parameters of interest: compliances, linear slopes (changes of compliances with force) and
+    #: geometric errors, without quadratic slopes
     interest: ParametersOfInterest
     prior: Prior
     nuisances: Sequence[Term]  #: nuisance terms (effects modelled but not of interest)
@@ -83,9 +85,9 @@ class ReferencePosterior:
     def estimate(self, setting: Setting) -> MachineEstimate:
         """Return posterior means of compliances and geometric errors, and sds of the compliances.
 
-        ``setting`` are the conditions of the tests, with the estimate of the machine about which
+        ``setting`` describes the test conditions, including the estimate of the machine about which
         the model is linearised. Parameters that are fixed are zero. Compliances that change no
-        reading have the values assumed for a plan, and count as exactly known.
+        reading have the values assumed for a plan, and their sds are zero.
         """
         free = np.array([name not in self.fixed for name in self.interest.names])
         posterior = self._posterior(setting, free)
@@ -106,8 +108,8 @@ class ReferencePosterior:
     def _posterior(self, setting: Setting, free: Array) -> Gaussian:
         """Return the posterior of the free parameters of interest.
 
-        ``setting`` are the conditions of the tests, and ``free`` states for every parameter of
-        interest whether it is free rather than fixed at zero.
+        ``setting`` describes the test conditions. ``free`` states for every parameter of interest
+        whether it is free, that is, not fixed at zero.
         """
         terms: list[Columns | BasisNoise] = []
         for term in self.nuisances:
@@ -125,8 +127,8 @@ class ReferencePosterior:
         prior_rows = np.eye(len(sd), len(scale))
         stack = np.concatenate([whitened * scale, prior_rows])
         triangle = np.asarray(np.linalg.qr(stack, mode="r"))
-        # The parameters of interest come last. Their rows of the triangular factor are equations
-        # from which all nuisance coefficients have been eliminated.
+        # The parameters of interest come last. All nuisance coefficients have been eliminated from
+        # the rows of the triangular factor that belong to the parameters of interest.
         size = int(free.sum())
         of_interest = slice(len(sd) - size, len(sd))
         posterior = Gaussian.from_rows(
@@ -143,9 +145,9 @@ class ReferencePosterior:
     ) -> _SharedCoefficients:
         """Return the coefficients that all tests share, with their columns and priors.
 
-        ``setting`` are the conditions of the tests, and ``terms`` the columns and the noise of the
+        ``setting`` describes the test conditions. ``terms`` are the columns and the noise of the
         nuisances under these conditions. ``free`` states for every parameter of interest whether it
-        is free.
+        is free, that is, not fixed at zero.
         """
         values = []
         means = []
@@ -166,8 +168,8 @@ class ReferencePosterior:
     def _stacked(self) -> _StackedReadings:
         """Reduced readings of all tests (at most 25 numbers a test), in arrays of one shape.
 
-        If a test has fewer reduced readings than another test, further reduced readings are added
-        to the test; they are zero and do not depend on any coefficient.
+        If tests have different numbers of reduced readings, zeros are appended. The appended
+        readings do not depend on any coefficient.
         """
         most = max(len(test.factor) for test in self.reduced)
         factors = np.zeros((len(self.reduced), most, SIZE))
@@ -202,12 +204,12 @@ class ReferencePosterior:
 def fixed_point(
     posterior: ReferencePosterior, setting: Setting, start: MachineEstimate
 ) -> MachineEstimate:
-    """Return the estimate of a machine that results from the model linearised about this estimate.
+    """Return an estimate of a machine for which the model linearised about it gives this estimate.
 
-    ``posterior`` is the posterior of the machine's parameters, at fixed scales of the noise and of
-    other effects. ``setting`` are the conditions of all tests. ``start`` is the estimate about
-    which the model is linearised in the first of three steps; in each further step, the model is
-    linearised about the result of the step before.
+    ``posterior`` computes the posterior of the machine's parameters, with fixed scales of the noise
+    and of other effects. ``setting`` describes the test conditions. The estimate is computed in
+    three steps. In the first step, the model is linearised about ``start``; in each further step,
+    it is linearised about the result of the previous step.
     """
     estimate = start
     for _ in range(_STEPS):

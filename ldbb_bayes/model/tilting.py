@@ -4,18 +4,18 @@ The constraints are u = L (x − x₀) ≥ 0 with a lower triangular matrix L, s
 standard normal vector x of d elements. x₀ is the point where all constraints hold with equality.
 The constraints are also written unit · x ≥ bound: the matrix ``unit`` is L with each row divided by
 its diagonal entry, and bound = unit · x₀. Each x_j is drawn at random above its lower limit, from a
-normal density shifted by a tilt μ_j. The log importance weight (Φ is the standard normal
-distribution function)
+normal density shifted by μ_j, which is called a tilt. The log importance weight (Φ is the standard
+normal distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
-is bounded by its value at the saddle point. With this bound rejection sampling is exact, and
+is bounded by its value at the saddle point. With this bound, rejection sampling is exact, and
 averages of weights are efficient, however small the probability of the constraints is (Botev, J. R.
 Statist. Soc. B 79, 125-148, 2017). The e_j are called edges: they are the lower limits of the
 shifted variables x_j − μ_j. There may be further constraints, which are linear combinations of the
 constraints above. Each further constraint bounds the last x_j on which it depends, from below or
-from above, and so only reduces the weights. Functions of this module treat w problems at once, that
-is, w sets of constraints.
+from above, and therefore only reduces the weights. The functions of this module process w sets of
+constraints at once.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_distance_multipliers"]
 
-# The search for the saddle point of the log importance weight ends when the gradient, relative to
-# the size of its terms, is below this number. The number is also a bound of the rounding errors of
-# log probabilities.
+# The search for the saddle point of the log importance weight ends when the gradient, divided by
+# the magnitude of its terms, is at most this number. The number also serves as an upper bound of
+# the rounding errors of log probabilities.
 ROUNDING = 1e-10
 # Largest number of steps of Newton's method for the saddle point of the log importance weight.
 _ITERATIONS = 60
-# Largest number of lengths that are tried for one step of Newton's method; each length is half of
-# the length before.
+# Largest number of step lengths that are tried in one step of Newton's method. Each step length is
+# half of the previous step length.
 _HALVINGS = 20
-# Where the log probability that all constraints hold is below minus this number, an inexact saddle
+# If the log probability that all constraints hold is below minus this number, an inexact saddle
 # point is accepted, because such a probability is too small to matter.
 _NEGLIGIBLE_LOG_PROBABILITY = 1e7
 # Uniform random numbers smaller than this number are replaced by this number, so that their
@@ -50,7 +50,7 @@ _LEAST_UNIFORM = 1e-300
 
 
 class SaddlePoint(NamedTuple):
-    """Saddle points of the log importance weights ψ(x, μ) of w problems.
+    """Saddle points of the log importance weights ψ(x, μ) for w sets of constraints.
 
     ``x`` holds the d coordinates and ``tilt`` the tilts μ, each of shape (w, d). A tilt μ_j is the
     shift of the normal density from which x_j is drawn at random. The last x_j and the last μ_j
@@ -64,9 +64,8 @@ class SaddlePoint(NamedTuple):
 class Proposal(NamedTuple):
     """Random draws from the shifted (tilted) density, and their log importance weights.
 
-    There are s draws of d coordinates for each of w problems: ``x`` has shape (d, s, w). A log
-    weight is ln (exact density / shifted density), up to a constant; ``log_weight`` has shape
-    (s, w).
+    There are s draws of d coordinates for each of w sets of constraints: ``x`` has the shape (d, s,
+    w). ``log_weight``, shape (s, w), is ln (exact density / shifted density), up to a constant.
     """
 
     log_weight: Array
@@ -76,61 +75,61 @@ class Proposal(NamedTuple):
 class _Interval(NamedTuple):
     """Probability that a standard normal variable is in an interval, and data for random draws.
 
-    The interval is from ``low`` to ``high``, which may be infinite. Its probability is computed as
-    the difference of two tail probabilities. Left tails are used if the centre of the interval is
-    negative, else right tails, so that rounding errors are small.
+    The interval is from ``low`` to ``high``, either of which may be infinite. Its probability is
+    computed as the difference of two tail probabilities. To keep rounding errors small, left tails
+    are used if the centre of the interval is negative, and right tails otherwise.
     """
 
     #: Logarithm of the probability of the interval from ``low`` to ``high``, ln (Φ(high) − Φ(low)),
     #: where Φ is the standard normal distribution function.
     log_mass: Array
-    #: Log probability of the tail that contains the interval from ``low`` to ``high``. It is the
-    #: tail to the left of ``high`` if the centre of the interval is negative, else the tail to the
+    #: Log probability of the tail that contains the interval from ``low`` to ``high``: the tail to
+    #: the left of ``high`` if the centre of the interval is negative, otherwise the tail to the
     #: right of ``low``.
     log_tail: Array
-    #: The interval from ``low`` to ``high`` is the difference of two tails of the normal
-    #: distribution: one tail contains the interval, the other begins where the interval ends. The
-    #: value is the probability of the second tail divided by the probability of the first tail.
-    #: None if the interval has no upper end.
+    #: Ratio of two tail probabilities of the normal distribution. The denominator is the
+    #: probability of the tail that contains the interval from ``low`` to ``high``. The numerator is
+    #: the probability of the part of this tail beyond the interval. None if the interval has no
+    #: upper limit.
     tail_ratio: Array | None
-    #: −1 where the probability of the interval from ``low`` to ``high`` is computed from left
-    #: tails, because the centre of the interval is negative; 1 where it is computed from right
-    #: tails.
+    #: −1 if the probability of the interval from ``low`` to ``high`` is computed from left tails,
+    #: because the centre of the interval is negative; 1 if it is computed from right tails.
     direction: Array | float
 
 
 class _ConvexFunction(NamedTuple):
     """Convex function whose minimum gives the saddle point of the log importance weight.
 
-    The fields hold its value and derivatives for w problems. Each problem has d constraints U x ≥
-    ``bound`` on a standard normal vector x, where U is a lower triangular matrix with ones on its
-    diagonal. The function of m is ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), with the
-    coupling C = U Uᵀ − I. Each m_j is the inverse Mills ratio φ(e_j) / Φ(−e_j) of the lower limit
-    e_j of a shifted normal variable. φ and Φ are the standard normal density and distribution
-    function.
+    The fields hold its value and derivatives for w sets of constraints. Each set has d constraints
+    U x ≥ ``bound`` on a standard normal vector x, where U is a lower triangular matrix with ones on
+    its diagonal. The function of m is ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), where
+    C = U Uᵀ − I is called the coupling. Each m_j is the inverse Mills ratio φ(e_j) / Φ(−e_j) of the
+    lower limit e_j of a shifted normal variable. φ and Φ are the standard normal density and
+    distribution function.
     """
 
-    #: Value, for each of w problems, of the convex function whose minimum gives the saddle point of
-    #: the log importance weight, shape (w,).
+    #: Value of the convex function whose minimum gives the saddle point of the log importance
+    #: weight, for each of w sets of constraints, shape (w,).
     value: Array
     #: Derivatives of the convex function (whose minimum gives the saddle point of the log
-    #: importance weight) with respect to the d inverse Mills ratios m of each of w problems, shape
-    #: (w, d).
+    #: importance weight) with respect to the d inverse Mills ratios m, for each of w sets of
+    #: constraints, shape (w, d).
     gradient: Array
     #: Derivative of each inverse Mills ratio m_j with respect to the lower limit e_j of the shifted
-    #: normal variable, for the d ratios of each of w problems, shape (w, d). It is between 0 and 1.
+    #: normal variable, for the d ratios of each of w sets of constraints, shape (w, d). The
+    #: derivative is between 0 and 1.
     slope: Array
-    #: For each of w problems, the largest absolute element of ``gradient``, relative to the size of
-    #: the terms of the gradient, shape (w,).
+    #: Largest absolute element of ``gradient``, divided by the magnitude of the gradient's terms,
+    #: for each of w sets of constraints, shape (w,).
     error: Array
 
 
 class _Edges(NamedTuple):
-    """Lower limits (edges) of the shifted normal variables, found by the search for saddle points.
+    """Lower limits (edges) of the shifted normal variables, from the search for saddle points.
 
-    ``edge`` holds the limits of the d variables of each of w problems, shape (w, d). ``solved``
-    (w,) states whether the search succeeded. ``value`` (w,) is the value of `_ConvexFunction` at
-    these limits.
+    ``edge``, shape (w, d), holds the limits of the d variables for each of w sets of constraints.
+    ``solved``, shape (w,), states whether the search succeeded. ``value``, shape (w,), is the value
+    of `_ConvexFunction` at these limits.
     """
 
     edge: Array
@@ -139,37 +138,37 @@ class _Edges(NamedTuple):
 
 
 class Tilted(NamedTuple):
-    """Batch of w problems, each with constraints on a standard normal vector x (d,).
+    """Batch of w sets of constraints, each on a standard normal vector x of d elements.
 
-    The d independent constraints are unit · x ≥ bound, with a lower triangular matrix ``unit``; the
-    constraint most likely to fail is first. There may be k further constraints,
-    dependent_mean + dependent · x ≥ 0, which are linear combinations of the independent
-    constraints.
+    The d independent constraints of a set are unit · x ≥ bound, with a lower triangular matrix
+    ``unit``; the constraint that is most likely to fail comes first. There may be k further
+    constraints, dependent_mean + dependent · x ≥ 0, which are linear combinations of the
+    independent constraints.
     """
 
     #: Lower triangular matrix of the d independent constraints unit · x ≥ bound on a standard
-    #: normal vector x, with ones on its diagonal, shape (d, d, w) for w problems.
+    #: normal vector x, with ones on its diagonal, shape (d, d, w) for w sets of constraints.
     unit: Array
-    #: Lower bounds of the d independent constraints unit · x ≥ bound, shape (d, w) for w problems.
+    #: Lower bounds of the d independent constraints unit · x ≥ bound, shape (d, w) for w sets.
     bound: Array
     #: Vector x of d elements at the saddle point of the log importance weight, shape (d, w) for w
-    #: problems; its last element is zero.
+    #: sets of constraints; its last element is zero.
     x: Array
     #: Shift (tilt) of the normal density from which each of the d elements x_j is drawn at random,
-    #: shape (d, w) for w problems; the last shift is zero.
+    #: shape (d, w) for w sets of constraints; the last shift is zero.
     tilt: Array
     #: Coefficients of the d elements of x in the k further constraints, dependent_mean + dependent
-    #: · x ≥ 0, shape (k, d, w) for w problems.
+    #: · x ≥ 0, shape (k, d, w) for w sets of constraints.
     dependent: Array
     #: Constant terms of the k further constraints, dependent_mean + dependent · x ≥ 0, shape (k, w)
-    #: for w problems.
+    #: for w sets of constraints.
     dependent_mean: Array
-    #: For each of the k dependent constraints, the index of the last element of the vector x on
-    #: which the constraint depends. The shape is (k, w) for w problems.
+    #: Index of the last element of the vector x on which each of the k dependent constraints
+    #: depends, shape (k, w) for w sets of constraints.
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
-        """Return the batch of the problems with the indices ``members``, counted from 0."""
+        """Return the sets of constraints with the indices ``members``, counted from 0."""
         return Tilted(
             self.unit[..., members],
             self.bound[..., members],
@@ -184,9 +183,9 @@ class Tilted(NamedTuple):
     def log_bound(self) -> Array:
         """Upper bound of the log probability that all constraints hold, shape (w,).
 
-        There is one bound for each of w problems. It is the log importance weight at its saddle
-        point. The dependent constraints (linear combinations of the independent constraints) could
-        only reduce the bound and are not considered.
+        There is one bound for each of w sets of constraints: the log importance weight at its
+        saddle point. The dependent constraints (linear combinations of the independent constraints)
+        are not considered; they could only reduce the bound.
         """
         independent = self._replace(last=np.full_like(self.last, -1))
         return independent.log_weight(self.x[:, None])[0]
@@ -194,18 +193,18 @@ class Tilted(NamedTuple):
     def propose(self, uniform: Array, *, draw_last: bool = True) -> Proposal:
         """Return s random draws of x from the shifted density, with their log importance weights.
 
-        x is the standard normal vector of d elements of each of w problems. A draw that violates a
-        constraint has the log weight −inf.
+        There are s draws for each of w sets of constraints on a standard normal vector x of d
+        elements. A draw that violates a constraint has the log weight −inf.
 
         Parameters
         ----------
         uniform
             Random numbers, uniform between 0 and 1, shape (d, s, w), or (d, s, 1) to use the same
-            numbers in all problems. If ``draw_last`` is false, the numbers for the first d − 1
-            elements suffice: (d − 1, s, w).
+            numbers for all sets. If ``draw_last`` is false, numbers for the first d − 1 elements,
+            shape (d − 1, s, w), are sufficient.
         draw_last
-            Whether the last element of x is drawn; if not, the element is zero. Weights do not
-            depend on the last element.
+            Whether the last element of x is drawn; otherwise the element is zero. The weights do
+            not depend on the last element.
         """
         d, w = self.bound.shape
         x = np.zeros((d, uniform.shape[1], w))
@@ -221,7 +220,7 @@ class Tilted(NamedTuple):
         return Proposal(log_weight, x)
 
     def log_weight(self, x: Array) -> Array:
-        """Return the log importance weights of s points for each of w problems, shape (s, w).
+        """Return the log importance weights of s points for w sets of constraints, shape (s, w).
 
         A log weight is ln (exact density / shifted density), up to a constant. The points ``x`` are
         vectors of d elements, shape (d, s, w).
@@ -240,11 +239,11 @@ class Tilted(NamedTuple):
         """Return lower and upper limits of x_j − tilt_j, given x_k for all k < j.
 
         tilt_j is the shift of the normal density from which x_j is drawn at random. The limits
-        follow from the constraints on x. ``x`` holds s points of d coordinates for each of w
-        problems, shape (d, s, w). Each limit has the shape (s, w), or (1, w) if it is the same for
-        all points. Only the dependent constraints, which are linear combinations of the independent
-        constraints, can bound x_j from above. The upper limit is None if there is no dependent
-        constraint whose last element is x_j.
+        follow from the constraints on x. ``x``, shape (d, s, w), holds s points of d coordinates
+        for each of w sets of constraints. Each limit has the shape (s, w), or (1, w) if it is the
+        same for all points. Only dependent constraints, which are linear combinations of the
+        independent constraints, can bound x_j from above. The upper limit is None if x_j is not the
+        last element of any dependent constraint.
         """
         # The first constraint depends on x_0 alone. The lower limit of x_0 is therefore the same
         # for all points.
@@ -290,9 +289,9 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
     """Return log tail probabilities of random points of a standard normal variable in an interval.
 
-    The tail is to the left or to the right of a point, as ``interval.direction`` states. The tail
-    probability is uniform between its values at the two ends of the interval; the random numbers
-    ``uniform``, between 0 and 1, determine where the probability lies between these two values.
+    The tail of a point is to its left or to its right, as ``interval.direction`` states. The tail
+    probability is uniformly distributed between its values at the two ends of the interval. It is
+    computed from the random numbers ``uniform``, which are between 0 and 1.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:
@@ -301,16 +300,16 @@ def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
 
 
 def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
-    """Return the saddle points of the log importance weight ψ(x, μ) for w problems.
+    """Return the saddle points of the log importance weight ψ(x, μ) for w sets of constraints.
 
-    Each problem has d constraints unit · x ≥ bound on a standard normal vector x. The tilts μ are
-    the shifts of the normal densities from which x is drawn at random; at the saddle point they
+    Each set has d constraints unit · x ≥ bound on a standard normal vector x. The tilts μ are the
+    shifts of the normal densities from which x is drawn at random; the tilts at the saddle point
     give the smallest bound of the weights. The derivatives of ψ with respect to x and μ are zero
     where x = unitᵀ m and μ = x − m, with the inverse Mills ratios m_j = φ(e_j) / Φ(−e_j). φ and Φ
     are the standard normal density and distribution function. The edges e are the lower limits of
-    the shifted variables. They solve e + (unit unitᵀ − I) m = bound, and are found by Newton's
-    method. The saddle point may be approximate where the log probability of the constraints is
-    below about −1e7, too small to matter.
+    the shifted variables. They are the solution of e + (unit unitᵀ − I) m = bound, which is
+    computed by Newton's method. The saddle point may be approximate if the log probability of the
+    constraints is below about −1e7, because such a probability is too small to matter.
 
     Parameters
     ----------
@@ -328,7 +327,7 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
     Raises
     ------
     InputError
-        Where double precision does not suffice to find a saddle point.
+        If double precision does not suffice to compute a saddle point.
     """
     w, d = bound.shape
     if d <= 1:
@@ -344,11 +343,11 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
 def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
     """Return the lower limits (edges) of the shifted normal variables at w saddle points, (w, d).
 
-    The d constraints of each problem are unit · x ≥ bound, with ``unit`` (w, d, d) and ``bound``
-    (w, d). Newton's method starts with the bounds as edges. Where the method fails, it is started a
-    second time, with the edges at the most probable x that meets the constraints. Raise an
-    `InputError` where the method fails again, unless the probability of the constraints is too
-    small to matter.
+    There are w sets of d constraints unit · x ≥ bound, where ``unit`` has the shape (w, d, d) and
+    ``bound`` the shape (w, d). Newton's method starts with the bounds as edges. If it fails, it is
+    started a second time, with the edges at the most probable x that satisfies the constraints.
+    Raise an `InputError` if the method fails again, unless the probability of the constraints is
+    too small to matter.
     """
     coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(bound.shape[1])
     edge, solved, _ = _solve_edges(coupling, bound, bound)
@@ -373,12 +372,12 @@ def _solve_edges(
     bound: Array,
     start: Array,
 ) -> _Edges:
-    """Solve e + C m(e) = bound for the vectors e of w problems, by Newton's method.
+    """Solve e + C m(e) = bound for w vectors e, by Newton's method.
 
-    The vector e holds the lower limits (edges) of the d shifted normal variables of a problem, and
-    m(e) their inverse Mills ratios. C is ``coupling``, shape (w, d, d). The search starts from
-    e = ``start``; ``start`` and ``bound`` have the shape (w, d). Each step is halved until it
-    reduces the value of `_ConvexFunction` or the relative size of its gradient.
+    A vector e holds the lower limits (edges) of d shifted normal variables, and m(e) holds their
+    inverse Mills ratios. C is ``coupling``, shape (w, d, d). The search starts from e = ``start``;
+    ``start`` and ``bound`` have the shape (w, d). Each step is halved until it reduces the value of
+    `_ConvexFunction` or the relative magnitude of its gradient.
     """
     edge = np.array(start)
     current = _evaluate_convex_function(coupling, bound, edge)
@@ -414,11 +413,11 @@ def _edges_of_nearest_point(
     unit: Array,
     bound: Array,
 ) -> Array:
-    """Return the approximate edges at the most probable x that meets the constraints, shape (d,).
+    """Return the approximate edges at the most probable x that satisfies the constraints, (d,).
 
     The edges are the lower limits of the shifted normal variables. The d constraints on the
-    standard normal vector x are unit · x ≥ bound, with ``unit`` (d, d), ``bound`` (d,) and
-    ``coupling`` = unit unitᵀ − I.
+    standard normal vector x are unit · x ≥ bound, where ``unit`` has the shape (d, d) and ``bound``
+    the shape (d,). ``coupling`` is unit unitᵀ − I.
     """
     binding = np.flatnonzero(least_distance_multipliers(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
@@ -436,9 +435,10 @@ def _evaluate_convex_function(
 ) -> _ConvexFunction:
     """Return value and derivatives of the convex function that `_ConvexFunction` describes.
 
-    Its minimum gives the saddle point of the log importance weight. There are w problems, each with
-    d shifted normal variables. C is ``coupling``, shape (w, d, d). ``edge`` holds the lower limits
-    of the shifted normal variables; ``edge`` and ``bound`` have the shape (w, d).
+    The minimum of the function gives the saddle point of the log importance weight. There are w
+    sets of constraints, each with d shifted normal variables. C is ``coupling``, shape (w, d, d).
+    ``edge`` holds the lower limits of the shifted normal variables; ``edge`` and ``bound`` have the
+    shape (w, d).
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)
@@ -464,9 +464,9 @@ def _inverse_mills(edge: Array) -> Array:
 def least_distance_multipliers(unit: Array, bound: Array) -> Array:
     """Return the Lagrange multipliers of the point x nearest to zero with unit · x ≥ bound.
 
-    There is one multiplier for each of the d constraints, shape (d,). A multiplier is zero if its
-    constraint holds with strict inequality at the nearest point, and usually positive if the
-    constraint holds with equality. The multipliers have an arbitrary common factor. They are
+    There is one multiplier for each of the d constraints, shape (d,). The multiplier is zero for a
+    constraint that holds with strict inequality at the nearest point, and usually positive for a
+    constraint that holds with equality. All multipliers have an arbitrary common factor. They are
     computed by non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, ch.
     23).
 

@@ -1,8 +1,8 @@
-"""Region of parameters where no compliance is negative, and quantiles of Gaussians in this region.
+"""Region in which no compliance is negative, and quantiles of Gaussian vectors in this region.
 
 The region is A β ≥ 0. β are the p parameters: compliances, their slopes (changes with force) and
-geometric errors. A has m rows, shape (m, p). Each row, multiplied by β, is a compliance at one
-force; this compliance must not be negative.
+geometric errors. A, shape (m, p), has m rows. The product of each row with β is a compliance at one
+force, which must not be negative.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ __all__ = ["Truncation"]
 # Number of points of the grid on which the distribution function of one coordinate of a truncated
 # Gaussian vector is computed.
 _GRID = 1025
-# To compute the distribution of one coordinate of a truncated Gaussian vector, the density is
-# integrated over the coordinates that have a constraint in common with this coordinate. This is the
-# number of grid points for each coordinate over which the density is integrated.
+# The distribution of one coordinate of a truncated Gaussian vector is computed by integration over
+# other coordinates that have a constraint in common with this coordinate. This is the number of
+# grid points for each coordinate over which the density is integrated.
 _COARSE_GRID = 257
-# The grid for a coordinate of a truncated Gaussian extends this many sd to both sides of the mean
-# before truncation, but not beyond the values that the truncation permits.
+# The grid for a coordinate of a truncated Gaussian vector extends this many sds to both sides of
+# the mean before truncation, but not beyond the values that the truncation permits.
 _REACH = 9.0
-# Where all values that the truncation permits are far from the mean before truncation, the grid
-# extends over this many sd, but not beyond the permitted values.
+# If all values that the truncation permits are far from the mean before truncation, the grid
+# extends over this many sds, but not beyond the permitted values.
 _LEAST_WIDTH = 2.0
 
 
@@ -79,9 +79,9 @@ class Truncation:
 
     @property
     def bounds(self) -> Array:
-        """Least and greatest value of each of the p parameters in the region A β ≥ 0, (p, 2).
+        """Lower and upper bound of each of the p parameters in the region A β ≥ 0, shape (p, 2).
 
-        In this region no compliance is negative. Values without a limit are infinite.
+        In this region no compliance is negative. The bound is infinite where there is no limit.
         """
         p = self.rows.shape[1]
         bounds = np.empty((p, 2))
@@ -101,18 +101,19 @@ class Truncation:
         """Return n vectors β ~ N(mean, diag sd²) with A β ≥ 0, computed from uniform numbers.
 
         A β ≥ 0 is the region of the p parameters β in which no compliance is negative. Each
-        parameter is a quantile of its distribution given the parameters before it; ``level`` holds
-        the probabilities of these quantiles (Rosenblatt, Ann. Math. Stat. 23, 470-472, 1952).
-        Quantiles are computed analytically, except for parameters that share a constraint with
-        later parameters. For these, the distribution function is integrated on a grid, with an
-        error of 2e-5 in probability.
+        parameter is a quantile of its conditional distribution given the preceding parameters;
+        ``level`` holds the probabilities of these quantiles (Rosenblatt, Ann. Math. Stat. 23,
+        470-472, 1952). The quantiles are computed analytically, except for parameters that have a
+        constraint in common with later parameters. For these parameters, the distribution function
+        is integrated on a grid, with an error of 2e-5 in probability.
 
         Parameters
         ----------
         level
             Uniform numbers between 0 and 1, one for each parameter, shape (n, p).
         mean, sd
-            Mean and sd of the independent parameters before the restriction, shape (p,).
+            Mean and sd of the independent parameters before the restriction to the region, shape
+            (p,).
 
         Returns
         -------
@@ -139,10 +140,10 @@ def _quantile_inside(
 ) -> Array:
     """Return n standard normal vectors z with rows · z ≥ edge, computed from uniform numbers.
 
-    Each of the k elements of z is a quantile of its distribution given the elements before it;
-    ``level`` holds the probabilities of these quantiles. ``level`` and the result have shape
-    (n, k). The m constraints have the coefficients ``rows``, shape (m, k), and lower bounds
-    ``edge``, shape (m,).
+    Each of the k elements of z is a quantile of its conditional distribution given the preceding
+    elements. ``level``, shape (n, k), holds the probabilities of these quantiles. The result has
+    the shape (n, k). The m constraints have the coefficients ``rows``, shape (m, k), and the lower
+    bounds ``edge``, shape (m,).
     """
     n, k = level.shape
     z = np.empty((n, k))
@@ -169,10 +170,11 @@ def _distribution(
 ) -> tuple[Array, Array]:
     """Return the distribution function of the first coordinate of z, and the grid of its values.
 
-    z is a standard normal vector of k elements restricted by the m constraints rows · z ≥ edge,
-    with ``rows`` (m, k) and ``edge`` (m,). These arrays are passed as their bytes, because the
-    cache needs arguments that can be hashed. Both results have shape (1025,): the probability that
-    the coordinate is below each grid value, and the grid values.
+    z is a standard normal vector of k elements, restricted by the m constraints rows · z ≥ edge,
+    where ``rows`` has the shape (m, k) and ``edge`` the shape (m,). The two arrays are passed as
+    bytes, because arguments of a cached function must be hashable. The results, both of shape
+    (1025,), are the probabilities that the coordinate is below the values of the grid, and the
+    values of the grid.
     """
     edges = np.frombuffer(edge)
     coefficients = np.frombuffer(rows).reshape(len(edges), -1)
@@ -189,9 +191,9 @@ def _quantile_between(
 ) -> Array:
     """Return quantiles of a standard normal variable restricted to an interval, shape (n,).
 
-    ``level`` (n,) are the probabilities of the n quantiles, and ``low`` and ``high`` the ends of
-    the interval. If the interval is above zero, its mirror image below zero is used, which reduces
-    rounding errors.
+    ``level``, shape (n,), holds the probabilities of the n quantiles; ``low`` and ``high`` are the
+    ends of the interval. If the interval is above zero, its mirror image below zero is used, which
+    reduces rounding errors.
     """
     flip = low > 0.0
     lower_end = np.where(flip, -high, low)
@@ -208,9 +210,10 @@ def _first_density(
 ) -> tuple[Array, Array]:
     """Return a grid over the range of the first coordinate of z, and the density on this grid.
 
-    z is a standard normal vector of k elements restricted by m constraints rows · z ≥ edge. The
-    coefficients ``rows`` have shape (m, k), the lower bounds ``edge`` (..., m) for many problems.
-    The density is not normalised. Grid and density have shape (..., size), with ``size`` points.
+    z is a standard normal vector of k elements, restricted by m constraints rows · z ≥ edge. The
+    coefficients ``rows`` have the shape (m, k). The lower bounds ``edge`` have the shape (..., m)
+    for many sets of bounds. The density is not normalised. Grid and density have the shape
+    (..., size), where ``size`` is the number of grid points.
     """
     low, high = _support(rows, edge)
     low = np.maximum(low, np.minimum(-_REACH, high - _LEAST_WIDTH))
@@ -224,7 +227,7 @@ def _probability_inside(rows: Array, edge: Array) -> Array:
     """Return the probability of rows · z ≥ edge for standard normal z, up to a constant factor.
 
     The m constraints on the k elements of z have the coefficients ``rows``, shape (m, k), and the
-    lower bounds ``edge``, shape (..., m) for many problems. The result has the shape (...).
+    lower bounds ``edge``, shape (..., m) for many sets of bounds. The result has the shape (...).
     """
     if rows.shape[1] > 1:
         grid, density = _first_density(rows, edge, _COARSE_GRID)
@@ -239,12 +242,12 @@ def _support(
     rows: Array,
     edge: Array,
 ) -> tuple[Array, Array]:
-    """Return the least and the greatest first coordinate of points z with rows · z ≥ edge.
+    """Return the smallest and largest first coordinate of all points z with rows · z ≥ edge.
 
     The m constraints on the k elements of z have the coefficients ``rows``, shape (m, k), and the
-    lower bounds ``edge``, shape (..., m) for many problems. Both results have shape (...), and are
-    infinite where there is no limit. The other coordinates of z are eliminated from the
-    inequalities, the last one first (Fourier-Motzkin elimination).
+    lower bounds ``edge``, shape (..., m) for many sets of bounds. Both results have the shape
+    (...); they are infinite where there is no limit. The other coordinates of z are eliminated from
+    the inequalities one by one, the last coordinate first (Fourier-Motzkin elimination).
     """
     while rows.shape[1] > 1:
         rows, edge = _eliminate_last(rows, edge)
@@ -262,13 +265,13 @@ def _eliminate_last(
     rows: Array,
     edge: Array,
 ) -> tuple[Array, Array]:
-    """Return the constraints on all coordinates of z but the last that follow from rows · z ≥ edge.
+    """Return constraints without the last coordinate of z that follow from rows · z ≥ edge.
 
-    The m constraints on the k coordinates have the coefficients ``rows``, shape (m, k), and the
-    lower bounds ``edge``, shape (..., m) for many problems; the new constraints are returned in the
-    same form. Some of them are old constraints that do not contain the last coordinate. The other
-    new constraints are sums of two old constraints: one bounds the last coordinate from below, the
-    other from above, and both are scaled so that this coordinate cancels.
+    The m constraints on the k coordinates of z have the coefficients ``rows``, shape (m, k), and
+    the lower bounds ``edge``, shape (..., m) for many sets of bounds. New coefficients and bounds
+    are returned in the same form. Constraints that do not contain the last coordinate are kept.
+    Further constraints are sums of a constraint that bounds the last coordinate from below and a
+    constraint that bounds it from above, scaled so that the last coordinate cancels.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)

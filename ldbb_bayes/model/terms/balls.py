@@ -331,10 +331,10 @@ class BallForm(Term):
 def _forms(setting: Setting) -> list[_Form]:
     """Return the form errors of the balls that the model of a campaign contains.
 
-    ``setting`` are the conditions of the campaign's tests. If clockings (angles by which a ball is
-    turned in its socket) differ between tests, there is one form error for each ball, as a function
-    of the angle on this ball. Otherwise there is only the sum of the form errors of both balls, as
-    a function of the angle on the work ball.
+    ``setting`` describes the test conditions. If clockings (angles by which a ball is turned in its
+    socket) differ between tests, there is one form error for each ball, as a function of the angle
+    on this ball. Otherwise there is only the sum of the form errors of both balls, as a function of
+    the angle on the work ball.
     """
     work = setting.instrument.work
     tool = setting.instrument.tool
