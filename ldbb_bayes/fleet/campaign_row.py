@@ -40,7 +40,8 @@ __all__ = ["Job", "Settings", "failed_row", "fit_row"]
 # [nat]. The error of the log Bayes factor is then at most a tenth of a nat, which changes no
 # decision between constant and linear compliance.
 _EVIDENCE_TOLERANCE = 0.05
-# Largest number of characters of the text in a row that states why a campaign could not be fitted.
+# The row of a campaign that could not be fitted states the reason. This is the largest length of
+# that text [characters].
 _LONGEST_REASON = 1200
 # Attributes of `Campaign` that are copied into columns of a batch's table with the same names.
 _CAMPAIGN_COLUMNS = ("name", "sha256", "machine_id", "date", "topology", "readings")

@@ -73,7 +73,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     Parameters
     ----------
     posterior : posterior density of the campaign's hyper-parameters (scales of the noise and of
-        other effects), for a model in which compliances may be negative and priors are not flat.
+        other effects), for a model that allows negative compliances and whose priors are not flat.
     """
     bound = posterior.bound
     chosen = _choose_coefficients(bound)

@@ -85,7 +85,7 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """List with one caveat if compliances are extrapolated to the reference force, else empty.
+        """List with one caveat if compliances are extrapolated to the reference force, or empty.
 
         Compliances are extrapolated if, in at least one campaign, the reference force is outside
         the range of the tested forces.

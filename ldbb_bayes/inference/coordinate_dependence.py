@@ -126,7 +126,7 @@ class _Polynomials:
     mean: Array  # weighted means of the k coordinates, shape (k,)
     sd: Array  # weighted standard deviations of the k coordinates, shape (k,)
     skewness: Array  # weighted skewness of the k coordinates, shape (k,)
-    # standard deviations of the polynomials of degree two before these are scaled, shape (k,)
+    # standard deviations of the polynomials of degree two before scaling, shape (k,)
     square_sd: Array
     linear: Array  # polynomial of degree one of each coordinate at n points, shape (n, k)
     square: Array  # polynomial of degree two of each coordinate at n points, shape (n, k)

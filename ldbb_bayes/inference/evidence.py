@@ -48,8 +48,9 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
 
     The evidence is Z = ∫ p(y | β, φ) p(β) p(φ) dβ dφ, the density of the readings y (in mm) under
     the model, averaged over the priors of its parameters β and hyper-parameters φ. If the model
-    does not allow negative compliances, this condition (truncation) is part of the prior p(β). Only
-    differences of ln Z between models of the same readings have a meaning; see `log_bayes_factor`.
+    requires that no compliance is negative (truncation), this condition is part of the prior p(β).
+    Only differences of ln Z between models of the same readings have a meaning; see
+    `log_bayes_factor`.
 
     Parameters
     ----------

@@ -110,9 +110,9 @@ class Evidences(Shown):
         hyper-parameters (scales of the noise and of other effects). The nodes of equal models are
         computed only once. Models are related if they differ only in the following three ways: how
         compliances change with force, which alternative explanations of a change with force they
-        contain (for example joints that deflect under their own load), and whether compliances may
-        be negative. The nodes of related models are derived from the nodes of the largest of these
-        models.
+        contain (for example joints that deflect under their own load), and whether negative
+        compliances are allowed. The nodes of related models are derived from the nodes of the
+        largest of these models.
         """
         keys = [model_to_toml(model) for model in models]
         models_by_key = dict(zip(keys, models, strict=True))

@@ -51,8 +51,8 @@ _LARGEST_WIDENING = 0.1
 _QUALITY_DRAWS = 1000
 # Number of posterior draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500
-# Limit of the logarithm of the posterior probability that no compliance is negative. Below this
-# limit, the readings contradict this condition.
+# If the log posterior probability that no compliance is negative is below this limit, the readings
+# contradict the condition that no compliance is negative.
 _IMPROBABLE = float(np.log(1e-3))
 # Probability of a prior quantile. A fit warns if the posterior median of a hyper-parameter (scale
 # of the noise or of another effect) is above this quantile of its prior.

@@ -65,9 +65,9 @@ _REACHABLE = 2.0
 # Effective sample size that weights must reach before a proposal (the density from which points are
 # drawn) is fitted to weighted points. In h dimensions, the required size is this number times h +
 # 1, or a third of the number of points if that is smaller. Weights that do not reach this size are
-# first evened out by raising them to a power below one.
+# first made more equal: they are raised to a power below one.
 _FITTED_PER_DIMENSION = 40.0
-# Factor and limit of the power to which weights are raised in order to even them out. The power
+# Factor and limit of the power to which weights are raised to make them more equal. The power
 # starts at one, and is multiplied by ``_EVENING`` until the effective sample size of the weights
 # suffices or the power is no longer above ``_LEAST_POWER``.
 _EVENING = 0.8
@@ -193,11 +193,11 @@ def _draw_round(
     Points are drawn from ``proposal``, at first ``size`` points of each randomised quasi-random
     sequence (scramble). ``log_density`` is the logarithm of the density f to integrate and
     ``tolerance`` the error allowed in ln ∫ f [nat]; the points suffice if the error is within the
-    tolerance. ``rng`` generates the random numbers. Doubling stops early if the weights are uneven
-    or cannot be trusted, or if the round would have more than ``max_points`` points. Unless the
-    weights are very even, doubling also stops at ``refit_points`` points, because a proposal that
-    is fitted anew to these points is then likely to be better. For the same reason doubling stops
-    early if the error is still more than twice the tolerance and the round is small.
+    tolerance. ``rng`` generates the random numbers. Doubling stops early if the weights are very
+    unequal or cannot be trusted, or if the round would have more than ``max_points`` points. Unless
+    the weights are nearly equal, doubling also stops at ``refit_points`` points, because a proposal
+    that is fitted anew to these points is then likely to be better. For the same reason doubling
+    stops early if the error is still more than twice the tolerance and the round is small.
     """
     h = len(proposal.components[0].centre)
     engines = [qmc.Sobol(h + 1, rng=rng) for _ in range(_SCRAMBLES)]
@@ -293,12 +293,12 @@ def _fit_to_rounds(
 
 
 def _even_out(log_weight: Array, h: int) -> Array:
-    """Return the weights of n points in h dimensions, evened out if few points dominate.
+    """Return the weights of n points in h dimensions, made more equal if few points dominate.
 
     ``log_weight``, shape (n,), holds the logarithms of the original weights; the weights returned
-    sum to one. Weights are evened out by raising them to a power below one. The power is lowered
-    until the effective sample size of the weights suffices to fit a density to the points, or until
-    the power is very small.
+    sum to one. Weights become more equal if they are raised to a power below one. The power is
+    lowered until the effective sample size of the weights suffices to fit a density to the points,
+    or until the power is very small.
     """
     sufficient = min(len(log_weight) / 3.0, _FITTED_PER_DIMENSION * (h + 1.0))
     power = 1.0

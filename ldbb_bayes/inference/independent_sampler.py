@@ -142,13 +142,13 @@ def _propose_untruncated(
 ) -> tuple[Array, Array]:
     """Draw 256 pairs of hyper-parameters φ and parameters β, and return the accepted pairs.
 
-    φ is drawn from ``proposal``. For each φ, several β are drawn as if compliances might be
-    negative. φ is accepted with a probability proportional to its weight, the posterior density
-    divided by the proposal. If compliances must not be negative, the weight is multiplied by the
-    share of these β that have no negative compliance; ``share_inside`` is an estimate of this
-    share. The result is a tuple of two arrays: the accepted values of the h hyper-parameters φ in
-    unbounded coordinates, shape (accepted, h), and for each of them one draw of the p parameters β
-    without negative compliances, shape (accepted, p).
+    φ is drawn from ``proposal``. For each φ, several β are drawn, and negative compliances are
+    allowed at first. φ is accepted with a probability proportional to its weight, the posterior
+    density divided by the proposal. If compliances must not be negative, the weight is multiplied
+    by the share of these β that have no negative compliance; ``share_inside`` is an estimate of
+    this share. The result is a tuple of two arrays: the accepted values of the h hyper-parameters φ
+    in unbounded coordinates, shape (accepted, h), and for each of them one draw of the p parameters
+    β without negative compliances, shape (accepted, p).
     """
     tries = 1
     if posterior.truncated:

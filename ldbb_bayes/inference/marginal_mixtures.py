@@ -32,8 +32,8 @@ __all__ = ["MarginalMixtures", "marginal_mixtures"]
 # Largest number of posterior draws from which marginal densities of the parameters are computed.
 # Each draw gives one component of the mixture that represents the density of a parameter.
 _COMPONENTS = 8192
-# Number of bisections in the search for a quantile. This number determines the quantile to less
-# than 1e-12 of the range of the draws.
+# Number of bisections in the search for a quantile. With this number, the error of the quantile is
+# below 1e-12 of the range of the draws.
 _BISECTIONS = 42
 # Number of batches of successive draws that are used to compute the standard error of a quantile
 # from the scatter between the batches. Successive draws may be correlated; batches allow for this.

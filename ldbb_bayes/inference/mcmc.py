@@ -369,7 +369,7 @@ class _StoredBlock(NamedTuple):
 def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
     """Return the draws of a run after burn-in, evenly thinned, shape (ensembles, draws, d).
 
-    ``blocks`` hold the stored draws of d coordinates, in order of time. In later blocks, a smaller
+    ``blocks`` holds the stored draws of d coordinates, in order of time. In later blocks, a smaller
     share of the steps is stored. The share ``discard`` of ``rule`` is discarded from the start of
     the run as burn-in. In the result, the draws of one walker follow each other. The number of
     steps from one draw to the next is the same as in the last block, or larger if there are very

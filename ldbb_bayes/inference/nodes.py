@@ -682,8 +682,9 @@ class Nodes:
         """Error of the log evidence [nat].
 
         The error includes the error of the integral over the nodes (values of the
-        hyper-parameters). If compliances must not be negative, it also includes the errors of the
-        log probability of this condition, under the posterior and under the prior.
+        hyper-parameters). If compliances must not be negative, the error also includes the errors
+        of the log probability that no compliance is negative, under the posterior and under the
+        prior.
         """
         error = self.integral.error + self.truncation_error
         if not self.posterior.truncated:
@@ -794,8 +795,8 @@ class Nodes:
     ) -> _ConditionalMoments:
         """Return means and variances of the parameters, given each of w hyper-parameter values.
 
-        ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates. If
-        compliances may be negative, the parameters given the hyper-parameters are Gaussian, and
+        ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates. If negative
+        compliances are allowed, the parameters given the hyper-parameters are Gaussian, and
         ``along_axes`` is not used. Otherwise the parameters are converted to standard coordinates,
         in which this Gaussian is N(0, I). The condition that no compliance is negative restricts
         the standard coordinates along d directions only. ``along_axes`` is a function that returns

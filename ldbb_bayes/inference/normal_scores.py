@@ -64,13 +64,13 @@ class NormalScores:
 
     @cached_property
     def _mean(self) -> Array:
-        """Means of the k normal priors before these are restricted to intervals, shape (k,)."""
+        """Means of the k normal priors before the restriction to intervals, shape (k,)."""
         mean = np.where(self.prior.in_mm, 0.0, self.prior.scale)
         return np.asarray(mean[self._restricted])
 
     @cached_property
     def _sd(self) -> Array:
-        """Standard deviations of the k normal priors before these are restricted, shape (k,)."""
+        """Standard deviations of the k normal priors before the restriction, shape (k,)."""
         sd = np.where(self.prior.in_mm, self.prior.scale, self.prior.decay_sd)
         return np.asarray(sd[self._restricted])
 
@@ -78,7 +78,7 @@ class NormalScores:
     def _log_above(self) -> Array:
         """Log probability of values above the upper bound, for k hyper-parameters, shape (k,).
 
-        The probability is computed with the normal prior before it is restricted to an interval.
+        The probability is computed with the normal prior before the restriction to an interval.
         """
         return np.asarray(log_ndtr(-(self._bounds[1] - self._mean) / self._sd))
 
@@ -86,15 +86,15 @@ class NormalScores:
     def _log_mass(self) -> Array:
         """Log probability of values between the bounds, for k hyper-parameters, shape (k,).
 
-        The probability is computed with the normal prior before it is restricted to this interval.
+        The probability is computed with the normal prior before the restriction to this interval.
         """
         return self._log_probability_above(self._bounds[0])
 
     def _log_probability_above(self, values: Array) -> Array:
         """Return the log probabilities of the intervals between ``values`` and the upper bounds.
 
-        The probabilities are computed under the k normal priors before these are restricted.
-        ``values`` and the result have the shape (..., k).
+        The probabilities are computed under the k normal priors before the restriction to
+        intervals. ``values`` and the result have the shape (..., k).
         """
         log_tail = log_ndtr(-(values - self._mean) / self._sd)
         log_share = np.minimum(self._log_above - log_tail, _LARGEST_LOG_PROBABILITY)
@@ -174,10 +174,11 @@ class NormalScores:
 
         Of the h hyper-parameters, k have restricted normal priors, with lower bounds a and upper
         bounds b. ``free``, shape (..., h), holds values of all hyper-parameters in unbounded
-        coordinates. The first array holds the log probabilities between a and the values, the
-        second array those between the values and b; both have the shape (..., k). The probabilities
-        are computed as if the prior density were everywhere as large as at the bound; near the
-        bound, this is accurate. The second array is infinite where b is infinite.
+        coordinates. The result is a tuple of two arrays, each of shape (..., k): the log
+        probabilities of the intervals from a to the values, and those of the intervals from the
+        values to b. The probabilities are computed as if the prior density were everywhere as large
+        as at the bound; near the bound, this is accurate. Where b is infinite, the log probability
+        of the interval up to b is replaced by infinity.
         """
         lower, upper = self._bounds
         restricted = free[..., self._restricted]

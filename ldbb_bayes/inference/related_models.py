@@ -4,7 +4,7 @@
 that represent p(φ | y), where y are the readings. Related models have the same hyper-parameters.
 They may differ in three ways: how compliances change with force, which alternative explanations of
 such a change they contain (effects that look like a change of compliance with force), and whether
-compliances may be negative. The posteriors of φ under related models are similar. With other
+negative compliances are allowed. The posteriors of φ under related models are similar. With other
 weights, the nodes of one model therefore represent the posterior of another model as well.
 """
 
