@@ -45,7 +45,7 @@ _MICROMETRE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Degeneracy:
-    """A combination of parameters and nuisance coefficients that no reading resolves.
+    """A combination of parameters and nuisance coefficients whose effects on the readings cancel.
 
     Nuisance coefficients are effects that are not of interest. A model is made from a preset
     (ready-made model), and may leave out some effects of the preset. The combination may contain
@@ -105,8 +105,9 @@ class _Coefficients:
 def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     """Return a sparse basis of the degeneracies that involve parameters of interest.
 
-    A degeneracy is a combination of parameters and nuisance coefficients that no reading resolves.
-    Its pivot is the coefficient whose effect on the readings the other coefficients cancel.
+    A degeneracy is a combination of parameters and nuisance coefficients whose effects on the
+    readings cancel. Its pivot is the coefficient whose effect on the readings the other
+    coefficients cancel.
 
     Parameters
     ----------
@@ -136,11 +137,11 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
     """Return a degenerate combination without its nuisance coefficients, where possible.
 
-    ``vector``, shape (m,), is a combination that no reading resolves: the values of m coefficients
-    in units of their prior standard deviations. The function sets the nuisance coefficients to
-    zero. If no reading resolves the combination of parameters that remains, this combination is
-    returned. If not, ``vector`` is returned unchanged. ``space`` is the null space of the
-    campaign's design matrix.
+    ``vector``, shape (m,), is a combination whose effects on the readings cancel: the values of m
+    coefficients in units of their prior standard deviations. The function sets the nuisance
+    coefficients to zero. If the effects of the remaining parameters still cancel, the combination
+    of these parameters is returned. If not, ``vector`` is returned unchanged. ``space`` is the null
+    space of the campaign's design matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)

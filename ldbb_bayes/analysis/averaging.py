@@ -4,10 +4,10 @@ The averaged posterior is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the po
 M, weighted by the posterior probability of the model given the readings y. β are the parameters
 (compliances, their slopes and geometric errors), φ the hyper-parameters (the scales of the noise
 and of other effects). The models differ in two respects: whether compliance changes with force (the
-change is called a slope), and which rival explanations the model includes. Rival explanations are
-other effects that change the readings like slopes.
+change is called a slope), and which alternative explanations the model includes. Alternative
+explanations are other effects that change the readings like slopes.
 
-The prior probability is the same for every model with every subset of rival explanations. A
+The prior probability is the same for every model with every subset of alternative explanations. A
 parameter that a model does not have is zero in the draws of that model. The share of zeros among
 all draws of a parameter is therefore the probability that the parameter is zero (Hoeting, Madigan,
 Raftery and Volinsky 1999).
@@ -57,10 +57,11 @@ _LARGEST_ERROR = 0.1
 
 
 class _Combination(NamedTuple):
-    """One model of the average: the name that the caller gave it, and its rival explanations.
+    """One model of the average: the name that the caller gave it, and its alternative explanations.
 
-    ``rivals`` are the names of the rival explanations that the model includes. These are effects,
-    such as a nonlinear mount, that change the readings like a compliance that changes with force.
+    ``rivals`` are the names of the alternative explanations that the model includes. These are
+    effects, such as a nonlinear mount, that change the readings like a compliance that changes with
+    force.
     """
 
     name: str
@@ -71,10 +72,10 @@ class _Combination(NamedTuple):
 class _WeightedModels:
     """The models of an average with their posterior probabilities.
 
-    ``combinations`` are the names and rival explanations of the models. ``nodes`` has an entry for
-    each model: weighted values of the hyper-parameters that represent the posterior under the
-    model. ``probability``, shape (models,), sums to one. ``bound`` is the largest model, the one
-    with the most parameters, bound to the campaign.
+    ``combinations`` are the names and alternative explanations of the models. ``nodes`` has an
+    entry for each model: weighted values of the hyper-parameters that represent the posterior under
+    the model. ``probability``, shape (models,), sums to one. ``bound`` is the largest model, the
+    one with the most parameters, bound to the campaign.
     """
 
     combinations: tuple[_Combination, ...]
@@ -106,13 +107,13 @@ def average(
     draws: int = 4000,
     evidences: Evidences | None = None,
 ) -> xr.DataTree:
-    """Average the posterior over models, and over the subsets of their rival explanations.
+    """Average the posterior over models, and over the subsets of their alternative explanations.
 
     The average is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior of the parameters β and
     hyper-parameters φ under each model M, weighted by the probability of the model given the
-    readings y. Rival explanations are effects, such as a nonlinear mount, that change the readings
-    like a compliance that changes with force. Every model, with every subset of its rival
-    explanations, has the same prior probability.
+    readings y. Alternative explanations are effects, such as a nonlinear mount, that change the
+    readings like a compliance that changes with force. Every model, with every subset of its
+    alternative explanations, has the same prior probability.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def average(
     DataTree
         Posterior as returned by `sample`, with the parameters of the largest model. A parameter
         that a model does not have is zero in the draws of this model. The posterior also stores a
-        record (a dictionary). Its entry ``averaged`` lists the models with their rival
+        record (a dictionary). Its entry ``averaged`` lists the models with their alternative
         explanations, log evidences and probabilities. ``sample_stats.model`` holds, for each draw,
         the index of the draw's model in this list (counted from 0). The prior draws come from all
         models in equal numbers.
@@ -227,7 +228,7 @@ def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
 def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _WeightedModels:
     """Return the models of the average with their posterior probabilities.
 
-    The average contains every given model once with each subset of its rival explanations.
+    The average contains every given model once with each subset of its alternative explanations.
     Evidences that are missing in ``evidences`` are computed.
     """
     combinations = []
@@ -388,10 +389,10 @@ def _averaged_prior(
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
     """Return the models with their probabilities, for the record of the averaged posterior.
 
-    Each model is described by name, rival explanations, log evidence and posterior probability. The
-    same name occurs once for each subset of the rival explanations. The result therefore also
-    states sums of probabilities: for each name, the sum over all models with this name; for each
-    rival explanation, the sum over all models that include it.
+    Each model is described by name, alternative explanations, log evidence and posterior
+    probability. The same name occurs once for each subset of the alternative explanations. The
+    result therefore also states sums of probabilities: for each name, the sum over all models with
+    this name; for each alternative explanation, the sum over all models that include it.
     """
     models = []
     for combination, nodes, probability in zip(

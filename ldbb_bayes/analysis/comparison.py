@@ -250,7 +250,8 @@ class Comparison(Result):
     #: log Bayes factor of the second model over the first under each assumption about how circles
     #: differ from one another. The first entry is for the assumption in the models, the last entry
     #: for white noise alone. If ``explanations`` is not None, the second entry is the average over
-    #: the rival explanations, and the third entry is the comparison without rival explanations.
+    #: the alternative explanations, and the third entry is the comparison without alternative
+    #: explanations.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if no model has slopes, or if only evidences were computed
@@ -279,10 +280,10 @@ class Comparison(Result):
     #: reliable. The field keeps a name from an older version, because programs read this name in
     #: the JSON file.
     by_emcee: int = 0
-    #: probabilities of slopes (changes of compliance with force) and of rival explanations: other
-    #: effects, such as a nonlinear mount, that change the readings as slopes do. The field is None
-    #: unless two conditions hold: the second model is the first model with slopes added, and the
-    #: second model has rival explanations.
+    #: probabilities of slopes (changes of compliance with force) and of alternative explanations:
+    #: other effects, such as a nonlinear mount, that change the readings as slopes do. The field is
+    #: None unless two conditions hold: the second model is the first model with slopes added, and
+    #: the second model has alternative explanations.
     explanations: Explanations | None = None
 
     @property
@@ -298,9 +299,9 @@ class Comparison(Result):
     def headline(self) -> tuple[float, float]:
         """Return the log Bayes factor of the second model over the first, and its error [nat].
 
-        Rival explanations are effects, such as a nonlinear mount, that change the readings as
-        slopes (changes of compliance with force) do. If the comparison includes rival explanations,
-        the log Bayes factor is averaged over them.
+        Alternative explanations are effects, such as a nonlinear mount, that change the readings as
+        slopes (changes of compliance with force) do. If the comparison includes alternative
+        explanations, the log Bayes factor is averaged over them.
         """
         if self.explanations is None:
             return (
@@ -432,7 +433,7 @@ class _ComparisonPlan:
     has_slope_subsets: bool
     #: whether models are fitted to the tests at neighbouring forces
     has_local_fits: bool
-    #: whether slopes are compared with rival explanations: other effects, such as a nonlinear
+    #: whether slopes are compared with alternative explanations: other effects, such as a nonlinear
     #: mount, that change the readings as slopes do
     has_rival_explanations: bool
 
@@ -634,9 +635,9 @@ def _plan_comparison(
 
     With ``evidence_only``, no test is left out, models with only some of the slopes (changes of
     compliance with force) are not compared, and no model is fitted to the tests at neighbouring
-    forces. Rival explanations (other effects that change the readings as slopes do) are compared if
-    two conditions hold: the second model is the first model with slopes added, and the second model
-    has rival explanations.
+    forces. Alternative explanations (other effects that change the readings as slopes do) are
+    compared if two conditions hold: the second model is the first model with slopes added, and the
+    second model has alternative explanations.
     """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}

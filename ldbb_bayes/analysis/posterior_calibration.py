@@ -8,8 +8,8 @@ all unknowns, the steps are:
 1. A true θ' is drawn from the posterior p(θ | y).
 2. Readings y' of a repetition of the same tests are simulated from θ'.
 3. The posterior p(θ | y, y') given the measured and the simulated readings together is computed. If
-  this posterior is computed correctly, θ' is also a draw from this posterior, and the ranks of θ'
-  among other draws from this posterior are uniformly distributed.
+   this posterior is computed correctly, θ' is also a draw from this posterior, and the ranks of θ'
+   among other draws from this posterior are uniformly distributed.
 
 Bar, balls, mount and force device are the same in the measured and the simulated campaign; set-up
 shift, discrepancy, random force error and white noise are drawn anew for the simulated campaign.

@@ -1,4 +1,4 @@
-"""Comparison of slopes with rival explanations of why compliance seems to change with force.
+"""Comparison of slopes with alternative explanations of why compliance seems to change with force.
 
 The readings may not grow in proportion to force for several reasons: compliances change with force
 (slopes), the deflection of the joints is nonlinear, or the mount or the force device is nonlinear.
@@ -50,20 +50,21 @@ class Explanations:
     inclusion_probability: dict[str, float]  #: posterior probability of each explanation
     models: tuple[Explained, ...]  #: all combinations of explanations, the most probable first
     #: log Bayes factor of slopes (changes of compliance with force) over no slopes, from evidences
-    #: averaged over all combinations of the rival explanations
+    #: averaged over all combinations of the alternative explanations
     averaged: Assumed
     #: log Bayes factor of slopes (changes of compliance with force) over no slopes, from the two
-    #: models without rival explanations
+    #: models without alternative explanations
     alone: Assumed
 
     @property
     def instead(self) -> tuple[str, ...]:
-        """Names of the rival explanations that make slopes unnecessary; empty if there are none.
+        """Names of the alternative explanations that make slopes unnecessary; may be empty.
 
-        Slopes are changes of compliance with force. Rival explanations make slopes unnecessary
-        under two conditions: the readings support slopes in the models without rival explanations,
-        and they do not support slopes on average over all combinations of rival explanations. The
-        names are those of the rival explanations in the most probable combination without slopes.
+        Slopes are changes of compliance with force. Alternative explanations make slopes
+        unnecessary under two conditions: the readings support slopes in the models without
+        alternative explanations, and they do not support slopes on average over all combinations of
+        alternative explanations. The names are those of the alternative explanations in the most
+        probable combination without slopes.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)
@@ -77,21 +78,21 @@ def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
-    """Compare slopes with rival explanations, using the evidence of every combination.
+    """Compare slopes with alternative explanations, using the evidence of every combination.
 
-    Slopes are changes of compliance with force. Rival explanations are other effects, such as a
-    nonlinear mount, that change the readings in a similar way. Each model has slopes or no slopes,
-    and any combination of the rival explanations, so that r rival explanations give 2^(1 + r)
-    models. All models have the same prior probability. The probability of an explanation is the sum
-    of the probabilities of the models that include it. The Bayes factor of slopes over no slopes is
-    computed twice: from the models without rival explanations, and from the evidences averaged over
-    the combinations of rival explanations.
+    Slopes are changes of compliance with force. Alternative explanations are other effects, such as
+    a nonlinear mount, that change the readings in a similar way. Each model has slopes or no
+    slopes, and any combination of the alternative explanations, so that r alternative explanations
+    give 2^(1 + r) models. All models have the same prior probability. The probability of an
+    explanation is the sum of the probabilities of the models that include it. The Bayes factor of
+    slopes over no slopes is computed twice: from the models without alternative explanations, and
+    from the evidences averaged over the combinations of alternative explanations.
 
     Parameters
     ----------
     pair : mapping of str to HybridModel
-        The model without slopes, then the same model with slopes. Both models name the same rival
-        explanations (``HybridModel.rivals``).
+        The model without slopes, then the same model with slopes. Both models name the same
+        alternative explanations (``HybridModel.rivals``).
     evidences : Evidences
         Evidences that have been computed before; new evidences are added to this object.
 
@@ -131,7 +132,7 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
         inclusion_probability[name] = float(probability[includes].sum())
     # The models are in the order of `subsets`. In the following arrays, the first row is therefore
     # for the models with slopes, and the second row for the models without slopes. The last column
-    # is for the models without rival explanations.
+    # is for the models without alternative explanations.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)
     rival_combinations = log_evidence_by_slopes.shape[1]
@@ -154,7 +155,7 @@ def _compare_slopes(
 ) -> Assumed:
     """Return the log Bayes factor of slopes over no slopes, with the two log evidences.
 
-    Slopes are changes of compliance with force. ``label`` states how rival explanations are
+    Slopes are changes of compliance with force. ``label`` states how alternative explanations are
     treated. ``error`` is the error of the log Bayes factor [nat]. ``log_evidence_by_slopes`` holds
     two numbers: the log evidence with slopes, and the log evidence without slopes. In ``pair``, the
     model without slopes comes first.

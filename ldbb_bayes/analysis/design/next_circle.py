@@ -77,8 +77,8 @@ _LEVELS = 9
 class ModelSoFar(Result):
     """Decision between constant and linear compliance: now, and after the best next circle."""
 
-    #: log Bayes factor of linear over constant compliance [nat], averaged over rival explanations
-    #: of an apparent change of compliance with force
+    #: log Bayes factor of linear over constant compliance [nat], averaged over alternative
+    #: explanations of an apparent change of compliance with force
     log_bayes_factor: float
     log_bayes_factor_error: float  #: numerical error of ``log_bayes_factor`` [nat]
     probability_linear: float  #: posterior probability of linear compliance
@@ -453,7 +453,7 @@ class _ModelOdds:
     ) -> _ModelOdds | None:
         """Return the odds of linear over constant compliance; None for a model without slopes.
 
-        The odds are averaged over rival explanations of an apparent change of compliance with
+        The odds are averaged over alternative explanations of an apparent change of compliance with
         force. ``known`` is the posterior given the circles run so far. ``evidences`` computes the
         evidences of the two models. ``confidence`` is the least probability that is enough for a
         decision.
