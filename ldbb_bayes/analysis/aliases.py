@@ -67,8 +67,8 @@ class Degeneracy:
     #: whether the model has a term for every nuisance coefficient in ``combination``. If not, the
     #: intervals of the parameters ignore the effect of a missing term.
     modelled: bool
-    #: whether the size of every nuisance coefficient in ``combination`` is given by a certificate,
-    #: or by a model term whose values the user has changed
+    #: whether the standard uncertainty of every nuisance coefficient in ``combination`` is stated
+    #: by a certificate, or by a model term whose values the user has changed
     stated: bool
     #: root sum of squares of the changes in ``combination``, where each change is divided by the
     #: prior standard deviation of its coefficient
@@ -155,7 +155,7 @@ def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
 def _describe_degeneracy(
     bound: BoundModel, coefficients: _Coefficients, space: NullSpace, pivot: int, vector: Array
 ) -> Degeneracy | None:
-    """Return the `Degeneracy` that describes an unresolved combination of coefficients.
+    """Return the `Degeneracy` that describes a combination of coefficients whose effects cancel.
 
     The combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
     deviations. ``pivot`` is the index of the coefficient whose effect on the readings the other

@@ -1,4 +1,4 @@
-"""Effects whose sizes are assumed: neither measured, nor stated by a certificate or the user."""
+"""Effects with assumed standard uncertainties: neither measured, nor stated by anybody."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ effects that are modelled but not of interest; hyper-parameters φ are the scale
 other effects; truncation means that compliances must not be negative.
 
 Given φ, the estimation error of the parameters is a sum of independent parts, one for every source.
-A source is the deviation of a nuisance coefficient from its prior mean, a noise of the readings, or
+A source is the deviation of a nuisance coefficient from its prior mean, a kind of reading noise, or
 the deviation of the parameters from the parameters' prior means. As in the GUM, the share of source
 s in the variance of a parameter y is u_s²(y) / u²(y), where u_s(y) is the standard uncertainty of y
 due to s alone; the shares sum to one (`Information.shares`). Unlike in the GUM, u²(y) is the
@@ -64,7 +64,7 @@ class Contribution:
     """One line of an uncertainty budget: the contribution of one source to one parameter."""
 
     #: name of the source: a nuisance coefficient, the small coefficients of one term together
-    #: ("other …"), a noise of the readings, or ``Parameters`` for the priors of the parameters
+    #: ("other …"), a kind of reading noise, or ``Parameters`` for the priors of the parameters
     source: str
     term: str  #: model term that the source belongs to, such as ``Mount``
     #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the
@@ -99,8 +99,7 @@ class Budget(Result):
     #: compared.
     heaviest: str
     #: standard uncertainty that the parameter would have if the term ``heaviest`` were known
-    #: exactly; None if the term cannot be known (noise of the readings, or the priors of the
-    #: parameters)
+    #: exactly; None if the term cannot be known (reading noise, or the priors of the parameters)
     u_if_known: float | None
 
     def share(self, term: str) -> float:
@@ -196,7 +195,7 @@ class _Portion:
 
 
 class _NoiseSource(NamedTuple):
-    """Type (A or B of the GUM), standard uncertainty ``u`` and unit of a noise of the readings.
+    """Type (A or B of the GUM), standard uncertainty ``u`` and unit of a kind of reading noise.
 
     ``u`` is None where one line of the budget stands for several noises.
     """
@@ -495,7 +494,7 @@ def _uncertainty_if_known(variance: _ParameterVariance, term: str, u: float) -> 
 
     ``variance`` is the variance of the parameter, averaged over models. ``term`` is the name of the
     model term, and ``u`` the present standard uncertainty of the parameter. Return None if the term
-    cannot be known, such as noise of the readings.
+    cannot be known, such as reading noise.
     """
     remaining = variance.spread or 0.0
     can_be_known = False

@@ -128,7 +128,7 @@ class ParameterEstimate:
 
 @dataclass(frozen=True, eq=False)
 class ComparedModel:
-    """Evidence, fit and parameter estimates of one of the models compared.
+    """Evidence, fit and parameter estimates of one of the compared models.
 
     ``degree`` is the degree of the compliances as polynomials of force: 0 is constant, 1 is linear.
     Log evidence and its error are in nats.
@@ -265,8 +265,9 @@ class Comparison(Result):
     #: comparison of every test with its prediction from the other tests, by name of the test; empty
     #: if no test was left out
     tests: dict[str, ComparedTest]
-    #: fits of constant compliance to the tests at every two neighbouring forces: the table that
-    #: `local_fits` returns; empty if all tests have one force, or if only evidences were computed
+    #: fits of constant compliance to the tests at each pair of neighbouring forces: the table that
+    #: `local_fits` returns; empty if all tests have the same force, or if only evidences were
+    #: computed
     local_fits: Records
     #: largest error allowed for a log evidence [nat]. Under another assumption about how circles
     #: differ, an error of 0.1 nat is allowed if the log evidences are at least 10 nat below the
@@ -717,7 +718,7 @@ def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
 def _begin_local_fits(
     plan: _ComparisonPlan, campaign: Campaign, prob: float, executor: Executor | None
 ) -> Callable[[], pd.DataFrame]:
-    """Begin the fits of constant compliance to the tests at every two neighbouring forces.
+    """Begin the fits of constant compliance to the tests at each pair of neighbouring forces.
 
     Return a function that waits for the fits and returns their table. The table is empty if
     ``plan`` does not include these fits. ``prob`` is the probability of the credible intervals.

@@ -1,6 +1,6 @@
 """Change of compliance with force: the curve C(F) at the smallest and the largest tested force.
 
-A slope such as C_XXX_1 describes only a part of this change. The rest comes from the term
+A slope such as C_XXX_1 may describe only a part of this change. The other part comes from the term
 `JointLoad` (nonlinear deflection of joints under load).
 """
 

@@ -47,11 +47,11 @@ __all__ = [
     "stiffness_conformity",
 ]
 
-# Smallest number of posterior draws on each side of a tolerance limit with which the share of draws
-# beyond the limit is used as the probability that the quantity lies beyond the limit. If one side
-# has fewer draws, the probability of this side is the tail of a normal distribution. This
-# probability is raised to the share of draws on this side if it is smaller. It is lowered to this
-# number divided by the number of all draws if it is larger.
+# If each side of a tolerance limit has at least this number of posterior draws, the probability
+# that the quantity lies beyond the limit is the share of draws beyond the limit. If one side has
+# fewer draws, the probability of this side is the tail of a normal distribution. However, it is set
+# to at least the share of draws on this side, and to at most ``_FEWEST_DRAWS`` divided by the
+# number of all draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
@@ -404,7 +404,7 @@ def _decide(
     confidence: float,
     force: float | None,
 ) -> Conformity:
-    """Return the decision that follows from the probability of conformance with a tolerance.
+    """Return the decision on conformity with a tolerance, for a given probability of conformance.
 
     ``probability`` is the probability of conformance, and ``confidence`` the least probability at
     which a decision is made. ``mean`` and ``sd`` are the posterior mean and standard deviation of

@@ -66,7 +66,7 @@ class Cure(StrEnum):
 
 
 def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
-    """Return the kinds of further tests that would resolve each degeneracy, and a calibration.
+    """Return what would resolve each degeneracy: kinds of further tests, or a calibration.
 
     A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
     but not of interest) whose effects on every reading cancel. A kind of further tests is returned
@@ -187,7 +187,7 @@ class Directed(NamedTuple):
 
 
 def in_other_direction(plan: Campaign) -> Directed:
-    """Return the circles of a plan, and copies of them in the opposite direction of travel."""
+    """Return the circles of a plan, and copies in the opposite direction; see `Directed`."""
     directions_of: dict[str, set[str | None]] = {}
     for test in plan.tests:
         directions_of.setdefault(str(test.plane), set()).add(test.direction)

@@ -47,9 +47,9 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
         F_min, the deviations from the least-squares circle [µm]; G_minimum_zone, the circular
         deviation about the centre of the minimum zone [µm]; F_max_nominal and F_min_nominal, the
         deviations from a circle with the least-squares centre and the nominal radius [µm]; and
-        squareness and scale_mismatch [µm/m]. Squareness and scale_mismatch are not a number for an
-        arc of less than 350°, for a test of at most 25 readings, and for readings at too few
-        different angles to tell the Fourier orders apart.
+        squareness and scale_mismatch [µm/m]. Squareness and scale_mismatch are NaN for an arc of
+        less than 350°, for a test of at most 25 readings, and for readings at too few different
+        angles to tell the Fourier orders apart.
     pairs : DataFrame
         One row per pair of a clockwise and a counterclockwise test of the same circle. Columns are
         force_N and plane; the bidirectional deviation G_b about the least-squares centre and

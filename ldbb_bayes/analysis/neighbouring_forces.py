@@ -1,4 +1,4 @@
-"""Local fits: constant compliance and geometry at every two neighbouring force levels.
+"""Local fits of constant compliance and geometry to each pair of neighbouring force levels.
 
 If compliance changes with force, the estimates from different pairs of levels differ. Each pair is
 fitted twice: by the least-squares method of the article on which the model is based (Tables 7 and 8
@@ -77,8 +77,8 @@ def local_fits(
         One row per pair of force levels and parameter, in internal units (mm, N, rad). Columns are
         force_low_N, force_high_N, force_N (mean over the pair's tests), tests (number of tests in
         the pair), parameter and unit; the least-squares estimate least_squares and, for white noise
-        alone, its standard uncertainty least_squares_u (both are not a number if the pair does not
-        determine the parameter); and the posterior's mean, sd, ci_low and ci_high.
+        alone, its standard uncertainty least_squares_u (both are NaN if the pair does not determine
+        the parameter); and the posterior's mean, sd, ci_low and ci_high.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def local_fits(
 
 
 def _pairs(campaign: Campaign) -> list[tuple[str, ...]]:
-    """Return the names of the tests at every two neighbouring force levels, one tuple per pair."""
+    """Return the names of the tests at each pair of neighbouring force levels."""
     if campaign.force_levels < 2:
         raise InputError(
             "local fits must have at least two force levels, got one: compliance and geometry"

@@ -54,7 +54,7 @@ class NullSpace:
     parameters
         Number of parameters of interest.
     limit
-        Largest change of a reading that cannot be seen, in the unit of ``scaled``.
+        Largest change of a reading that is too small to be seen, in the unit of ``scaled``.
     """
 
     def __init__(self, scaled: Array, parameters: int, limit: float) -> None:

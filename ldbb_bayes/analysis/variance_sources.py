@@ -65,7 +65,7 @@ class SourcesOfVariance(NamedTuple):
 
     ``sources`` are all sources, the largest share first. ``likeness`` compares assumed sources. An
     assumed source that causes an error of this parameter causes errors of the other parameters at
-    the same time. These errors form a vector with one element for each parameter. For every two
+    the same time. These errors form a vector with one element for each parameter. For each pair of
     assumed sources, ``likeness`` holds the squared cosine of the angle between their vectors; a key
     consists of the names of the two sources. The squared cosine is 1 if both sources act on the
     same combination of parameters.
@@ -188,8 +188,8 @@ class AveragedVariance:
     def mean(self) -> Array:
         """Means of the quantities, averaged over the models, shape (q,).
 
-        With the probability p_m of model m and the means mean_m under model m, the result is Σ p_m
-        mean_m.
+        The averaged means are Σ p_m mean_m, where p_m is the probability of model m, and mean_m are
+        the means under model m.
         """
         return np.sum([model.probability * model.mean for model in self.models], axis=0)
 
@@ -231,7 +231,7 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Variances by which parts of variances are divided to give shares, shape (q,).
+        """Variances of the quantities, as the denominators of shares, shape (q,).
 
         A variance of zero is replaced by one.
         """
@@ -255,7 +255,7 @@ class AveragedVariance:
 
     @cached_property
     def shares_removed(self) -> dict[str, Array]:
-        """Shares of variances that would vanish if a model term were known, for each model term.
+        """Shares of the variances that would vanish if the effect of a model term were known.
 
         The keys are the class names of the terms. There is one share for each of the q quantities,
         shape (q,): the part of the quantity's variance, as a fraction, that would vanish if the
@@ -351,7 +351,7 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
 
 
 def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
-    """Return the squared cosine of the angle between every two vectors of errors.
+    """Return the squared cosine of the angle between each pair of error vectors.
 
     ``patterns`` holds one vector, shape (p,), for each source: the errors of all p parameters that
     the source causes together with an error of the quantity considered. The keys of the result are

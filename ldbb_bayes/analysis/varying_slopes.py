@@ -43,8 +43,8 @@ __all__ = [
 _DRAWS = 4000
 _CURVE_POINTS = 41
 # The draws of the parameters are made at several values of the hyper-parameters:
-# ``_DRAWS_PER_NODE`` draws at each value, or fewer if there would be less than ``_FEWEST_NODES``
-# different values.
+# ``_DRAWS_PER_NODE`` draws at each value. If this gave fewer than ``_FEWEST_NODES`` different
+# values, fewer draws are made at each value.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
 # A subset of slopes states which compliances change with force. If there are at most

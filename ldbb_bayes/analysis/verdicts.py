@@ -154,8 +154,8 @@ class ParameterIdentifiability(Result):
     #: confounded, the effect with the largest share of the variance first; empty if the parameter
     #: is not confounded
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    #: for each effect in ``partners``, the share of the parameter's variance that is due to this
-    #: effect; the keys are names of effects
+    #: for each effect in ``partners``, the share of the parameter's variance that this effect
+    #: causes; the keys are names of effects
     partner_shares: dict[str, float]
     #: standard uncertainty that the parameter would have if the effects in ``partners`` were known
     #: exactly; None if ``partners`` is empty
@@ -265,7 +265,7 @@ class Identifiability(Result):
     effective_parameters: float
     #: table of errors of least-squares estimates, in internal units (mm, N, rad). Rows are
     #: parameters, and columns are nuisance coefficients (of effects not of interest). Each entry is
-    #: the error of the parameter's estimate if the nuisance coefficient has the size of its prior
+    #: the error of the parameter's estimate if the nuisance coefficient is equal to its prior
     #: standard deviation and the fit ignores this coefficient.
     alias: ByRow
     #: table of posterior correlations between coefficients: the parameters, and the coefficients of
@@ -725,10 +725,9 @@ def judge(
     sources
         All sources of the parameter's variance, the largest share first.
     contraction
-        One minus the posterior variance divided by the prior variance; not a number for a flat
-        prior.
+        One minus the posterior variance divided by the prior variance; NaN for a flat prior.
     likeness
-        For every two assumed sources, the squared cosine of the angle between the vectors of
+        For each pair of assumed sources, the squared cosine of the angle between the vectors of
         parameter errors that the two sources cause; a key consists of the names of the sources.
         Default: all sources are taken to act on the same combination of parameters.
     """

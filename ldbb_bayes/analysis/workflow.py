@@ -329,9 +329,9 @@ def stacking_weights(log_densities: Mapping[str, Array]) -> dict[str, float]:
 
     The keys are names of models. The weights w_m of the models m are not negative, sum to one and
     maximise Σ_r ln Σ_m w_m p_m(y_r | y_−r) (Yao et al., Bayesian Analysis 13, 2018), where y_r are
-    the readings of test r and y_−r the readings of the other tests. ``log_densities`` holds ln
-    p_m(y_r | y_−r) [nat], shape (tests,), for each model m. The weights are computed by the EM
-    algorithm, in which the sum increases in every step.
+    the readings of test r and y_−r the readings of the other tests. ``log_densities`` holds, for
+    each model m, the log densities ln p_m(y_r | y_−r) [nat] of all tests, shape (tests,). The
+    weights are computed by the EM algorithm, in which the sum increases in every step.
     """
     names = list(log_densities)
     log_density = np.array([log_densities[name] for name in names])

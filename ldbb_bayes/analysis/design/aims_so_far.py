@@ -133,7 +133,7 @@ class GoalState:
     """A goal, the present estimate of its parameter, and the aim for the next circle."""
 
     goal: Goal
-    unit: str  # internal unit of the parameter (made of mm, N, rad)
+    unit: str  # internal unit of the parameter (composed of mm, N and rad)
     mean: float  # posterior mean of the parameter
     sd: float  # posterior standard deviation of the parameter
     draws: Array  # posterior draws of the parameter, shape (n,)

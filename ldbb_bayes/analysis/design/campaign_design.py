@@ -233,11 +233,11 @@ class Design(Forecast):
     def plan(self, *, seed: int = 1) -> Campaign:
         """Return the recommended tests as a plan, in the order in which to run them.
 
-        Tests with the same clocking (angles by which the balls are turned) are run one after the
-        other, with their forces in random order. The plan states no times. If the model includes a
-        drift with time, the drift is taken to follow the order of the tests in the plan. If the
-        model includes a drift with temperature, the tests of the plan get the mean temperature of
-        the campaign that the design starts from.
+        Tests with the same set-up, plane, radius and angles of the balls are run one after the
+        other, in random order. The plan states no times. If the model includes a drift with time,
+        the drift is taken to follow the order of the tests in the plan. If the model includes a
+        drift with temperature, the tests of the plan get the mean temperature of the campaign that
+        the design starts from.
 
         Parameters
         ----------
@@ -379,9 +379,9 @@ def design(
 
     The pilot is the campaign or plan that the design starts from. Everything is computed for the
     linear Gaussian model and averaged over the hyper-parameters (the scales of the noise and of
-    other effects): over their posterior given the pilot, or over their prior if the pilot is a
-    plan. The expected standard deviations account for the condition that compliances are not
-    negative. The criteria, and the expected evidence about slopes, ignore this condition. The
+    other effects): over their posterior given the pilot's readings, or over their prior if the
+    pilot is a plan. The expected standard deviations account for the condition that compliances are
+    not negative. The criteria, and the expected evidence about slopes, ignore this condition. The
     reference force F0, the force range and the estimate Ĉ of the compliances about which the model
     is linearised are those of the pilot. Analyse the plan with the attribute ``model`` of the
     design, which uses the same values.
@@ -437,8 +437,8 @@ def design(
         "force" and "angle".
     probability : float
         With goals: least share of the possible machines on which all goals are to be met. Possible
-        machines are drawn from the posterior given the pilot, or from the prior if the pilot is a
-        plan.
+        machines are drawn from the posterior given the pilot's readings, or from the prior if the
+        pilot is a plan.
 
     Returns
     -------
@@ -589,7 +589,7 @@ def _levels_in_range(pilot: Campaign) -> list[float]:
 
 
 def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    """Raise an `InputError` if a design for comparison has a reserved name or a wrong machine.
+    """Raise an `InputError` for a design with a reserved name, or for another machine.
 
     ``campaign`` holds the tests of the design for comparison, and ``name`` is the name that the
     caller gave it. A name is reserved if the result uses it for another design. ``pilot`` is the

@@ -1,4 +1,4 @@
-"""Certificates of the instrument that could be bought, each with its price."""
+"""Certificates that could be bought for the instrument, each with its price."""
 
 from __future__ import annotations
 

@@ -239,7 +239,7 @@ def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> li
 
 
 class _Search:
-    """Search in all families of campaigns.
+    """Search for the cheapest campaigns in all families of campaigns.
 
     Forecasts made in one family are also used in the families that are searched later.
     """

@@ -129,7 +129,7 @@ class LogBayesFactor:
     ``size`` prior standard deviations, the mean of ln B is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 +
     λ)]. If the parameters are zero, the mean of ln B is ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the
     difference of these two means: Φ = ¼ size² Σ λ²/(1 + λ). Φ never decreases when tests are added.
-    For one parameter, the design with the largest Φ is T-optimum. As Φ is not concave, a search may
+    For one parameter, the design with the largest Φ is T-optimal. As Φ is not concave, a search may
     end at a local maximum.
     """
 

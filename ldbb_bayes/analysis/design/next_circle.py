@@ -101,7 +101,7 @@ class _Chosen(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NextCircle(Result):
-    """The best next circle of a campaign, and the present distance from its aims.
+    """The best next circle of a campaign, and the present state of its aims.
 
     Examples
     --------
@@ -433,7 +433,7 @@ def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
     return np.clip((distance_now - distances) / distance_now, 0.0, 1.0)
 
 
-# ---- constant or linear compliance
+# ---- Decision between constant and linear compliance
 
 
 @dataclass(frozen=True, eq=False)

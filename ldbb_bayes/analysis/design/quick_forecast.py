@@ -179,8 +179,8 @@ class QuickForecast:
         Let Σ be the covariance of all p coefficients before the circle: ``covariance``, shape (K,
         p, p), at K values of the hyper-parameters. Let G be the derivatives of a circle's readings
         with respect to the coefficients, divided by the standard deviation of the noise. The circle
-        adds GᵀG to the precision matrix, so that the covariance after the circle is Σ − ΣGᵀ(1 +
-        GΣGᵀ)⁻¹GΣ. Only the variances of the goals' parameters are computed.
+        adds GᵀG to the precision matrix. After the circle, the covariance is therefore Σ − ΣGᵀ (1 +
+        GΣGᵀ)⁻¹ GΣ. The function computes only the variances of the goals' parameters.
         """
         number = self._limits.shape[1]
         variances = []

@@ -61,16 +61,16 @@ _STARTS = 6
 _SHARES_TOLERANCE = 1e-5
 # The search restarts from randomly changed designs ``_MAX_RESTARTS`` times, or less often if the
 # cost of these restarts would exceed ``_RESTART_COST``. The cost is the product of four numbers:
-# the elements of the precision matrices, the tests, the candidates that are tried as replacements
-# for each test, and the restarts.
+# the numbers of elements of the precision matrices, of tests, of candidates that are tried as
+# replacements for each test, and of restarts.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
 # If at most this many designs are possible, the search does not restart from randomly changed
 # designs.
 _FEW_DESIGNS = 1000
 # Two forces of a design are close if their difference is at most ``_CLOSE_FORCES`` times the range
-# of force. All tests at one of two close forces are moved to the other force if the relative loss
-# of efficiency is at most ``_MERGING_LOSS``.
+# of force. If two candidates have close forces, all tests of one are replaced by tests of the
+# other, provided that the relative loss of efficiency is at most ``_MERGING_LOSS``.
 _CLOSE_FORCES = 0.05
 _MERGING_LOSS = 1e-4
 
@@ -311,10 +311,10 @@ class Search:
     def _merge_close_forces(self, counts: Array, value: float) -> tuple[Array, float]:
         """Return the design with close forces merged, and the value of its criterion.
 
-        If two forces are close, all tests at one force are moved to the other force. The move is
-        made only if it reduces the efficiency by at most 0.01 %. ``counts`` is the number of tests
-        of each candidate before merging, and ``value`` is the criterion of the design before
-        merging.
+        If two candidates have close forces, all tests of one are replaced by tests of the other.
+        This is done only if it reduces the efficiency by at most 0.01 %, and if enough different
+        forces remain. ``counts`` is the number of tests of each candidate before merging, and
+        ``value`` is the criterion of the design before merging.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)

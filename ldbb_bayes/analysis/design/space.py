@@ -1,4 +1,4 @@
-"""Space of designs: candidate tests, criterion and parameters of interest.
+"""Design space: candidate tests, criterion and parameters of interest.
 
 The pilot is the campaign or plan that a design starts from. Candidates are tests that could be run,
 once or several times. The share of a candidate is its number of runs divided by the number of all

@@ -2,8 +2,8 @@
 
 A state is a value of the hyper-parameters φ (the scales of the noise and of other effects) and of
 the parameters β (compliances, their slopes and geometric errors). The pilot is the campaign or plan
-that a design starts from. States are drawn at random from the posterior given the pilot, or from
-the prior if the pilot is a plan.
+that a design starts from. States are drawn at random from the posterior given the pilot's readings,
+or from the prior if the pilot is a plan.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def states_before(
     """Return random states of the machine before the tests of a design.
 
     A state is a value of the hyper-parameters φ and of the parameters β. States are drawn from the
-    posterior given the pilot. If the pilot is a plan, they are drawn from the prior.
+    posterior given the pilot's readings. If the pilot is a plan, they are drawn from the prior.
 
     Parameters
     ----------
