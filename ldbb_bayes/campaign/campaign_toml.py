@@ -1,4 +1,4 @@
-"""Reading of campaign.toml, and of CSV files and calibration certificates named in this file."""
+"""Reading of campaign.toml, and of the CSV files and calibration certificates that it names."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ TOML_NAME = "campaign.toml"
 # Name of the folder for the pilot of a plan; this folder is inside the folder of the plan. The
 # pilot is the campaign or plan from which the plan was designed.
 PILOT_NAME = "pilot"
-# Version of the format of campaign.toml, which is written under the key ``schema``.
+# Version of the format of campaign.toml. It is written under the key ``schema``.
 _SCHEMA = 1
 
 

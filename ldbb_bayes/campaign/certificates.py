@@ -62,11 +62,11 @@ class CertifiedQuantity:
 
     @property
     def title(self) -> str:
-        """Text that names the quantity in messages.
+        """Name of the quantity in messages.
 
-        The text is the first of the following that is not empty: the name of the quantity, the name
-        or attribute refType of the innermost element of the certificate that contains the quantity,
-        the attribute refType of the quantity, and "no name".
+        The name in messages is the first of the following that is not empty: the name of the
+        quantity, the name or attribute refType of the innermost element of the certificate that
+        contains the quantity, the attribute refType of the quantity, and "no name".
         """
         for text in (self.name, *reversed(self.holders), self.ref_type):
             if text:
@@ -184,13 +184,17 @@ class CalibrationCertificate(Shown):
         """Return the length error of a bar, its expanded uncertainty, and the certificate's name.
 
         The keys are named as in the table [bar] of campaign.toml: length_error_um [µm], U_um (k =
-        2) [µm] and certificate. The length error is the amount by which readings are too large. If
-        the certificate states an error of indication, this error is returned unchanged. If it
-        states a deviation from the nominal length, the sign is changed, because a longer bar reads
-        too small. If it states the actual length and the nominal length, the actual length is
-        subtracted from the nominal length. If the certificate states several bars, the bar of the
-        nominal length ``length_mm`` is used. Raise an `InputError` if no uncertainty is stated, or
-        if the certificate still states several errors after the bar has been chosen.
+        2) [µm] and certificate. The length error is the amount by which readings are too large. It
+        is computed from what the certificate states:
+
+        - An error of indication is used unchanged.
+        - A deviation from the nominal length is used with the opposite sign, because a longer bar
+          reads too small.
+        - An actual length is subtracted from the nominal length.
+
+        If the certificate states several bars, the bar of the nominal length ``length_mm`` is used.
+        Raise an `InputError` if no uncertainty is stated, or if the certificate still states
+        several errors after the bar has been chosen.
         """
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths, length_mm)
@@ -427,11 +431,11 @@ def _several_errors(
 
 
 def _name_apart(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]) -> str:
-    """Return a text that distinguishes a certified quantity from the quantities ``others``.
+    """Return a string that distinguishes a certified quantity from the quantities ``others``.
 
-    The text consists of the names of the XML elements that contain the quantity and of the quantity
-    itself. Names that occur in all of ``others`` are left out. If no name remains, return the
-    quantity's title.
+    The string consists of the names of the XML elements that contain the quantity and of the
+    quantity itself. Names that occur in all of ``others`` are left out. If no name remains, return
+    the quantity's title.
     """
     names = []
     for name in (*quantity.holders, quantity.name):
@@ -442,7 +446,7 @@ def _name_apart(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]
 
 
 def _title_with_holder(quantity: CertifiedQuantity) -> str:
-    """Return a text that names a certified quantity and an XML element that contains it.
+    """Return a string that names a certified quantity and an XML element that contains it.
 
     An example is "Bar: length error". The element is the innermost element whose name contains no
     underscore, because names with underscores are technical. If there is no such element, or if the

@@ -238,7 +238,7 @@ class CircularTest(TestFields):
         return array
 
     def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
-        """Yield a text on each fault of a test: what is required, and what the user can do.
+        """Yield a message for each fault of a test: what is required, and what the user can do.
 
         ``angle`` holds the angles of the test [deg], and ``reading`` the readings [µm]. Each of
         these arguments is None if the user did not give it.
@@ -275,7 +275,7 @@ class CircularTest(TestFields):
 
     @property
     def label(self) -> str:
-        """Text that names the test in messages, such as test 'f036'."""
+        """Name of the test in messages, such as test 'f036'."""
         if not self.name:
             return "a circular test"
         return f"test {self.name!r}"

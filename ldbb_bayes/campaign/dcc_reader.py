@@ -260,7 +260,7 @@ def _words(element: ElementTree.Element, tag: str) -> list[str]:
     """Return the words in the inner element named ``tag`` of an XML element.
 
     If there is no such element, return the words of the element ``tag`` + "XMLList", which holds a
-    list. Return an empty list if there is neither of these elements.
+    list. Return an empty list if neither element exists.
     """
     text = element.findtext(_SI + tag) or element.findtext(f"{_SI}{tag}XMLList") or ""
     return text.split()

@@ -68,7 +68,7 @@ def parse_unit(unit: str | None) -> UnitSize | None:
 
 
 def _dimension_text(powers: Mapping[str, int]) -> str:
-    """Return a text such as N/bar for a dimension.
+    """Return a string such as N/bar for a dimension.
 
     ``powers`` holds the exponent of each unit in the dimension, such as 1 for N and −1 for bar.
     """

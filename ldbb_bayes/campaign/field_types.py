@@ -46,9 +46,9 @@ def _require_printable(text: str) -> str:
 
 
 def _iso_date(when: Any) -> str:
-    """Return a date as text in ISO 8601, such as 2026-11-20.
+    """Return a date as a string in ISO 8601, such as 2026-11-20.
 
-    ``when`` is a Python date or a text. A text in ISO 8601, with or without the time of day, is
+    ``when`` is a Python date or a string. A string in ISO 8601, with or without the time of day, is
     returned unchanged. Raise a ValueError for anything else.
     """
     if isinstance(when, date):
@@ -97,5 +97,5 @@ SetupNumber = Annotated[int, BeforeValidator(_refuse_text), Field(ge=1, le=_LARG
 Label = Annotated[str, AfterValidator(_require_printable)]
 # Type of the name of a test, which must also be permitted as the name of a file.
 FileName = Annotated[str, AfterValidator(_require_file_name)]
-# Type of a date, kept as text in ISO 8601, such as 2026-11-20.
+# Type of a date, kept as a string in ISO 8601, such as 2026-11-20.
 Date = Annotated[str, BeforeValidator(_iso_date)]

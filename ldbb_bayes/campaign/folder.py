@@ -230,9 +230,9 @@ def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
     """Return a dictionary with the name, the machine_id and the date that a campaign.toml states.
 
     The keys are name, machine_id and date. If machine_id is missing or empty, its value is the
-    serial number of the machine. A date is a text in ISO 8601. Keys that are not stated, or whose
-    text has more than 200 characters, are left out. The dictionary is empty for a file that cannot
-    be read, and for a CSV file. ``path`` is the path of a campaign folder or of a file.
+    serial number of the machine. A date is a string in ISO 8601. Keys that are not stated, or whose
+    values have more than 200 characters, are left out. The dictionary is empty for a file that
+    cannot be read, and for a CSV file. ``path`` is the path of a campaign folder or of a file.
     """
     file = Path(path)
     if os.path.isdir(path):

@@ -183,7 +183,7 @@ def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
 
 
 def _read_prices(entry: str, flag: str) -> dict[str, float]:
-    """Return the prices of certificates that a text states, such as ``balls G10=300,bar=150``.
+    """Return the prices of certificates that a string states, such as ``balls G10=300,bar=150``.
 
     The keys of the result are the names of the certificates. ``flag`` names the option in error
     messages.
@@ -321,7 +321,7 @@ def _design_for_goals(
 
 
 def _running_order(plan: lb.Campaign) -> str:
-    """Return the names of a plan's tests, in the order in which to run them, as one text.
+    """Return one string with the names of a plan's tests, in the order in which to run them.
 
     The direction, the radius and the angles of the balls follow each name in brackets. A setting
     that is the same in all tests is left out.

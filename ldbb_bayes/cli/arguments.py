@@ -46,8 +46,8 @@ __all__ = [
     "model_from",
 ]
 
-# Default deflection of the work ball's mount per unit of the regulator's pressure, which produces
-# the force [µm/bar]. It is the deflection in the published experiment.
+# Default deflection of the work ball's mount per unit of pressure [µm/bar], from the published
+# experiment. The pressure is that of the regulator that produces the force.
 _MOUNT_UM_PER_BAR = 2.33
 # Quantities that the columns of a table of readings can hold.
 _COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
@@ -220,8 +220,8 @@ def campaign_fields(
     raw
         Whether the readings are not compensated for the deflection of the work ball's mount.
     mount_um_per_bar
-        Deflection of the work ball's mount per unit of the regulator's pressure, which produces the
-        force [µm/bar].
+        Deflection of the work ball's mount per unit of pressure [µm/bar]. The pressure is that of
+        the regulator that produces the force.
     force_slope, force_offset
         Force per unit of the regulator's pressure [N/bar], and force at zero pressure [N].
     no_drift
@@ -249,9 +249,9 @@ def campaign_fields(
 
 
 def _column_in(text: str) -> str | int:
-    """Return the number or the heading by which a text names a column of a table.
+    """Return the number or the heading by which a typed string names a column of a table.
 
-    The result is a number, counted from 1, if the text consists only of digits.
+    The result is a number, counted from 1, if the string consists only of digits.
     """
     return int(text) if text.isdecimal() else text
 

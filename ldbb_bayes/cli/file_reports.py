@@ -60,7 +60,7 @@ class _Analyses:
     """Results that a report shows in addition to the fit.
 
     If the comparison of models, or the design (choice of the next tests), cannot be computed, a
-    text with the reason is stored instead.
+    string with the reason is stored instead.
     """
 
     #: Comparison of constant with linear compliance.
@@ -302,7 +302,7 @@ def _import_in_worker(executor: Executor | None) -> None:
 
 
 def _result_or_reason(work: Callable[[], Any]) -> Any:
-    """Return the result of an analysis, or the reason why it cannot be computed, as text.
+    """Return the result of an analysis, or a string that states why it cannot be computed.
 
     ``work`` is the function without arguments that computes the analysis.
     """

@@ -88,7 +88,7 @@ def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | 
     quiet
         Whether to show no bar.
     title
-        Title of the bar, which names the things that are counted.
+        Title of the bar. It names the things that are counted.
 
     Returns
     -------

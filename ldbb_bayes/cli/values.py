@@ -65,7 +65,7 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
 
 
 def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
-    """Return the finite numbers that a text lists, with a separator such as a comma between them.
+    """Return the finite numbers that a string lists, with a separator such as a comma between them.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
     Returns
     -------
     tuple of float
-        The numbers in the order of the text.
+        The numbers in the order of the string.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
 
 
 def ball_in(text: str, flag: str) -> lb.Ball:
-    """Return the ball that a text describes by its grade or its deviation from sphericity.
+    """Return the ball that a string describes by its grade or its deviation from sphericity.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def ball_in(text: str, flag: str) -> lb.Ball:
     Raises
     ------
     InputError
-        If the text is neither a known grade nor a length with its unit.
+        If the string is neither a known grade nor a length with its unit.
     """
     starts_like_number = text[:1] in set("+-−.,0123456789")
     if not starts_like_number:

@@ -17,7 +17,7 @@ _WIDE = 1.6
 
 @dataclass(frozen=True)
 class Fields:
-    """Form fields of a certificate's sheet, each with a name and a text.
+    """Form fields of a certificate's sheet, each with a name and its text.
 
     Parameters
     ----------

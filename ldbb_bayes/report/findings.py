@@ -52,10 +52,10 @@ class Findings:
     prob
         Probability of the credible intervals.
     comparison
-        Comparison of models with constant and linear compliance, or a text that states why there is
-        no comparison.
+        Comparison of models with constant and linear compliance, or a string that states why there
+        is no comparison.
     recommended
-        Function that returns a design of the next tests, or a text that states why there is no
+        Function that returns a design of the next tests, or a string that states why there is no
         design.
     averaged
         Posterior averaged over models; the certificate's sheets state the numbers of this
@@ -108,7 +108,7 @@ class Findings:
 
     @cached_property
     def design(self) -> Recommended:
-        """Design of the tests to run next, or a text that states why there is no design."""
+        """Design of the tests to run next, or a string that states why there is no design."""
         return self.recommended()
 
     @cached_property
@@ -284,7 +284,7 @@ def _compare_degrees(posterior: xr.DataTree) -> Compared:
     """Return a comparison of the evidences of models with constant and with linear compliance.
 
     If compliance in the fitted model is quadratic in force, the comparison also includes the
-    quadratic model. If the comparison is not possible, return a text that states the reason.
+    quadratic model. If the comparison is not possible, return a string that states the reason.
     """
     model = model_of(posterior)
     largest = model.with_degree(max(model.degree, 1))

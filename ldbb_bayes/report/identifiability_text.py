@@ -1,4 +1,4 @@
-"""Tables and sentences on how far the readings determine each parameter, and what limits this."""
+"""Tables and sentences on how far the readings determine each parameter, and what limits it."""
 
 from __future__ import annotations
 

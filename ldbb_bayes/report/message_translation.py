@@ -27,7 +27,7 @@ _SAME = rf"{_QUOTED}|\b\w+\.toml\b"
 _FIRST_MARK = 0xE000
 _LAST_MARK = 0xF8FF
 
-# Subjects of notes, such as the operator, whose value in the note is a text from a file.
+# Subjects of notes, such as the operator, whose value in the note is text from a file.
 _OWN_TEXTS = frozenset(
     (
         "[[test]] not used",
@@ -47,7 +47,7 @@ _OWN_TEXTS = frozenset(
 
 
 def is_own_text(subject: str) -> bool:
-    """Return whether notes on a subject state a value that is a text from a file.
+    """Return whether notes on a subject state a value that is text from a file.
 
     ``subject`` is what the note is about, such as "operator". Such a value is not translated.
     """

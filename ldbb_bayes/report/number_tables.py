@@ -203,7 +203,7 @@ def _gum_validation(findings: Findings) -> pd.DataFrame:
 
 
 def _averaged(findings: Findings) -> pd.DataFrame:
-    """Return a table of the estimates averaged over models, which the certificate states.
+    """Return a table of the certificate's estimates, which are averages over models.
 
     The table has no slopes (coefficients of the change of compliance with force). In some of the
     averaged models, a slope is exactly zero. The mean and U of a slope therefore do not describe

@@ -59,7 +59,7 @@ class Document(Shown):
     title
         Title of the page.
     lines
-        Lines of text below the title, which name the machine, the tests and the fit.
+        Lines of text below the title. They name the machine, the tests and the fit.
     alerts
         Warnings that a reader must see before any number.
     sections
@@ -449,7 +449,7 @@ def _record(
 def _analysis_record(result: Any) -> dict[str, Any]:
     """Return the JSON record of an analysis, or a record of why the analysis was not made.
 
-    ``result`` is the result of the analysis, or a text that states why it was not made.
+    ``result`` is the result of the analysis, or a string that states why it was not made.
     """
     if isinstance(result, str):
         return {"missing": result}

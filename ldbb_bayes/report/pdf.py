@@ -260,7 +260,7 @@ _SECOND_COLUMN = _FieldColumn(_FIRST_COLUMN.next_left)
 
 
 def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
-    """Draw form fields in two columns; each field has a name and, to its right, a text on a line.
+    """Draw form fields in two columns; each field has a name and, to its right, its text on a line.
 
     ``scale`` is the relative size of the letters.
     """

@@ -1,4 +1,4 @@
-"""Figures of the HTML page. Each figure has a caption and a name, which is also its file name."""
+"""Figures of the HTML page. Each has a caption, and a name that is also its file name."""
 
 from __future__ import annotations
 

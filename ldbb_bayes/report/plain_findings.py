@@ -1,4 +1,4 @@
-"""First sentences of the certificate's sheet 1, which state the results of a fit plainly.
+"""First sentences of the certificate's sheet 1. They state the results of a fit plainly.
 
 The sentences describe the machine under load, at most three findings, and the step that would help
 most. A finding is something to look at or to repair, and is stated with its probability. There are
@@ -57,7 +57,7 @@ class Finding:
 
 
 def plain_words(numbers: SheetNumbers) -> Items:
-    """Return the first sentences of the certificate's sheet 1, which state the results plainly.
+    """Return the first sentences of the certificate's sheet 1, on the results in plain words.
 
     Parameters
     ----------
@@ -110,9 +110,9 @@ def _under_load(numbers: SheetNumbers) -> Iterator[str]:
 
 
 def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:
-    """Return a text with the deflection under 100 N [µm] and its expanded uncertainty (k = 2).
+    """Return a string with the deflection under 100 N [µm] and its expanded uncertainty (k = 2).
 
-    ``stiffness`` is in N/mm. If only a lower limit of the stiffness is known, the text states the
+    ``stiffness`` is in N/mm. If only a lower limit of the stiffness is known, the string states the
     upper limit of the deflection.
     """
     if stiffness.limit:
@@ -136,9 +136,9 @@ def _inseparable(circle: StatedQuantity, words: Words) -> str:
 
 
 def _with_U(quantity: StatedQuantity, words: Words) -> str:
-    """Return a text with a value and its expanded uncertainty, such as "17.5 ± 2.0".
+    """Return a string with a value and its expanded uncertainty, such as "17.5 ± 2.0".
 
-    If only a limit of the quantity is known, the text states the limit.
+    If only a limit of the quantity is known, the string states the limit.
     """
     statement = quantity.value_and_U()
     if quantity.limit:
@@ -182,7 +182,7 @@ def _probability_of_sign(mean: float, sd: float) -> float:
 
 
 def _soft_axes(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield one finding for each plane, which states which of the plane's two axes is softer.
+    """Yield one finding for each plane: which of the plane's two axes is softer.
 
     A plane is left out if the model has no direct compliance of one of the two axes.
     """
@@ -288,8 +288,8 @@ def best_step(numbers: SheetNumbers) -> str:
     """Return the name of the effect that makes the undetermined parameters most uncertain.
 
     A measure against this effect helps most. A parameter is undetermined if the readings hardly
-    determine it. An effect causes a share of the variance of each such parameter; these shares are
-    added up, and the effect with the largest sum is chosen.
+    determine it. Each effect causes a share of the variance of every undetermined parameter. These
+    shares are added up, and the effect with the largest sum is chosen.
 
     Parameters
     ----------
@@ -316,10 +316,10 @@ def best_step(numbers: SheetNumbers) -> str:
 
 
 def _not_determined(numbers: SheetNumbers) -> str:
-    """Return a text that names the undetermined parameters and the step that would help most.
+    """Return a string that names the undetermined parameters and the step that would help most.
 
     A step is a measure against one effect that makes parameters uncertain. If the readings
-    determine all parameters, the text says so.
+    determine all parameters, the string says so.
     """
     words = numbers.words
     step = best_step(numbers)
@@ -361,7 +361,7 @@ def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> I
 
 
 def _step_in_words(name: str, words: Words) -> str:
-    """Return a text on the measure that would make one effect smaller.
+    """Return a string that describes the measure that would make one effect smaller.
 
     ``name`` is the class name of the effect's model term.
     """

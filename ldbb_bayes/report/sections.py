@@ -403,7 +403,7 @@ def _differences_table(first: str, other: Beside, differences: pd.DataFrame, per
 
     Each row states the parameter in both campaigns, the difference with its credible interval, and
     the probability that the parameter is larger in the second campaign. ``first`` is the name of
-    the first campaign, and ``percent`` the probability of the intervals as text, such as "95 %".
+    the first campaign. ``percent`` is the probability of the intervals as a string, such as "95 %".
     """
     rows = []
     for parameter, row in differences.iterrows():

@@ -22,7 +22,7 @@ from ldbb_bayes.units import display_unit, two_digits
 
 __all__ = ["assumption_fields", "campaign_fields", "identity_fields", "shorten"]
 
-_LONGEST_ENTRY = 70  # largest number of characters of a text in a form field
+_LONGEST_ENTRY = 70  # largest number of characters of the text in a form field
 _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place")
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # Entries of the campaign that state the machine and the date. Both sheets of the certificate show
@@ -51,7 +51,7 @@ _TERM_OF_PIECE = {
 
 
 def shorten(text: str) -> str:
-    """Return a text that fits a form field. If the text is too long, an ellipsis ends it."""
+    """Return a string cut to the length of a form field, with an ellipsis at the cut."""
     if len(text) <= _LONGEST_ENTRY:
         return text
     return f"{text[: _LONGEST_ENTRY - 1]}…"
@@ -115,7 +115,7 @@ def _stated_entries(
 
 
 def _machine(campaign: Campaign, words: Words) -> str:
-    """Return a text that states the machine's topology and the planes of the tests."""
+    """Return a string that states the machine's topology and the planes of the tests."""
     planes = list(dict.fromkeys(str(test.plane) for test in campaign.tests))
     return words("entries.machine", topology=campaign.topology, planes=words.joined(planes))
 
@@ -129,7 +129,7 @@ def _temperature(campaign: Campaign, words: Words) -> str:
 
 
 def _tests(campaign: Campaign, words: Words) -> str:
-    """Return a text that states the number of circles, their forces and their radii."""
+    """Return a string that states the number of circles, their forces and their radii."""
     radii_mm = sorted({test.circle.radius_mm for test in campaign.tests})
     return words(
         "entries.tests",
@@ -141,7 +141,7 @@ def _tests(campaign: Campaign, words: Words) -> str:
 
 
 def _path(campaign: Campaign, words: Words) -> str:
-    """Return a text that states the feed, the directions of travel and the order of the tests."""
+    """Return a string that states the feed, the directions of travel and the order of the tests."""
     path = []
     if campaign.feed_mm_per_min:
         path.append(words("entries.feed", feed=f"{campaign.feed_mm_per_min:g}"))
@@ -154,7 +154,7 @@ def _path(campaign: Campaign, words: Words) -> str:
 
 
 def _certificates(findings: Findings, words: Words) -> str:
-    """Return a text that lists what calibration certificates state about the instrument."""
+    """Return a string that lists what calibration certificates state about the instrument."""
     stated = []
     for piece in instrument_pieces(findings, words):
         if piece.is_stated:
@@ -176,7 +176,7 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
     Yields
     ------
     tuple of str
-        Name of the assumption, and a text with its size and the mark *stated* or *assumed*.
+        Name of the assumption, and a string with its size and the mark *stated* or *assumed*.
     """
     words = numbers.words
     campaign = bound_of(numbers.findings.posterior).campaign
@@ -204,7 +204,7 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
 
 
 def _marked(text: str, is_stated: bool, words: Words) -> str:
-    """Return a text with a mark added: *stated* if ``is_stated`` is true, otherwise *assumed*."""
+    """Return a string with a mark added: *stated* if ``is_stated`` is true, otherwise *assumed*."""
     mark = words("origins.assumed")
     if is_stated:
         mark = words("origins.stated")
@@ -231,10 +231,10 @@ def _force_law_text(campaign: Campaign, words: Words) -> str:
 
 
 def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
-    """Return a text with the size of an assumed effect: ± twice the standard uncertainty.
+    """Return a string with the size of an assumed effect: ± twice the standard uncertainty.
 
     ``term`` is the class name of the model term that describes the effect. If some coefficients of
-    the effect have a smaller size, the text says "up to".
+    the effect have a smaller size, the string says "up to".
     """
     factor, label = source_unit_words(size.source, term, size.unit)
     value = words.number(two_digits(2.0 * size.sd, factor))
@@ -245,7 +245,7 @@ def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
 
 
 def _deciding_priors(numbers: SheetNumbers) -> list[str]:
-    """Return one text, such as "E_XX1 ± 50 µm/m", for each quantity that depends on its prior.
+    """Return one string, such as "E_XX1 ± 50 µm/m", for each quantity that depends on its prior.
 
     A quantity depends on its prior if the prior is the largest source of the quantity's posterior
     variance. The number after ± is twice the prior standard deviation.

@@ -33,9 +33,9 @@ _UNCERTAINTY_OF_PIECE = {
 class InstrumentPiece:
     """A part of the instrument with its certified or assumed uncertainty.
 
-    ``key`` names the part, such as ``bar``. ``size`` is a text with the part's certified value, its
-    grade, or its uncertainty U (k = 2). ``certificate`` is the name of the part's certificate in
-    brackets, or an empty string if the part has no certificate. ``is_stated`` is true if a
+    ``key`` names the part, such as ``bar``. ``size`` is a string with the part's certified value,
+    its grade, or its uncertainty U (k = 2). ``certificate`` is the name of the part's certificate
+    in brackets, or an empty string if the part has no certificate. ``is_stated`` is true if a
     certificate states the part's uncertainty.
     """
 
@@ -75,11 +75,11 @@ def instrument_pieces(findings: Findings, words: Words) -> list[InstrumentPiece]
 
 
 def _ball_size(findings: Findings, key: str, words: Words) -> str:
-    """Return a text with the grade of a ball, such as G10, or with its sphericity, such as 0.2 µm.
+    """Return the grade of a ball, such as G10, or its sphericity, such as 0.2 µm, as a string.
 
     ``key`` names a part of the instrument. The sphericity is used if no grade is stated. If nothing
-    is stated about the ball, the text describes the form error that the model assumes. The text is
-    empty if the part is not a ball, or if only harmonics of the ball's form are stated.
+    is stated about the ball, the string describes the form error that the model assumes. The string
+    is empty if the part is not a ball, or if only harmonics of the ball's form are stated.
     """
     if key not in ("work", "tool"):
         return ""
@@ -98,14 +98,14 @@ def _ball_size(findings: Findings, key: str, words: Words) -> str:
 
 
 def _assumed_form(findings: Findings, term: BallForm, words: Words) -> str:
-    """Return a text on the form error that the model assumes for a ball without a certificate.
+    """Return a string on the form error that the model assumes for a ball without certificate.
 
-    The text states U (k = 2) of the form error with two waves and with three waves around the ball.
-    U combines two contributions: the form error that follows from the sphericity that the model
-    assumes, and the form error that is extrapolated from higher orders. The second contribution has
-    the scale and the decay of the posterior. The text also states the assumed sphericity. If the
-    posterior has no such scale, the text states only the sphericity. ``term`` is the model term of
-    the balls' form.
+    The string states U (k = 2) of the form error with two waves and with three waves around the
+    ball. U combines two contributions: the form error that follows from the sphericity that the
+    model assumes, and the form error that is extrapolated from higher orders. The second
+    contribution has the scale and the decay of the posterior. The string also states the assumed
+    sphericity. If the posterior has no such scale, the string states only the sphericity. ``term``
+    is the model term of the balls' form.
     """
     draws = findings.posterior["posterior"].dataset
     sphericity = words.number(f"{term.sphericity_um:g}")
@@ -125,10 +125,10 @@ def _sphericity(sphericity_um: float, words: Words) -> str:
 
 
 def _size(key: str, uncertainty: Uncertainty) -> str:
-    """Return a text with the certified or assumed uncertainty U (k = 2) of a part.
+    """Return a string with the certified or assumed uncertainty U (k = 2) of a part.
 
     ``key`` names the part of the instrument, such as ``bar``. If the error of the bar's length is
-    not zero, the text for the bar states this error before U.
+    not zero, the string for the bar states this error before U.
     """
     if uncertainty.unit == "1" or key == "mount":
         size = f"{two_digits(2.0 * uncertainty.sd / (uncertainty.value or 1.0), 100.0)} %"

@@ -280,7 +280,7 @@ class SheetNumbers:
 
     @cached_property
     def further(self) -> dict[str, StatedQuantity]:
-        """Squareness errors, which the certificate's sheet 1 states.
+        """Squareness errors that are stated on the certificate's sheet 1.
 
         The keys are the labels of the errors.
         """
@@ -481,7 +481,7 @@ def _verdict_remark(entry: ParameterIdentifiability | ChangeIdentifiability, wor
 
 
 def _percent(share: float, words: Words) -> str:
-    """Return a text with a share in per cent, without decimals."""
+    """Return a share in per cent as a string, without decimals."""
     return words("percent", value=f"{100.0 * share:.0f}")
 
 

@@ -1,4 +1,4 @@
-"""Texts on whether the certificate's numbers can be used, and on what is not determined."""
+"""Texts that state whether the certificate's numbers can be used, and what is undetermined."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
 
 
 def undetermined_texts(numbers: SheetNumbers) -> list[str]:
-    """Return texts on what the readings do not determine, each with a reason.
+    """Return texts that state what the readings do not determine, each with a reason.
 
     If the readings determine all quantities, a single text says so.
     """

@@ -123,7 +123,7 @@ def _picture(key: str, subject: Any, caption: str, words: Words, **options: Any)
 
 
 def _signatures(words: Words) -> Fields:
-    """Return the form fields for signatures, which are at the end of both sheets."""
+    """Return the form fields for the signatures at the end of both sheets."""
     return Fields(((words("fields.signed"), ""), (words("fields.checked"), "")), tall=True)
 
 
@@ -206,8 +206,9 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 def _sums(findings: Findings, words: Words) -> Iterator[str]:
     """Yield one sentence on the compliances of the model that represent a sum of compliances.
 
-    The readings cannot separate the compliances in such a sum. The sentence lists these compliances
-    and their sums. Nothing is yielded if no compliance represents a sum.
+    The readings cannot separate the compliances in a sum. The sentence lists these compliances of
+    the model and the sums that they represent. Nothing is yielded if no compliance represents a
+    sum.
     """
     campaign = campaign_of(findings.posterior)
     machine = describe_machine(campaign.machine(), [test.circle for test in campaign.tests])

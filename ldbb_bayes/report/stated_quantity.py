@@ -43,8 +43,8 @@ class StatedQuantity:
         Verdict on how far the readings determine the quantity. For a stiffness 1 / C, it is the
         verdict on the compliance C. None for a quantity that is computed from several parameters.
     limit
-        Text with the limit if the sheet states only a limit of the quantity, and otherwise an empty
-        string.
+        String with the limit if the sheet states only a limit of the quantity, and otherwise an
+        empty string.
     hangs_on
         For a quantity that is computed from several parameters, the names of the effects that these
         parameters are confounded with. Empty for all other quantities.

@@ -165,9 +165,9 @@ def _of_stiffness(
 
 
 def _direction_words(direction: AxialDirection, axis: str, words: Words) -> str:
-    """Return a text with a direction and its U (k = 2), such as "at 2° ± 17° from X".
+    """Return a string with a direction and its U (k = 2), such as "at 2° ± 17° from X".
 
-    If the readings do not determine the direction, the text says so.
+    If the readings do not determine the direction, the string says so.
     """
     if not direction.is_determined:
         return words("remarks.no_direction")

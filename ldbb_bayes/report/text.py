@@ -267,10 +267,10 @@ def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
 
 
 def _largest_sources(budget: Budget) -> str:
-    """Return a text that names the largest sources of a parameter's variance.
+    """Return a string that names the largest sources of a parameter's variance.
 
-    For each source, the text states the share of the variance [%], and where the size of the source
-    comes from, such as "assumed".
+    For each source, the string states the share of the variance [%], and where the size of the
+    source comes from, such as "assumed".
     """
     shares = {}
     for contribution in budget.contributions:

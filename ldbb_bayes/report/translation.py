@@ -58,9 +58,10 @@ class Words:
         return label.replace(" per ", str(self.table["per"]))
 
     def percent(self, probability: float) -> str:
-        """Return a probability in per cent as text, such as "40 %".
+        """Return a probability in per cent as a string, such as "40 %".
 
-        The text is "< 1 %" for a probability below 1 %, and "> 99 %" for a probability above 99 %.
+        The string is "< 1 %" for a probability below 1 %, and "> 99 %" for a probability above 99
+        %.
         """
         shown = min(max(100.0 * probability, 1.0), 99.0)
         sign = ""

@@ -296,7 +296,7 @@ def with_words(result: Any) -> dict[str, Any]:
 
 
 def joined(items: Sequence[str], word: str = "and") -> str:
-    """Return items joined to one text, such as "a, b and c".
+    """Return items joined to one string, such as "a, b and c".
 
     ``word`` is the word before the last item.
     """
@@ -306,7 +306,7 @@ def joined(items: Sequence[str], word: str = "and") -> str:
 
 
 def _first_names(names: Sequence[str]) -> str:
-    """Return a text with at most five names, and with the number of further names if any."""
+    """Return a string with at most five names, and with the number of further names if any."""
     text = ", ".join(names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         text += f" and {len(names) - _MOST_NAMES} more"
@@ -314,7 +314,7 @@ def _first_names(names: Sequence[str]) -> str:
 
 
 def _joined_parameters(names: Sequence[str]) -> str:
-    """Return a text with the names of parameters, such as "C_XXX and C_YYY"."""
+    """Return a string with the names of parameters, such as "C_XXX and C_YYY"."""
     return joined([display_name(name) for name in names])
 
 
@@ -385,10 +385,10 @@ def source_words(term: str) -> str:
 
 
 def _amount_words(value: float, factor: float, label: str, name: str, plus: str = "+") -> str:
-    """Return a text with the amount of a parameter or effect, such as "+6.67 µm/m of E_XX1".
+    """Return a string with the amount of a parameter or effect, such as "+6.67 µm/m of E_XX1".
 
     ``value`` times ``factor`` is the amount in the unit that ``label`` names. ``name`` is the name
-    of the parameter or effect. ``plus`` is the text before a positive amount.
+    of the parameter or effect. ``plus`` is the string before a positive amount.
     """
     size = abs(value) * factor
     if size < 0.01 and label.startswith("µ"):
@@ -427,7 +427,7 @@ def statement(degeneracy: Degeneracy) -> str:
 
 
 def _effect_words(degeneracy: Degeneracy) -> str:
-    """Return a text with the amounts of the nuisance effects in a degeneracy.
+    """Return a string with the amounts of the nuisance effects in a degeneracy.
 
     A degeneracy is a combination of parameters and other effects that the readings cannot separate,
     because the effects together change the readings in the same way as the parameters.
@@ -463,7 +463,7 @@ def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
 def degeneracy_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return one text on each degeneracy, with the measures that would remove the degeneracy.
+    """Return a description of each degeneracy, with the measures that would remove the degeneracy.
 
     A degeneracy is a combination of parameters and other effects that the readings cannot separate.
     ``cures`` holds the measures for each degeneracy, in the order of ``degeneracies``.
@@ -526,11 +526,11 @@ def fit_verdict(fit: Fit) -> str:
 
 
 def sensitive_words(names: Sequence[str]) -> str:
-    """Return a text that names the parameters that are sensitive to their prior.
+    """Return a string that names the parameters that are sensitive to their prior.
 
-    ``names`` are the names of these parameters, the most sensitive first. The text names at most
+    ``names`` are the names of these parameters, the most sensitive first. The string names at most
     three parameters. Sensitive slopes (coefficients of the change of compliances with force) are
-    not named; the text states only their number.
+    not named; the string states only their number.
     """
     named = [display_name(name) for name in names if not is_slope(name)]
     count = len(names) - len(named)
@@ -559,12 +559,12 @@ def check_notes(fit: Fit) -> tuple[str, ...]:
 
 
 def model_words(model: Mapping[str, Any]) -> str:
-    """Return a text that describes the fitted model; ``model`` is the JSON record of the model."""
+    """Return a description of the fitted model; ``model`` is the JSON record of the model."""
     return _sentence("model_words", model)
 
 
 def quality_words(quality: Mapping[str, Any]) -> str:
-    """Return a text on how well the model fits the readings.
+    """Return a string that states how well the model fits the readings.
 
     ``quality`` is the entry ``fit`` of the JSON record of the fit.
     """
@@ -582,7 +582,7 @@ def sampler_words(sampler: Mapping[str, Any]) -> str:
 
 
 def check_words(check: Check) -> str:
-    """Return a text that states what a posterior predictive check is about.
+    """Return a string that states what a posterior predictive check is about.
 
     An example is "order 4 of f520". In this example, order 4 is the Fourier component of the
     readings at four times the angle, and f520 is the name of a test.
@@ -593,7 +593,7 @@ def check_words(check: Check) -> str:
 
 
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
-    """Yield one text on each concern about a fit.
+    """Yield a description of each concern about a fit.
 
     Parameters
     ----------
@@ -615,8 +615,9 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
         if kind == "forces" and concern.value == 1:
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
-        # For the kind "forces", ``limit`` is the smallest number of different forces that the model
-        # needs. This number is two more than the degree of compliance as a function of force.
+        # For a concern of the kind "forces", ``limit`` is the smallest number of different forces
+        # that the model needs. This number is two more than the degree of compliance as a function
+        # of force.
         sentence = _SENTENCES["concerns"][kind].format(
             value=concern.value,
             limit=concern.limit,
@@ -653,9 +654,9 @@ def travel_words(test: TestPreview) -> str:
 
 
 def assumption_words(assumption: Any) -> str:
-    """Return a text on an assumption that the program made when readings were imported.
+    """Return a description of an assumption that the program made when readings were imported.
 
-    The text states the assumption, its reason, and the option that would change it.
+    The description states the assumption, its reason, and the option that would change it.
     """
     reason = assumption.because
     if assumption.place:
@@ -729,7 +730,7 @@ def machine_sentences(machine: Any) -> tuple[str, ...]:
 
 
 def sum_in_words(parameter: VisibleParameter) -> str:
-    """Return a text with the sum of parameters that one parameter represents.
+    """Return a string with the sum of parameters that one parameter represents.
 
     An example is "C_XXX + C_XXY". A weight in the sum is stated only if it differs from 1; its unit
     is mm or mm².
@@ -751,12 +752,12 @@ def sum_in_words(parameter: VisibleParameter) -> str:
 
 
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
-    """Return a text with the values of hyper-parameters, such as "sigma = 0.2 µm, decay = 0.5".
+    """Return a string with the values of hyper-parameters, such as "sigma = 0.2 µm, decay = 0.5".
 
     ``hyper_um`` holds the values: scales of the noise and of other effects [µm], and decay, a pure
     number. The keys are the names of the hyper-parameters. Hyper-parameters whose names begin with
     ``lambda_`` are left out; each is the factor by which the random shift and the unexplained
-    deviations of one circle are larger than those of the other circles. ``equals`` is the text
+    deviations of one circle are larger than those of the other circles. ``equals`` is the string
     between a name and its value.
     """
     sizes = []
@@ -768,7 +769,7 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
 
 def origin_words(origin: str) -> str:
-    """Return a text that states where the size of a source of uncertainty comes from.
+    """Return a string that states where the size of a source of uncertainty comes from.
 
     ``origin`` is "measured here", "stated" or "assumed".
     """
@@ -776,7 +777,7 @@ def origin_words(origin: str) -> str:
 
 
 def origins_in_words(entry: ParameterIdentifiability) -> str:
-    """Return a text with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
+    """Return a string with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
 
     The origin states where the size of a source of variance comes from. The three shares [%] are,
     in this order, those of the sources whose size was measured in the campaign, whose size the user
@@ -786,11 +787,11 @@ def origins_in_words(entry: ParameterIdentifiability) -> str:
 
 
 def held_by_words(entry: ParameterIdentifiability) -> str:
-    """Return a text with the sources of variance that make a parameter uncertain.
+    """Return a string with the sources of variance that make a parameter uncertain.
 
     In the example "mount 39 %, assumed", the mount causes 39 % of the variance, and the size of its
-    effect is assumed. If the parameter is confounded, the text names the assumed effects that the
-    parameter is confounded with. If not, the text names only the source with the largest share of
+    effect is assumed. If the parameter is confounded, the string names the assumed effects that the
+    parameter is confounded with. If not, the string names only the source with the largest share of
     the variance.
     """
     origin = origin_words(entry.held_by.origin)
@@ -800,9 +801,9 @@ def held_by_words(entry: ParameterIdentifiability) -> str:
 
 
 def short_verdict_words(entry: ParameterIdentifiability | ChangeIdentifiability) -> str:
-    """Return a short text with a verdict, such as "confounded: mount 39 %, …".
+    """Return a short string with a verdict, such as "confounded: mount 39 %, …".
 
-    A verdict states how far the readings determine a parameter. The text names one source of the
+    A verdict states how far the readings determine a parameter. The string names one source of the
     parameter's variance with its share. The ellipsis stands for further effects that the parameter
     is confounded with.
     """
@@ -833,10 +834,10 @@ def _source_in_table(name: str) -> str:
 
 
 def cure_in_words(remedy: Remedy | None) -> str:
-    """Return a short text on the cheapest measure for a parameter, such as "turn balls".
+    """Return a short name of the cheapest measure for a parameter, such as "turn balls".
 
     ``remedy`` is the cheapest measure that reduces the uncertainty of the parameter markedly. If
-    there is no such measure, ``remedy`` is None and the text is a dash.
+    there is no such measure, ``remedy`` is None and a dash is returned.
     """
     if remedy is None:
         return "–"
@@ -844,12 +845,12 @@ def cure_in_words(remedy: Remedy | None) -> str:
 
 
 def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
-    """Return texts on pairs of measures, for parameters for which one measure is not enough.
+    """Return descriptions of pairs of measures, for parameters for which one is not enough.
 
-    Each text names a pair of measures, and U (k = 2) of the parameters after both measures, such as
-    "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". The first measure of a pair alone would
-    leave these parameters confounded. A parameter that is still confounded after both measures is
-    marked.
+    Each description names a pair of measures, and U (k = 2) of the parameters after both measures,
+    such as "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". The first measure of a pair
+    alone would leave these parameters confounded. A parameter that is still confounded after both
+    measures is marked.
     """
     effects_by_pair: dict[str, list[str]] = {}
     for name, entry in result.parameters.items():
@@ -869,7 +870,7 @@ def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
 
 
 def _step_words(kind: str, certificate: str) -> str:
-    """Return a short text on one measure: a certificate, or a change of the plan of tests.
+    """Return a short name of one measure: a certificate, or a change of the plan of tests.
 
     ``certificate`` is the name of the certificate, or an empty string if the measure is a change of
     the plan. ``kind`` is the kind of the measure.
@@ -887,16 +888,16 @@ def certificate_words(certificate: str) -> str:
 def verdict_words(
     entry: ParameterIdentifiability | ChangeIdentifiability, *, shares: bool = True
 ) -> str:
-    """Return a text with the verdict on how far the readings determine a parameter or a change.
+    """Return a string with the verdict on how far the readings determine a parameter or a change.
 
     Parameters
     ----------
     entry
         Verdict on the parameter, or on the change of a compliance with force.
     shares
-        Whether the text states, for each named effect, the share of the variance that is due to the
-        effect. The text names the effects that the parameter is confounded with, or the effect that
-        limits an identified parameter.
+        Whether the string states, for each named effect, the share of the variance that is due to
+        the effect. The string names the effects that the parameter is confounded with, or the
+        effect that limits an identified parameter.
 
     Returns
     -------
@@ -917,7 +918,7 @@ def verdict_words(
 
 
 def _held_share(entry: ParameterIdentifiability | ChangeIdentifiability) -> str:
-    """Return a text with the share and the origin of the largest source of variance.
+    """Return a string with the share and the origin of the largest source of variance.
 
     An example is "39 %, assumed".
     """
@@ -971,9 +972,9 @@ def certificate_rows(result: Identifiability, most: int | None = None) -> list[t
 def cure_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return texts on confounded effects, with the measures that would separate these effects.
+    """Return descriptions of confounded effects, with the measures that would separate them.
 
-    Effects that the same measures would separate are named together in one text.
+    Effects that the same measures would separate are named together in one description.
 
     Parameters
     ----------
@@ -1095,10 +1096,10 @@ def design_notes(design: Design) -> tuple[str, ...]:
 
 
 def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:
-    """Return a text that lists the tests of a design.
+    """Return a string that lists the tests of a design.
 
     An example is "6 circles: 2 × 36 N and 4 × 742 N". If there are more than ``most`` different
-    tests, the text refers to the table of tests.
+    tests, the string refers to the table of tests.
     """
     table = design.table
     varied = _varied_settings(design)
@@ -1207,7 +1208,7 @@ def next_circle_model(step: NextCircle) -> tuple[str, ...]:
 
 
 def remedy_words(budget: Budget) -> str:
-    """Return a text on the measure that would reduce a parameter's uncertainty most.
+    """Return a string that describes the measure that would reduce a parameter's uncertainty most.
 
     ``budget`` is the uncertainty budget of the parameter.
     """
@@ -1237,9 +1238,9 @@ def caveat_words(caveat: Any) -> str:
 
 
 def probability_words(probability: float) -> str:
-    """Return a probability as text with three decimals.
+    """Return a probability as a string with three decimals.
 
-    The text is "< 0.001" for a probability near 0, and "> 0.999" for a probability near 1.
+    The string is "< 0.001" for a probability near 0, and "> 0.999" for a probability near 1.
     """
     if probability < _UNLIKELY:
         return "< 0.001"
@@ -1260,12 +1261,12 @@ def changes_by_words(name: str, change: Mapping[str, Any]) -> str:
 
 
 def direction_words(change: Mapping[str, Any]) -> str:
-    """Return a text that states whether a compliance increases or decreases with force.
+    """Return a string that states whether a compliance increases or decreases with force.
 
     ``change`` is the JSON record of the compliance's change over the tested forces. If neither an
-    increase nor a decrease has a probability of at least 95 %, the text states the probabilities of
-    both. For an average over models, the text then also states the probability that there is no
-    change at all.
+    increase nor a decrease has a probability of at least 95 %, the string states the probabilities
+    of both. For an average over models, the string then also states the probability that there is
+    no change at all.
     """
     increase = change["probability_of_increase"]
     decrease = change["probability_of_decrease"]
@@ -1284,7 +1285,7 @@ def direction_words(change: Mapping[str, Any]) -> str:
 
 
 def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
-    """Return a text with tolerance limits, such as "≤ 60", "≥ 18", "± 20" or "−20 to 40".
+    """Return a string with tolerance limits, such as "≤ 60", "≥ 18", "± 20" or "−20 to 40".
 
     Parameters
     ----------
@@ -1296,7 +1297,7 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
     Returns
     -------
     str
-        Text with the limits, or an empty string if there are no limits.
+        String with the limits, or an empty string if there are no limits.
     """
     if lower is None and upper is None:
         return ""
@@ -1312,9 +1313,9 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 
 
 def _limit_digits(limit: float) -> str:
-    """Return the limit of a tolerance as text.
+    """Return the limit of a tolerance as a string.
 
-    The text has four significant digits. A limit of at least 1000 is rounded to a whole number.
+    The string has four significant digits. A limit of at least 1000 is rounded to a whole number.
     """
     digits = f"{limit:.0f}" if abs(limit) >= 1000.0 else f"{limit:.4g}"
     return digits.replace("-", "−")
@@ -1423,7 +1424,7 @@ def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def percent_of(result: Mapping[str, Any]) -> str:
-    """Return a text with the probability of the intervals in the JSON record of a fit.
+    """Return a string with the probability of the intervals in the JSON record of a fit.
 
     An example is "95 %".
     """

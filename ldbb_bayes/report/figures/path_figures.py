@@ -234,10 +234,10 @@ def _paths(
 
 
 def _peak_to_peak_words(path: Array) -> str:
-    """Return a text with the peak-to-peak value of tool paths, such as "17.2 [11.5, 39.8] µm".
+    """Return a string with the peak-to-peak value of tool paths, such as "17.2 [11.5, 39.8] µm".
 
     ``path``, shape (draws, angles), holds one tool path [µm] for each random draw from the
-    posterior. The text states the median and the 95 % interval over the draws.
+    posterior. The string states the median and the 95 % interval over the draws.
     """
     low, median, high = np.quantile(extremes_of(path).width, [0.025, 0.5, 0.975])
     _, decimals = round_uncertainty((high - low) / 4.0)

@@ -193,9 +193,9 @@ def name_rows(axes: Axes, names: Sequence[str]) -> Array:
 
 
 def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
-    """Write a text at the right of each row of a panel.
+    """Write a label at the right of each row of a panel.
 
-    ``rows`` holds the vertical positions of the rows, and ``texts`` the text of each row.
+    ``rows`` holds the vertical positions of the rows, and ``texts`` the label of each row.
     """
     for row, text in zip(rows, texts, strict=True):
         axes.text(1.015, row, text, fontsize=8, va="center", transform=axes.get_yaxis_transform())
