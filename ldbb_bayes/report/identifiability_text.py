@@ -45,10 +45,10 @@ def verdicts_table(result: Identifiability) -> Table:
     """Return a table of the verdicts on how far the readings determine each parameter.
 
     The table has one row for each parameter. The columns are the present expanded uncertainty U (k
-    = 2), the verdict, the cheapest measure that reduces U markedly, and U after this measure. The
-    verdict names the effect that causes the largest part of the variance. The change of each
-    compliance over the tested forces has a row in place of slopes, which are the coefficients of
-    this change.
+    = 2), the verdict, the cheapest measure that reduces U markedly (a certificate, or a change of
+    the tests), and U after this measure. The verdict names the effect that causes the largest part
+    of the variance. The change of each compliance over the tested forces has a row in place of
+    slopes, which are the coefficients of this change.
     """
     rows = []
     for label, entry in judged_quantities(result).items():

@@ -287,9 +287,9 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
 def best_step(numbers: SheetNumbers) -> str:
     """Return the name of the effect that makes the undetermined parameters most uncertain.
 
-    A measure against this effect helps most. A parameter is undetermined if the readings hardly
-    determine it. Each effect causes a share of the variance of every undetermined parameter. These
-    shares are added up, and the effect with the largest sum is chosen.
+    Reducing this effect helps most. A parameter is undetermined if the readings hardly determine
+    it. Each effect causes a share of the variance of every undetermined parameter. These shares are
+    added up, and the effect with the largest sum is chosen.
 
     Parameters
     ----------
@@ -318,8 +318,8 @@ def best_step(numbers: SheetNumbers) -> str:
 def _not_determined(numbers: SheetNumbers) -> str:
     """Return a string that names the undetermined parameters and the step that would help most.
 
-    A step is a measure against one effect that makes parameters uncertain. If the readings
-    determine all parameters, the string says so.
+    A step reduces one effect that makes parameters uncertain. If the readings determine all
+    parameters, the string says so.
     """
     words = numbers.words
     step = best_step(numbers)
@@ -350,9 +350,9 @@ def _not_determined(numbers: SheetNumbers) -> str:
 def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> Iterator[str]:
     """Yield sentences on the steps for parameters that the best step does not help.
 
-    A step is a measure against one effect that makes parameters uncertain. The keys of
-    ``helped_by_step`` are the effects, as class names of model terms. Each value holds the symbols
-    of the parameters for which a step against this effect would help.
+    A step reduces one effect that makes parameters uncertain. The keys of ``helped_by_step`` are
+    the effects, as class names of model terms. Each value holds the symbols of the parameters that
+    become more certain if the effect is reduced.
     """
     for name, symbols in helped_by_step.items():
         yield words(
@@ -361,7 +361,7 @@ def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> I
 
 
 def _step_in_words(name: str, words: Words) -> str:
-    """Return a string that describes the measure that would make one effect smaller.
+    """Return a string that states how to make one effect smaller.
 
     ``name`` is the class name of the effect's model term.
     """

@@ -36,11 +36,11 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
     """Return a short version of the verdicts on how far the readings determine each parameter.
 
     The first table has one row for each parameter. It states the expanded uncertainty U (k = 2),
-    the verdict, the cheapest measure that reduces U markedly, and U after this measure. The verdict
-    names the largest source of variance. The second table has one row for each certificate of the
-    instrument. The row names the parameters that the certificate would make less uncertain. The
-    method ``details`` of the result returns all tables and sentences, with the combinations of
-    parameters that the readings cannot separate.
+    the verdict, the cheapest measure that reduces U markedly (a certificate, or a change of the
+    tests), and U after this measure. The verdict names the largest source of variance. The second
+    table has one row for each certificate of the instrument. The row names the parameters that the
+    certificate would make less uncertain. The method ``details`` of the result returns all tables
+    and sentences, with the combinations of parameters that the readings cannot separate.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]
@@ -74,7 +74,7 @@ def _(design: Design) -> tuple[Passage, ...]:
 
     The short version first states the tests to run. A table of the expected standard uncertainties
     follows, and then further sentences. If the tests cannot separate some parameters, a list names
-    measures that would separate these parameters.
+    ways to separate them.
     """
     first, heading, *others = wording.design_screen(design)
     items = wording.cure_items(design.limits.degeneracies, design.limits.cures)

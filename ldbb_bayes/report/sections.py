@@ -147,8 +147,8 @@ def degree(findings: Findings) -> Iterator[Part]:
 def uncertainty(findings: Findings) -> Iterator[Part]:
     """Yield the section on uncertainty budgets.
 
-    The section also states the measure that would reduce each uncertainty most. The budgets of
-    slopes (changes of compliances with force) are hidden until the reader opens them.
+    The section also states what would reduce each uncertainty most. The budgets of slopes (changes
+    of compliances with force) are hidden until the reader opens them.
     """
     budgets = ByName[Budget]()
     of_slopes = ByName[Budget]()

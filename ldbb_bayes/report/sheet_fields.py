@@ -176,7 +176,8 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
     Yields
     ------
     tuple of str
-        Name of the assumption, and a string with its size and the mark *stated* or *assumed*.
+        Name of the assumption, and a string with the assumed value and the mark *stated* or
+        *assumed*.
     """
     words = numbers.words
     campaign = bound_of(numbers.findings.posterior).campaign

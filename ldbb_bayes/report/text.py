@@ -374,7 +374,7 @@ def _budget_source(contribution: Any) -> _BudgetSource:
 def _record_of_budget(result: Budget) -> dict[str, Any]:
     """Return the JSON record of the uncertainty budget of a parameter.
 
-    The record also states the measure that would reduce the parameter's standard uncertainty most.
+    The record also states what would reduce the parameter's standard uncertainty most.
     """
     return {**result.as_dict(), "improve": wording.remedy_words(result)}
 

@@ -50,7 +50,7 @@ class Words:
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:
-        """Return items joined to one text, such as "a, b and c", in the language of the sheets."""
+        """Return items joined to one string, such as "a, b and c", in the sheets' language."""
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:

@@ -445,11 +445,11 @@ def _effect_words(degeneracy: Degeneracy) -> str:
 
 
 def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
-    """Return a sentence on measures that would remove a degeneracy.
+    """Return a sentence on the measures that would remove a degeneracy.
 
     A degeneracy is a combination of parameters and other effects that the readings cannot separate.
-    ``cures`` are the kinds of measures, such as other forces or a calibration. If ``cures`` is
-    empty, the sentence recommends a narrower prior.
+    ``cures`` are the kinds of measures to take, such as tests at other forces or a calibration. If
+    ``cures`` is empty, the sentence recommends a narrower prior.
     """
     calibration = "a calibration of it"
     if degeneracy.term in Term.kinds:
@@ -1083,8 +1083,7 @@ def design_screen(design: Design) -> tuple[str, ...]:
 def design_notes(design: Design) -> tuple[str, ...]:
     """Return notes on a design of tests.
 
-    The notes state what the tests cannot show, which measures would help, and what the design
-    assumes.
+    The notes state what the tests cannot show, what would help, and what the design assumes.
     """
     relative_errors = [0.0]
     for expected in design.expected.values():
@@ -1208,7 +1207,7 @@ def next_circle_model(step: NextCircle) -> tuple[str, ...]:
 
 
 def remedy_words(budget: Budget) -> str:
-    """Return a string that describes the measure that would reduce a parameter's uncertainty most.
+    """Return a string that states what would reduce a parameter's uncertainty most.
 
     ``budget`` is the uncertainty budget of the parameter.
     """
