@@ -527,10 +527,14 @@ def resolution_of(reading_um: Array) -> float | None:
 
     The distinct readings are sorted, and the differences between neighbours are taken. The
     resolution is the median of those differences that are below 1.5 times the smallest difference.
-    The result is None if a difference is not a multiple of the resolution to within 5 % of the
-    resolution, and for fewer than three distinct readings. If more than nine tenths of the readings
-    are distinct, the result is None in two further cases: for a resolution below 0.005 µm, which
-    only shows how many digits were written, and for fewer than 50 distinct readings.
+    The result is None in four cases:
+
+    - There are fewer than three distinct readings.
+    - A difference is not a multiple of the resolution to within 5 % of the resolution.
+    - More than nine tenths of the readings are distinct, and the resolution is below 0.005 µm. The
+      step then only shows how many digits were written.
+    - More than nine tenths of the readings are distinct, and there are fewer than 50 distinct
+    readings.
 
     Parameters
     ----------

@@ -173,9 +173,9 @@ def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
 
 
 def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
-    """Return the directions of travel that a typed text lists, such as CW.
+    """Return the directions of travel that a typed string lists, such as CW.
 
-    The text ``both`` means CW and CCW. ``flag`` is the flag of the option; it is not used.
+    The string ``both`` means CW and CCW. ``flag`` is the flag of the option; it is not used.
     """
     if entry.strip().lower() == "both":
         return ("CW", "CCW")
@@ -359,14 +359,13 @@ def validate(
     settings: Annotated[dict[str, Any], group(**options_of("validate"))],
     pool: arguments.PoolOptions,
 ) -> None:
-    """Check by simulation that credible intervals cover true values as often as they promise.
+    """Check by simulation that credible intervals cover true values as often as they should.
 
     The tests are those of a plan or a campaign. True values are drawn at random from the priors,
     and readings are simulated with these values. The ranks of the true values among the random
     draws of each posterior must be uniformly distributed. Exit code 1: they are not uniform, or a
     simulation failed. With --workflow a campaign with readings goes through all checks of a
-    Bayesian workflow, and true values are drawn from its posterior. Exit code 1: something was
-    found wrong.
+    Bayesian workflow, and true values are drawn from its posterior. Exit code 1: a check fails.
     """
     if settings.pop("workflow"):
         _check_workflow(plan, model, certificates, output, settings, pool)

@@ -75,7 +75,7 @@ def machine(
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], group(**options_of("machine", frames=_FRAMES))],
 ) -> None:
-    """Show which compliances and geometric errors circular tests see, and the pattern of each.
+    """Show which compliances and geometric errors circular tests detect, and the pattern of each.
 
     Names follow ISO 230-1 and the paper; one name stands for all parameters that no circle can
     separate. A pattern is the change of the reading per unit of the parameter. It is written with

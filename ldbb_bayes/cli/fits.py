@@ -110,7 +110,7 @@ def demo(
     """Fit constant and linear compliance to the published experiment, and explain the results.
 
     The readings are recovered from the tables printed in the paper; the README in the written
-    folder "campaign" states which part of them was not measured.
+    folder "campaign" states which parts of the readings were not measured.
     """
     from ldbb_bayes.cli.fit_results import write_result
     from ldbb_bayes.report.fit_tables import full_result, results_table

@@ -20,9 +20,9 @@ _ROUNDING = 1e-8
 
 
 def read_range(entry: str, flag: str) -> tuple[float, ...]:
-    """Return the numbers that the typed text of an option states.
+    """Return the numbers that the typed string of an option states.
 
-    The text ``entry`` is a range LO:HI:STEP or a comma-separated list. Both ends of a range are
+    The string ``entry`` is a range LO:HI:STEP or a comma-separated list. Both ends of a range are
     included. ``flag`` names the option in error messages.
     """
     if ":" not in entry:
@@ -49,7 +49,7 @@ def read_range(entry: str, flag: str) -> tuple[float, ...]:
 
 
 def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
-    """Return the numbers that texts state; an empty tuple if any text is not a finite number."""
+    """Return the numbers in strings; an empty tuple if any string is not a finite number."""
     try:
         numbers = tuple(map(float, entries))
     except ValueError:
@@ -60,8 +60,8 @@ def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
 def read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
     """Return pairs of angles [deg] by which work ball and tool ball are turned about their stems.
 
-    The typed text ``entry`` is a list or range of angles of the work ball alone, or a list of pairs
-    WORK/TOOL. ``flag`` names the option in error messages.
+    The typed string ``entry`` is a list or range of angles of the work ball alone, or a list of
+    pairs WORK/TOOL. ``flag`` names the option in error messages.
     """
     if "/" not in entry:
         return tuple((angle, 0.0) for angle in read_range(entry, flag))

@@ -18,7 +18,7 @@ def names_in(text: str) -> tuple[str, ...]:
     Parameters
     ----------
     text
-        Typed text, for example ``"C_XXX, C_YYY"``.
+        Typed string, for example ``"C_XXX, C_YYY"``.
 
     Returns
     -------
@@ -30,12 +30,12 @@ def names_in(text: str) -> tuple[str, ...]:
 
 
 def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
-    """Return the values in the texts NAME=VALUE of an option that the user may type several times.
+    """Return the values of an option NAME=VALUE that the user may type several times.
 
     Parameters
     ----------
     entries
-        Typed texts, for example ``["G=20 µm"]``.
+        Typed strings, for example ``["G=20 µm"]``.
     flag
         Flag of the option, such as ``--tolerance``, for messages.
     form
@@ -44,7 +44,7 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
     Returns
     -------
     dict
-        The keys are the names, and the values are the texts after the equals signs.
+        The keys are the names, and the values are the strings after the equals signs.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
     Parameters
     ----------
     text
-        Typed text, for example ``"36,742"``.
+        Typed string, for example ``"36,742"``.
     flag
         Flag of the option, for messages.
     separator
@@ -98,12 +98,12 @@ def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
 
 
 def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
-    """Return the points whose coordinates X,Y,Z are stated in the texts of a repeatable option.
+    """Return the points that the user typed as coordinates X,Y,Z in a repeatable option.
 
     Parameters
     ----------
     entries
-        Typed texts with coordinates in mm, for example ``["0,-200,350"]``.
+        Typed strings with coordinates in mm, for example ``["0,-200,350"]``.
     flag
         Flag of the option, for messages.
 
@@ -133,7 +133,7 @@ def ball_in(text: str, flag: str) -> lb.Ball:
     Parameters
     ----------
     text
-        Typed text, for example ``"G20"``, ``"0.5um"`` or ``"500 nm"``.
+        Typed string, for example ``"G20"``, ``"0.5um"`` or ``"500 nm"``.
     flag
         Flag of the option, for messages.
 

@@ -52,8 +52,8 @@ class Findings:
     prob
         Probability of the credible intervals.
     comparison
-        Comparison of models with constant and linear compliance, or a string that states why there
-        is no comparison.
+        Comparison of the models with constant and with linear compliance, or a string that states
+        why there is no comparison.
     recommended
         Function that returns a design of the next tests, or a string that states why there is no
         design.

@@ -19,9 +19,9 @@ _COUNT = "count"
 def _passages_of_goal_design(result: GoalDesign) -> tuple[Passage, ...]:
     """Return the tables and sentences on the cheapest campaign that reaches all goals.
 
-    The goals are upper limits for the uncertainties of parameters. The tables are about the goals,
-    the cheapest campaigns, and the campaigns that are customary today. If a goal cannot be reached,
-    a sentence states the reason.
+    The goals are upper limits for the uncertainties of parameters. The tables list the goals, the
+    cheapest campaigns, and the campaigns that are customary today. If a goal cannot be reached, a
+    sentence states the reason.
     """
     passages: list[Passage] = [_goals_table(result)]
     if result.plans:

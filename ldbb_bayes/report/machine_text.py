@@ -29,8 +29,8 @@ def _machine_table(
 
     The columns are the name, the unit, the pattern in each of the machine's planes, and the
     meaning. The pattern is the parameter's effect on the readings. Some parameters represent a sum
-    of several parameters; if ``with_sums`` is true, a last column states this sum. ``title`` is the
-    heading of the first column.
+    of several parameters; if ``with_sums`` is true, the last column states the sum. ``title`` is
+    the heading of the first column.
     """
     heads = [title, "unit", "pattern", "what it is"]
     if len(machine.planes) > 1:

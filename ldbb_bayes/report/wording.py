@@ -549,11 +549,11 @@ def expectation(fit: Fit) -> str:
 
 
 def check_notes(fit: Fit) -> tuple[str, ...]:
-    """Return a note on features of the readings that the fitted model does not expect.
+    """Return a tuple with a note on features of the readings that the model does not expect.
 
     The note names only features that hardly affect any credible interval. Features that affect the
-    intervals are called misfits; the note does not name misfits. If there is nothing to note, the
-    tuple is empty.
+    intervals are called misfits, and are not named in the note. The tuple is empty if there is
+    nothing to note.
     """
     return _sentences("check_notes", fit)
 
