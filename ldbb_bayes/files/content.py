@@ -36,7 +36,7 @@ def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
     Returns
     -------
     bytes
-        The content.
+        Content of the file.
 
     Raises
     ------

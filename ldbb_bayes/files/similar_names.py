@@ -26,12 +26,12 @@ def advice_on_path(path: Path) -> str:
     Parameters
     ----------
     path
-        The path.
+        Path that does not exist.
 
     Returns
     -------
     str
-        The sentence, such as "Did you mean '36N.csv'?".
+        Advice, such as "Did you mean '36N.csv'?".
     """
     for folder in reversed(path.parents):
         if not folder.exists():

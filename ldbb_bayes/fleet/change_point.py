@@ -91,9 +91,9 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
     together have q elements.
 
     The Gaussians have the shape (r, n, p, q + 1). The indices 0 to n − 2 of the second array axis
-    mean a step just before the campaigns 2 to n; the index n − 1 means no step. Values are in units
-    of the prior sds. The attribute ``log_integral`` is the log evidence of each hypothesis, up to a
-    constant that all hypotheses share.
+    stand for a step just before the campaigns 2 to n; the index n − 1 stands for no step. Values
+    are in units of the prior sds. The attribute ``log_integral`` is the log evidence of each
+    hypothesis, up to a constant that all hypotheses share.
 
     Parameters
     ----------
@@ -137,9 +137,9 @@ def hypothesis_probabilities(
 
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
     assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
-    or that no parameter changed. The indices 0 to n − 2 of the second array axis mean a step just
-    before the campaigns 2 to n. The index n − 1 means no step; the probability of no step is
-    divided equally among the p parameters. The sum of all probabilities is one.
+    or that no parameter changed. The indices 0 to n − 2 of the second array axis stand for a step
+    just before the campaigns 2 to n. The index n − 1 stands for no step; the probability of no step
+    is divided equally among the p parameters. The sum of all probabilities is one.
 
     Parameters
     ----------

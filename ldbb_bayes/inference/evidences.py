@@ -261,7 +261,8 @@ def leave_one_out(
     Returns
     -------
     dict of str to dict of str to Nodes
-        Nodes. The first key is the name of the model, the second key the name of the test left out.
+        Nodes of each model without each test. The first key is the name of the model, the second
+        key the name of the test left out.
     """
     models = {name: nodes.bound.model for name, nodes in nodes_by_model.items()}
     # The search for the modes of the posteriors without one test begins at the modes that were

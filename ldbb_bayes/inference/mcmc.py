@@ -101,8 +101,8 @@ class StoppingRule(Shown):
     def next_block(self, steps: int) -> BlockPlan:
         """Return the plan of the next block of steps of the sampler.
 
-        ``steps`` is the number of steps of the walkers that have been run before this block. Later
-        blocks are longer.
+        ``steps`` is the number of steps that the walkers have made before this block. Later blocks
+        are longer.
         """
         blocks = steps / (_BLOCKS_PER_LENGTH * self.block)
         doublings = min(int(np.log2(1.0 + blocks)), _LARGEST_DOUBLING)

@@ -149,7 +149,7 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     Returns
     -------
     Path
-        Name of the file written.
+        Name of the file.
 
     Raises
     ------

@@ -56,7 +56,7 @@ def integrate(
         Spacing of the points with which a lattice starts, in units of the standard deviation of the
         Gaussian fitted to f at the highest mode. Default: computed from the tolerance.
     seed : int
-        Seed of importance sampling.
+        Seed of the random numbers of importance sampling.
     """
     if _is_lattice_cheaper(len(modes[0][0]), tolerance):
         return grow_lattice(log_density, modes, tolerance=tolerance, step=step)
