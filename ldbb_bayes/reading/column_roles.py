@@ -71,6 +71,8 @@ _DOTS_FOR_BRACKETS = re.compile(r"(?P<name>.*?\w)\.\.(?P<unit>[^\W\d_]+)\.")
 _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
 # Regular expression for the header of a column of temperatures.
 _TEMPERATURE = re.compile(WORDS["columns"]["temperature"], re.IGNORECASE)
+# Regular expression for a factor and a unit without a blank between them, as in "Reading 0.1um".
+_FACTOR_AND_UNIT = re.compile(r"(?<![^\W_])0[.,]\d+(?P<unit>[^\W\d_]+)$")
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 # Entries of ``words.toml`` with words for the radius or the diameter of a circle.
@@ -194,6 +196,9 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
 
 def _unit_at_end(header: str) -> Header:
     """Return name and unit of a header that ends with its unit, such as ``reading_um``."""
+    joined = _FACTOR_AND_UNIT.search(header)
+    if joined is not None and unit_named(joined["unit"]) in UNITS["reading"]:
+        header = f"{header[: joined.start('unit')]} {joined['unit']}"
     match = _UNIT_AT_END.fullmatch(header)
     if not match:
         return Header(header, "")

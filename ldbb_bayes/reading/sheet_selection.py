@@ -90,8 +90,7 @@ def select_sheets(
             selection.left_out.append(sheet)
             continue
         table = HeadedSheet(sheet, heading)
-        is_table = _is_complete(heading) and _fits_stated_columns(table, layout)
-        if is_optional and not is_table:
+        if is_optional and not _holds_readings(table, layout):
             incomplete.append(table)
             selection.left_out.append(sheet)
         else:
@@ -233,6 +232,11 @@ def _is_complete(heading: Heading) -> bool:
     """Return whether a table has both a column of readings and a column of angles or times."""
     has_abscissa = "angle" in heading.roles or "time" in heading.roles
     return has_abscissa and bool(heading.readings)
+
+
+def _holds_readings(table: HeadedSheet, layout: Layout) -> bool:
+    """Return whether a table has all columns it needs, and the columns that the user states fit."""
+    return _is_complete(table.heading) and _fits_stated_columns(table, layout)
 
 
 def _fits_stated_columns(table: HeadedSheet, layout: Layout) -> bool:

@@ -95,6 +95,13 @@ _IN_BRACKETS = re.compile(r"\[[^\]]*\]|\([^)]*(?:m|in|inch|mil|\")\)|\{[^}]*\}")
 _MENTIONED = re.compile(
     r"(?<![\w.,/])(?P<number>\d[\d.,]*\s?)?(?P<unit>[^\W\d_]+)(?![\w/])", re.IGNORECASE
 )
+# Regular expression for a number at the end of a text, as in "1/10".
+_NUMBER_AT_END = re.compile(r"\d\s?$")
+# Regular expression for a factor behind a unit at the end of a list or of one of its parts, as in
+# "µm/10".
+_FACTOR_BEHIND = re.compile(r"[^\W\d]\s?[/x×*·]\s?\d[\d.,]*\s*(?:$|[;,|)\]])")
+# Regular expression for a label in front of the units of a line.
+_LABEL_IN_FRONT = re.compile(rf"\W*(?:{_WORDS['label']})(?!\w)\s*[-–]?\s*", re.IGNORECASE)
 # Regular expression for a factor in front of a unit.
 _FACTOR = re.compile(r"[x×*]\s*\d|\d")
 _UNREAD_FACTOR = re.compile(r"(?<!\d)(?<!\d )[x×*]\s*\d\S*\s*[^\W\d_]+", re.IGNORECASE)
@@ -154,15 +161,9 @@ def units_stated(text: str) -> dict[str, str]:
     if scale:
         stated["reading_scale"] = scale
     stated |= _units_stated_in(text)
-    units_of_list = _units_of_list(text)
-    if units_of_list:
-        return stated | units_of_list
-    unit_alone = _unit_alone(text)
-    if unit_alone:
-        return stated | {"reading_unit": unit_alone}
-    units_of_bare_line = _units_of_bare_line(text)
-    if units_of_bare_line:
-        return stated | units_of_bare_line
+    units_of_line = _units_of_whole_line(text)
+    if units_of_line:
+        return stated | units_of_line
     match = _LINE.search(text)
     if match is None or _OTHER.search(match["label"]):
         return stated
@@ -175,6 +176,21 @@ def units_stated(text: str) -> dict[str, str]:
     if scaled_unit(text) and not unit_named(text):  # a unit with a factor, such as 10 nm
         return stated | _scaled_units(scaled_unit(text), role)
     return stated | _units_of_roles(text, role)
+
+
+def _units_of_whole_line(text: str) -> dict[str, str]:
+    """Return a dict with the units of a line that states nothing but units.
+
+    The line is a list of units, one unit alone, or a label and a unit. The keys are
+    ``reading_unit``, ``angle_unit`` and so on. The dict is empty for any other line.
+    """
+    units_of_list = _units_of_list(_LABEL_IN_FRONT.sub("", text, count=1))
+    if units_of_list:
+        return units_of_list
+    unit_alone = _unit_alone(text)
+    if unit_alone:
+        return {"reading_unit": unit_alone}
+    return _units_of_bare_line(text)
 
 
 def _units_of_list(text: str) -> dict[str, str]:
@@ -256,9 +272,9 @@ def _unit_alone(text: str) -> str:
 def _has_unread_factor(text: str) -> bool:
     """Return whether a unit has a factor that this package does not read.
 
-    Examples are x 10 µm and thousandths of a mm.
+    Examples are x 10 µm, µm/10 and thousandths of a mm.
     """
-    if _SHARE.search(text):
+    if _SHARE.search(text) or _FACTOR_BEHIND.search(text):
         return True
     return _FACTOR.match(text) is not None and not scaled_unit(text)
 
@@ -453,7 +469,8 @@ def unit_mentioned(text: str) -> str:
     for match in _MENTIONED.finditer(words):
         unit = unit_named(match["unit"])
         is_word = comparable(match["unit"]) in _ALSO_WORDS or len(match["unit"]) < 2
-        if unit in UNITS["reading"] and match["number"] is None and not is_word:
+        has_number = match["number"] is not None or _NUMBER_AT_END.search(words[: match.start()])
+        if unit in UNITS["reading"] and not has_number and not is_word:
             return unit
     return ""
 

@@ -39,12 +39,29 @@ def list_cases() -> dict[str, FieldCase]:
         "Units: deg / 0.1 µm": 0.1,
         "Einheiten: Grad; 0,01 mm": 10.0,
         "deg/mm": 1e3,
+        "Maßeinheit: 1/10 µm": 0.1,
+        "Units deg/10 nm": 0.01,
+        "Unit 0.1 µm / °": 0.1,
     }
     cases = {}
     for number, (line, size) in enumerate(sizes.items()):
         files = field.texts("Angle;Reading", field.scaled(size), above=line, separator=";")
         told = "unit of the reading: "
         cases[f"unit_list_{number}"] = FieldCase(kind, f"a line '{line}'", files, told=told)
+    cases["unit_list_factor_behind"] = FieldCase(
+        kind,
+        "a line 'units = °, µm/10'",
+        field.texts("Angle;Reading", field.scaled(0.1), above="units = °, µm/10", separator=";"),
+        refusal="in line 1. Correct the header, or give --unit",
+        step=("--unit", "0.1 um"),
+    )
+    cases["unit_joined_to_factor"] = FieldCase(
+        kind,
+        "a header 'Reading 0.1um'",
+        field.texts("Angle [deg];Reading 0.1um", field.scaled(0.1), separator=";"),
+        refusal="Correct the header, or give --unit",
+        step=("--unit", "0.1 um"),
+    )
     cases["unit_list_unclear"] = FieldCase(
         kind,
         "a line '10 nm/micron/µm'",
