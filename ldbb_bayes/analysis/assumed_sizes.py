@@ -1,4 +1,4 @@
-"""Effects with assumed standard uncertainties: neither measured, nor stated by anybody."""
+"""Effects whose standard uncertainty is assumed, because it is neither measured nor stated."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class DecidingAssumption(Result):
     term: str  #: class name of the model term that describes the effect
     parameter: str  #: parameter in whose variance the effect has a larger share than in any other
     share: float  #: share of the effect in the variance of ``parameter``
-    #: sizes of the effect, one for each unit in which the coefficients of the effect are stated
+    #: sizes of the effect, one for each unit that its coefficients have
     sizes: tuple[AssumedSize, ...]
 
 

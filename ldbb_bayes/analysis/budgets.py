@@ -197,7 +197,7 @@ class _Portion:
 class _NoiseSource(NamedTuple):
     """Type (A or B of the GUM), standard uncertainty ``u`` and unit of a kind of reading noise.
 
-    ``u`` is None where one line of the budget stands for several noises.
+    ``u`` is None if one line of the budget combines several kinds of noise.
     """
 
     kind: Kind

@@ -231,7 +231,7 @@ def worst_conflict(
     names : sequence of sequence of str
         Names of all coefficients of each campaign.
     information : sequence of Information
-        Information about the coefficients of each campaign.
+        Linear model of the readings of each campaign (`Information`).
     means : sequence of ndarray
         Posterior means of the coefficients of each campaign.
 

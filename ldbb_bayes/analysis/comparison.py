@@ -442,7 +442,7 @@ class _ComparisonPlan:
     def slope_scales(self) -> tuple[float, ...]:
         """Return the scales of the prior of the slopes (changes of compliance with force).
 
-        Return an empty tuple if neither of the first two models has slopes, or if the two models
+        The result is empty if neither of the first two models has slopes, or if the two models
         differ only in this prior.
         """
         return SLOPE_SCALES if self.by_slope_scale else ()
@@ -648,8 +648,8 @@ def _plan_comparison(
     by_assumption = sensitivity.changed(
         pair.values(), sensitivity.discrepancy_assumptions(pair.values())
     )
-    # The first entry of ``by_assumption`` is for the assumption about how circles differ that the
-    # two models already make.
+    # The first entry of ``by_assumption`` holds the two models without a change: with the
+    # assumption about how circles differ that they already make.
     unchanged_label = next(iter(by_assumption))
     unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)
@@ -768,8 +768,7 @@ def _weigh_assumptions(
     ``names`` are the names of the two models; ``assumptions`` holds both models under each
     assumption about how circles differ. Rough evidences are computed first. If both rough log
     evidences are below ``rejected_below`` [nat], the log Bayes factor is computed from them.
-    Otherwise, precise evidences are computed. The log Bayes factor is computed from the precise
-    evidences, and they are returned.
+    Otherwise, precise evidences are computed, used for the log Bayes factor, and returned.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
     return sensitivity.under(names, assumptions, weigh), evidences.every

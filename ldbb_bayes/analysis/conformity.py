@@ -223,7 +223,7 @@ def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
 
 
 class _StatedDraws(NamedTuple):
-    """Posterior draws of a quantity that has a tolerance, and the force that they are for."""
+    """Posterior draws of a quantity with a tolerance, and the force at which they are computed."""
 
     values: Array  #: posterior draws of the quantity, shape (draws,)
     #: force at which the quantity is stated [N]; None for geometric errors and slopes

@@ -48,7 +48,7 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
     bound
         Model bound to a campaign or plan.
     information
-        Information of the bound model, at one value of the hyper-parameters.
+        Linear model of the readings (`Information`), at one value of the hyper-parameters.
     """
     force_N = bound.setting.force_N
     smallest_N = float(force_N.min())

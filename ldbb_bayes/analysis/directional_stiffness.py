@@ -6,10 +6,10 @@ c = cos θ, s = sin θ and the radius R, in the plane XY,
     c(θ; F) = C_XXX c² + C_XYX c s + C_YYY s² + R (C_CXY c² s + C_CYY c s²) + R² C_CCY c² s²,
 
 where every compliance is taken at the force F. c(θ; F) includes the effects of the slopes and of
-the term `JointLoad` (nonlinear deflection of joints under load); the latter also depends on the
-direction. The first three compliances determine the deflection of a tool in the circle's centre.
-The other three add the deflection of a tool at the position (R c, R s) on the circle, which is
-caused by the rotation of an axis under the bar's load. A stiffness is 1 / c(θ; F).
+the term `JointLoad` (nonlinear deflection of joints under load). The effect of `JointLoad` also
+depends on the direction. The first three compliances determine the deflection of a tool in the
+circle's centre. The other three add the deflection of a tool at the position (R c, R s) on the
+circle, which is caused by the rotation of an axis under the bar's load. A stiffness is 1 / c(θ; F).
 
 The symmetric matrix S with the elements C_XXX, C_XYX / 2 and C_YYY is the compliance tensor of the
 plane in the circle's centre. Its principal axes are at the angle ½ atan2(C_XYX, C_XXX − C_YYY).
@@ -52,8 +52,8 @@ __all__ = [
 
 # Number of posterior draws from which the stiffness is computed.
 _DRAWS = 2000
-# The compliance along the bar and its credible intervals are stated at every angle that is a
-# multiple of this angle [°].
+# Step [°] between the angles at which the compliance along the bar and its credible intervals are
+# stated.
 _STEP_DEG = 5
 # If the lower end of the credible interval of a compliance is at most this share of the median of
 # the compliance, only a lower limit of the stiffness is stated.

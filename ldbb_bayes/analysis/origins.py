@@ -74,7 +74,7 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
     bound
         Model bound to a campaign or plan.
     information
-        Information of the bound model, given the hyper-parameters.
+        Linear model of the readings (`Information`), at one value of the hyper-parameters.
     """
     sd_ratio = information.sd_from_readings()
     origin_of: dict[tuple[str, str], Origin] = {(OWN, OWN): Origin.ASSUMED}

@@ -30,7 +30,7 @@ class Zone:
 
     @property
     def width(self) -> float:
-        """Circular deviation G: difference of the largest and the smallest radial deviation."""
+        """Circular deviation G: the largest minus the smallest radial deviation."""
         return self.upper - self.lower
 
 
@@ -82,8 +82,8 @@ def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
 def _circle_columns(angle_rad: Array, deviation: Array) -> Array:
     """Return the design matrix of a circle with the columns 1, cos θ and sin θ, shape (n, 3).
 
-    Each row is for one angle θ of ``angle_rad``. Raise an `InputError` for fewer than three angles,
-    and if the numbers of angles and deviations differ.
+    Each row belongs to one angle θ of ``angle_rad``. Raise an `InputError` for fewer than three
+    angles, and if the numbers of angles and deviations differ.
     """
     require(
         len(deviation) >= _FEWEST_ANGLES and len(angle_rad) == len(deviation),

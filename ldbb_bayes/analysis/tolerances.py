@@ -211,7 +211,7 @@ def check_force(campaign: Campaign, force_N: float | None) -> None:
     """Raise an `InputError` if a force is too far outside the range of the tested forces.
 
     ``force_N`` [N] must lie between a tenth of the smallest force tested and 1.5 times the largest
-    force tested. None is allowed; it stands for the model's reference force.
+    force tested. None is allowed, and means the model's reference force.
     """
     if force_N is None:
         return

@@ -81,7 +81,7 @@ class ModelVariance:
 
     probability: float  #: probability of the model in the average; one for a single model
     bound: BoundModel  #: the model, bound to a campaign or plan
-    information: Information  #: information of the bound model, given the hyper-parameters
+    information: Information  #: linear model of the readings, at one value of the hyper-parameters
     #: changes of the quantities, in internal units, when one of the model's m coefficients changes
     #: by its prior sd, shape (q, m); zero for a quantity that the model does not have
     weights: Array
@@ -317,7 +317,7 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
     bound
         Model bound to a campaign or plan.
     information
-        Information of the bound model, given the hyper-parameters.
+        Linear model of the readings (`Information`), at one value of the hyper-parameters.
     """
     weights = weights_of_parameters(information)
     sd = np.sqrt(np.einsum("qi,ij,qj->q", weights, information.covariance(), weights))

@@ -1,11 +1,11 @@
 """Subsets of slopes: which compliances change with force, and curves averaged over the subsets.
 
 A slope is the change of a compliance with force. Every compliance may have a slope or none, and
-each subset of slopes is a model with its own evidence. Curves of compliance against force are
-averaged over these models. If there are too many subsets, a search selects some of them. The search
-starts with the subset without slopes and the subset with all slopes. Each step takes one of the
-subsets found so far: the subset with the largest evidence among those that no earlier step has
-taken. The step then adds all subsets that differ from this subset in one slope.
+each subset of slopes defines a model, whose evidence is computed. Curves of compliance against
+force are averaged over these models. If there are too many subsets, a search selects some of them.
+The search starts with the subset without slopes and the subset with all slopes. Each step takes one
+of the subsets found so far: the subset with the largest evidence among those that no earlier step
+has taken. The step then adds all subsets that differ from this subset in one slope.
 """
 
 from __future__ import annotations
@@ -172,7 +172,8 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 
 
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
-    """Search for the subsets of slopes (changes of compliance with force) of the largest evidence.
+    """Search for the subsets of slopes (changes of compliance with force) with the largest
+    evidence.
 
     Return, for every subset tried, the quadrature nodes of the posterior: weighted values of the
     hyper-parameters, with the evidence of the subset. ``weigh`` returns the nodes for a subset.

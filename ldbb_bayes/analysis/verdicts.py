@@ -252,7 +252,8 @@ class Identifiability(Result):
     #: how well the change of each compliance over the tested forces is known; the keys are names of
     #: compliances
     changes: dict[str, ChangeIdentifiability]
-    degeneracies: tuple[Degeneracy, ...]  #: combinations of coefficients whose effects cancel
+    #: combinations of coefficients whose effects on the readings cancel
+    degeneracies: tuple[Degeneracy, ...]
     #: for each of ``degeneracies``, what would resolve the degeneracy: kinds of further tests, or a
     #: calibration
     cures: tuple[tuple[Cure, ...], ...]
@@ -316,10 +317,10 @@ def _relative_to(
 ) -> dict[str, dict[str, float]]:
     """Return standard uncertainties with further certificates, scaled to a plan's forecast.
 
-    ``certificates`` holds, for each certificate, the standard uncertainty of every parameter. Its
-    first entry is for no further certificate. For each parameter, all standard uncertainties are
-    multiplied by the same factor. The factor is chosen so that the standard uncertainty without a
-    further certificate is equal to the forecast ``expected``.
+    ``certificates`` holds, for each certificate, the standard uncertainty of every parameter. The
+    first entry holds the standard uncertainties without a further certificate. For each parameter,
+    all standard uncertainties are multiplied by the same factor. The factor is chosen so that the
+    standard uncertainty without a further certificate is equal to the forecast ``expected``.
     """
     without = next(iter(certificates.values()))
     scaled = {}
@@ -446,10 +447,10 @@ def _averaged_over_scales(
 ) -> AveragedVariance:
     """Return the variances of all parameters and changes with force, and their sources.
 
-    The result is for the single model ``bound``, not for an average over models. ``changes`` are
-    the changes of compliances with force. The shares of the sources are computed from
-    ``information``, at the mean of the hyper-parameters. The variances are averaged over the values
-    ``phi`` of the hyper-parameters, shape (w, h), with the weights ``weight``, shape (w,).
+    The variances are those under the single model ``bound``, not under an average over models.
+    ``changes`` are the changes of compliances with force. The shares of the sources are computed
+    from ``information``, at the mean of the hyper-parameters. The variances are averaged over the
+    values ``phi`` of the hyper-parameters, shape (w, h), with the weights ``weight``, shape (w,).
     """
     weights = _weights_of_quantities(information, changes)
     moments = averaged_moments(bound, weights / information.scale, weight, phi)
@@ -752,7 +753,7 @@ def judge_parameters(
     bound
         Model bound to a campaign or plan.
     information
-        Information of the bound model, given the hyper-parameters.
+        Linear model of the readings (`Information`), at one value of the hyper-parameters.
     mean
         Posterior mean (for a plan, prior mean) of the p parameters, shape (p,), in internal units
         (mm, N, rad).

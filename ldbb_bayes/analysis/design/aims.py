@@ -45,7 +45,7 @@ class Aim(Protocol):
 
     @property
     def is_reached(self) -> bool:
-        """Whether the aim is reached already."""
+        """Whether the aim is already reached."""
 
     def distance(self, covariance: Array) -> Array:
         """Return the distances from the aim, shape (...), averaged over the hyper-parameters.
@@ -73,7 +73,7 @@ class UncertaintyAim:
     #: computed for the present state of the campaign: the standard uncertainty, divided by the root
     #: mean square of the standard uncertainties for K known values of the hyper-parameters.
     inflation: float
-    is_reached: bool  #: whether the aim is reached already
+    is_reached: bool  #: whether the aim is already reached
 
     def sd(self, covariance: Array) -> Array:
         """Return the standard uncertainties of the combination w·β, shape (K, ...).
@@ -104,7 +104,7 @@ class SlopesAim:
     #: indices of the slopes (changes of compliance with force) in the list of parameters
     columns: Sequence[int]
     threshold: float  #: least absolute log Bayes factor that is enough for a decision [nat]
-    is_reached: bool  #: whether the aim is reached already
+    is_reached: bool  #: whether the aim is already reached
 
     def distance(self, covariance: Array) -> Array:
         """Return the distances ln(t/Φ) from the aim, shape (...), averaged over hyper-parameters.

@@ -70,9 +70,9 @@ def objective_of(
     Parameters
     ----------
     bound
-        Model bound to the tests already run, followed by the candidate tests.
+        Model bound to the tests that have already been run, followed by the candidate tests.
     run
-        Number of tests already run.
+        Number of tests that have already been run.
     phi
         K sets of the h hyper-parameters φ (the scales of the noise and of other effects) of the
         campaign that the design starts from, shape (K, h); lengths in mm.

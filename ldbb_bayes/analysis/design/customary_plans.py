@@ -26,9 +26,9 @@ def equal_steps(
     """Return circles in equal steps of force, with alternating directions of travel.
 
     ``lowest_N`` and ``highest_N`` are the first and the last force [N], and ``number`` is the
-    number of circles. ``ways`` are the directions of travel; None stands for a direction that is
-    not stated. All other settings are those of ``template``, a test of the machine, but the balls
-    are not turned.
+    number of circles. ``ways`` are the directions of travel; None means that the direction is not
+    stated. All other settings are those of ``template``, a test of the machine, but the balls are
+    not turned.
     """
     forces = np.linspace(lowest_N, highest_N, number)
     return _circles(template, ways, [float(force) for force in forces])
@@ -43,9 +43,9 @@ def published_forces(
     """Return circles at the published forces, with alternating directions of travel.
 
     The forces of the published experiment are scaled linearly to the range from ``lowest_N`` to
-    ``highest_N`` [N]. ``ways`` are the directions of travel; None stands for a direction that is
-    not stated. All other settings are those of ``template``, a test of the machine, but the balls
-    are not turned.
+    ``highest_N`` [N]. ``ways`` are the directions of travel; None means that the direction is not
+    stated. All other settings are those of ``template``, a test of the machine, but the balls are
+    not turned.
     """
     published = np.array(_PUBLISHED_FORCES_N)
     shares = (published - published[0]) / (published[-1] - published[0])

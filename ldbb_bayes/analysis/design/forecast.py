@@ -122,7 +122,7 @@ class Forecast(Result):
 
 @dataclass(frozen=True)
 class Slopes:
-    """Slopes about which planned tests give evidence, and the size that is assumed for them.
+    """Slopes about which planned tests give evidence, and their assumed root mean square.
 
     Slopes are changes of compliances with force.
     """
@@ -300,7 +300,8 @@ def _evidence(
     ``states`` are K possible states of the machine before the tests: values of its parameters and
     hyper-parameters. ``covariance`` are the posterior covariances of the p parameters in each
     state, shape (K, p, p), in units of the prior standard deviations. ``run`` is the number of
-    tests that have already been run. ``slopes`` holds the names and the size of the slopes.
+    tests that have already been run. ``slopes`` holds the names of the slopes, and their root mean
+    square if they exist.
     """
     if not slopes.names:
         return None

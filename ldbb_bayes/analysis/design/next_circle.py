@@ -112,12 +112,12 @@ class NextCircle(Result):
     True
     """
 
-    circles: int  #: number of circles run
+    circles: int  #: number of circles run so far
     confidence: float  #: least probability at which an aim counts as reached
     #: uncertainty of each parameter that has a goal, compared with the goal; the keys are the names
     #: of the parameters
     goals: dict[str, GoalSoFar]
-    goals_probability: float  #: probability that all goals are met already; 1 if there are none
+    goals_probability: float  #: probability that all goals are already met; 1 if there are none
     #: decision between constant and linear compliance; None for a model without slopes
     model: ModelSoFar | None
     model_is_aim: bool  #: whether the decision between constant and linear compliance is an aim
@@ -136,7 +136,7 @@ class NextCircle(Result):
     chosen: Annotated[Any, Field(exclude=True)] = None
 
     def plan(self) -> Campaign:
-        """Return the best next circle as a plan that adds to the circles run."""
+        """Return the best next circle as a plan that adds to the circles run so far."""
         plan: Campaign = self.chosen.space.plan_of([self.chosen.test])
         return plan
 

@@ -107,8 +107,8 @@ class Space:
     def _check_candidates(self) -> None:
         """Raise an `InputError` for invalid values, or for too many candidate tests.
 
-        Forces, radii and the size of slopes must be positive, and directions of travel must be CW
-        or CCW.
+        Forces, radii and ``slope_size`` must be positive, and directions of travel must be CW or
+        CCW.
         """
         sizes = {"forces": self.forces_N, "radii": self.radii_mm, "slope_size": [self.slope_size]}
         for name, values in sizes.items():
