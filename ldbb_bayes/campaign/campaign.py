@@ -452,8 +452,8 @@ def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
 def _free_name(stem: str, names: set[str]) -> str:
     """Return a name that is not in ``names``.
 
-    The name is ``stem`` itself or, if ``stem`` is in use, the first of stem_2, stem_3, … that is
-    not.
+    The name is ``stem`` itself if it is not in use. Otherwise it is the first of stem_2, stem_3, …
+    that is not in use.
     """
     name = stem
     number = 1

@@ -232,7 +232,7 @@ class CalibrationCertificate(Shown):
         return candidates[0]
 
     def force(self) -> dict[str, Any]:
-        """Return what the certificate states about a force device; keys are from campaign.toml.
+        """Return what the certificate states about a force device, with the keys of campaign.toml.
 
         The key U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain.
         If no gain is stated, U_percent is the expanded uncertainty of the largest certified force,

@@ -106,7 +106,7 @@ def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple
     """Return the tables and sentences of a result, followed by remarks on the readings.
 
     The remarks name readings of the campaign that look odd, for example because they seem to be in
-    a wrong unit, or because they are equal in two tests.
+    the wrong unit, or because they are equal in two tests.
     """
     preview = lb.check_campaign(campaign)
     remarks = [
@@ -323,8 +323,8 @@ def _design_for_goals(
 def _running_order(plan: lb.Campaign) -> str:
     """Return one string with the names of a plan's tests, in the order in which to run them.
 
-    The direction, the radius and the angles of the balls follow each name in brackets. A setting
-    that is the same in all tests is left out.
+    The direction, the radius and the angles of the balls are stated in brackets after each name. A
+    setting that is the same in all tests is left out.
     """
     settings_by_test = []
     for test in plan.tests:

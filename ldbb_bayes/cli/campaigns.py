@@ -76,7 +76,7 @@ def import_(
 
 
 def _unit_notes(campaign: lb.Campaign) -> list[str]:
-    """Return a note on each force or radius of a campaign that seems to be in a wrong unit."""
+    """Return a note on each force or radius of a campaign that seems to be in the wrong unit."""
     notes = []
     for remark in lb.check_campaign(campaign).remarks:
         if remark.kind == "unit":

@@ -41,8 +41,8 @@ def _goals_table(result: GoalDesign) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
     For each goal, the table states the U that is wanted, the present U, and a limit for U after the
-    cheapest campaign. What is known so far leaves many machines possible; on nine in ten of them, U
-    does not exceed the limit.
+    cheapest campaign. Given what is known so far, U will not exceed the limit with a probability of
+    90 %.
     """
     rows = []
     for name, stated in result.goals.items():

@@ -127,9 +127,9 @@ def degree(findings: Findings) -> Iterator[Part]:
     """Yield the section on whether compliance changes with force.
 
     The section states the evidence for each model, and how the evidence depends on assumptions. If
-    the comparison of models has further results, the section also states the probability that each
-    slope (change of a compliance with force) differs from zero, and compares each test with a
-    prediction made from the other tests.
+    the comparison of models includes them, two further results are stated: the probability that
+    each slope (change of a compliance with force) differs from zero, and a comparison of each test
+    with a prediction made from the other tests.
     """
     comparison = findings.comparison
     if not isinstance(comparison, Comparison):

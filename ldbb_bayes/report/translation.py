@@ -60,8 +60,7 @@ class Words:
     def percent(self, probability: float) -> str:
         """Return a probability in per cent as a string, such as "40 %".
 
-        The string is "< 1 %" for a probability below 1 %, and "> 99 %" for a probability above 99
-        %.
+        Probabilities below 1 % give "< 1 %", and probabilities above 99 % give "> 99 %".
         """
         shown = min(max(100.0 * probability, 1.0), 99.0)
         sign = ""

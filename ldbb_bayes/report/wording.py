@@ -1314,7 +1314,7 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 def _limit_digits(limit: float) -> str:
     """Return the limit of a tolerance as a string.
 
-    The string has four significant digits. A limit of at least 1000 is rounded to a whole number.
+    The limit is rounded to four significant digits or, if it is at least 1000, to a whole number.
     """
     digits = f"{limit:.0f}" if abs(limit) >= 1000.0 else f"{limit:.4g}"
     return digits.replace("-", "−")

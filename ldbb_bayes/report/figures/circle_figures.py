@@ -90,7 +90,7 @@ class _Traces:
 
     @property
     def outer_radius(self) -> float:
-        """Radius of a polar panel [µm]."""
+        """Radius of a polar panel, in the unit in which readings are drawn [µm]."""
         return self.zero_radius + self.high + 0.06 * self.span
 
     @property
