@@ -310,8 +310,8 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     chosen = _independent(candidates.unit, heads)
     dropped = [i for i in heads if i not in chosen]
     # A column holds the readings per unit of a compliance. Express every column as a linear
-    # combination of the columns of the kept compliances. These are scaled first, to reduce rounding
-    # errors.
+    # combination of the columns of the kept compliances. The columns of the kept compliances are
+    # scaled first, to reduce rounding errors.
     scale = np.abs(jacobian[:, chosen]).max(axis=0)
     scaled = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0]
     coefficients = scaled / scale[:, None]
@@ -362,7 +362,7 @@ def _weights(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
 def _not_negative(
     names: Sequence[ComplianceName], jacobian: Array, coefficients: Array
 ) -> tuple[bool, ...]:
-    """Return for each kept compliance whether it cannot be negative.
+    """Return, for each kept compliance, whether it cannot be negative.
 
     A kept compliance represents a weighted sum Σ_k ⟨A_k, C_k⟩ of the compliance matrices C_k of the
     joints k. A_k are symmetric matrices of weights, all of shape (6, 6), and ⟨ , ⟩ is the sum of

@@ -86,12 +86,11 @@ class Update(NamedTuple):
     #: Number of borders to which the update applies. A border is the set of later columns that a
     #: group of columns changes. No two of these borders have a column in common.
     borders: int
-    #: Index of a row within the border, the set of later columns that a group changes. The update
-    #: multiplies entries in the rows ``first`` to ``stop`` − 1 by entries in all rows from
-    #: ``first`` on.
+    #: Index, within the border (the set of later columns that a group changes), of the first row
+    #: whose entries are multiplied by the entries of all rows from ``first`` on.
     first: int
-    #: Index of a row within the border, the set of later columns that a group changes: the row
-    #: after the last row that ``first`` describes.
+    #: Index, within the border (the set of later columns that a group changes), of the row after
+    #: the last row whose entries are multiplied by the entries of all rows from ``first`` on.
     stop: int
     #: Rows of the workspace (the array of all matrix entries) from which the products are
     #: subtracted, shape (borders, stop − first, m + 1 − first). Each border is a set of m later
@@ -169,7 +168,7 @@ class Front(NamedTuple):
 
 
 class _Family(NamedTuple):
-    """Groups of columns that change the same later columns; these are the border of the groups."""
+    """Groups of columns with the same border (set of later columns that a group changes)."""
 
     border: tuple[int, ...]
     groups: list[ColumnGroup]
@@ -272,10 +271,10 @@ class EliminationPlan:
         """Return the rows of the workspace from which products for one border are subtracted.
 
         The workspace is the array of all matrix entries. A border is the set of m later columns
-        that a group of columns changes when it is eliminated. The products are those of entries in
-        the rows ``first`` to ``stop`` − 1 of the border with the entries in all rows of the border
-        from ``first`` on, and with the right-hand side. The result has the shape
-        (stop − first, m + 1 − first).
+        that a group of columns changes when it is eliminated. In each product, the first factor is
+        an entry in the rows ``first`` to ``stop`` − 1 of the border. The second factor is an entry
+        in the rows of the border from ``first`` on, or in the right-hand side. The result has the
+        shape (stop − first, m + 1 − first).
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]
@@ -350,7 +349,7 @@ class Elimination:
         Raises
         ------
         LinAlgError
-            If neither the readings nor its prior determine one of the coefficients.
+            If a coefficient is determined neither by the readings nor by its prior.
         """
         workspace = self._gram.assemble(weight)
         if shift is not None:

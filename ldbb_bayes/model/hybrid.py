@@ -209,7 +209,7 @@ class HybridModel(Result):
         """Return the model's first edition (preset ``first``), with fewer effects than the default.
 
         The prior sd of a form error of the balls with n waves around the circle is proportional to
-        1/n, and not to a power of n that the readings help to determine. ``degree`` is the degree
+        1/n, instead of a power of n that is estimated from the readings. ``degree`` is the degree
         of the compliance as a polynomial in force, 0, 1 or 2.
         """
         return cls(degree, first_edition(), Prior.first(), preset="first")
@@ -647,7 +647,7 @@ _ESTIMATES: WeakKeyDictionary[Campaign, list[_KnownEstimate]] = WeakKeyDictionar
 # Largest number of estimates of the machine that the cache holds for one campaign.
 _KEPT_ESTIMATES = 64
 # Cache of the models that were most recently bound to whole campaigns, the newest last. A bound
-# model can be shared, because nothing changes it after it was made.
+# model can be shared, because a model in the cache is never changed.
 _BOUND_MODELS: list[BoundModel] = []
 # Largest number of models bound to campaigns that the cache holds. An average over models with
 # constant and linear compliance uses sixteen bound models, and a fit of the same campaign may use
@@ -885,11 +885,11 @@ class BoundModel(Shown):
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Names of the parts of the model that act on this campaign.
+        """Names of the parts of the model that have an effect on the tests of this campaign.
 
         The names are Compliance, GeometricErrors and the class names of nuisance terms (effects
-        modelled but not of interest). Drift, for example, does not act if the order of the tests is
-        not known.
+        modelled but not of interest). Drift, for example, has no effect if the order of the tests
+        is not known.
         """
         idle = []
         for kind, columns in self.columns_of.items():
@@ -944,8 +944,8 @@ class BoundModel(Shown):
         """Dict with the columns of every nuisance term; its keys are the classes of the terms.
 
         Nuisance terms are effects that are modelled but not of interest. A column is the reading
-        per unit of one coefficient. For a term that does not act on this campaign, the value is an
-        empty tuple.
+        per unit of one coefficient. If a term has no effect on the tests of this campaign, its
+        value is an empty tuple.
         """
         return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
 
@@ -965,9 +965,8 @@ class BoundModel(Shown):
         """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
         Nuisances are effects modelled but not of interest. β are the parameters of interest and φ
-        the hyper-parameters (scales of noise and nuisances). Methods of the object take
         the hyper-parameters (scales of noise and nuisances). Methods of the object take β −
-        `centre` instead of β, where `centre` is a least-squares estimate.
+        `centre` instead of β, where `centre` is a least-squares estimate of β.
         """
         return self._structured(self.nuisance_columns, self.interest)
 

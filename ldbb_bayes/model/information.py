@@ -318,7 +318,7 @@ class Information:
         return {key: np.einsum("ij,ji->i", cov, weight) for key, cov in covariances.items()}
 
     def error_covariances(self, weights: Array | None = None) -> dict[tuple[str, str], Array]:
-        """Return the covariances of the parameters' errors that are due to each independent source.
+        """Return the covariance of the parameters' errors that each independent source causes.
 
         The errors of the p parameters of interest are divided by their prior sds. The result is a
         dict of arrays of shape (p, p). Its keys are those of the sources in the result of `shares`.

@@ -30,8 +30,8 @@ __all__ = [
 
 Group = Literal["compliance", "slope", "geometric"]
 # The prior sd of a slope (change of a compliance with force) is proportional to the magnitude of
-# the estimated compliance. This magnitude is replaced by the typical magnitude of the compliance
-# (usually its prior sd) divided by this number, if the latter is larger.
+# the estimated compliance. This magnitude is taken to be at least the typical magnitude of the
+# compliance (usually its prior sd) divided by this number.
 _SD_PER_LEAST_SIZE = 20.0
 
 
@@ -153,9 +153,9 @@ class ParametersOfInterest:
         """Return the prior sd of every compliance, shape (compliances,), in mm, N and rad.
 
         Some compliances are not in the model, because their effect on the readings is a linear
-        combination of the effects of compliances that are in the model. The compliances in the
-        model then represent those that are not. Unless the user gave the prior sd of a compliance,
-        it includes contributions of the compliances that are represented.
+        combination of the effects of compliances that are in the model. Compliances in the model
+        then represent those that are not. The prior sd of a compliance in the model includes
+        contributions of the compliances that it represents, unless the user gave this prior sd.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)

@@ -321,7 +321,7 @@ class StructuredGaussian:
     ) -> Iterator[_Batch]:
         """Yield, for batches of values of φ, the quantities that elimination needs (`_Batch`).
 
-        φ are the hyper-parameters.
+        φ are the hyper-parameters, which are the scales of the noise and of nuisances.
 
         Parameters
         ----------

@@ -47,8 +47,9 @@ def minimum_norm_solution(
 def singular_root(covariance: Array) -> Array:
     """Return a square root X of covariance matrices, with X Xᵀ = covariance, shape (..., p, p).
 
-    Each covariance matrix is that of p variables. Unlike a Cholesky factor, X exists for singular
-    covariance matrices too. Eigenvalues that are negative because of rounding count as zero.
+    There is one matrix X for each covariance matrix of p variables. Unlike a Cholesky factor, X
+    exists for singular covariance matrices too. Eigenvalues that are negative because of rounding
+    count as zero.
     """
     symmetric = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
     values, vectors = np.linalg.eigh(symmetric)

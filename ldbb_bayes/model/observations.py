@@ -11,8 +11,8 @@ but not of interest, with the design matrix A (rows, coefficients); each coeffic
 belongs to a single test. The rows of a test are rotated so that the covariance of all noise in the
 test is diagonal. The prior of each coefficient adds one row, unless the prior is flat. Only the
 diagonal matrix D depends on the hyper-parameters φ, the scales (standard deviations) of the noise
-and of nuisances. The entries of D are sums of known numbers times squared sources of variance,
-where a source is a hyper-parameter or a product of hyper-parameters.
+and of nuisances. The entries of D are weighted sums of squared sources of variance, where a source
+is a hyper-parameter or a product of hyper-parameters.
 """
 
 from __future__ import annotations
@@ -104,9 +104,9 @@ class _Nuisances(NamedTuple):
     of ``private`` columns have a separate value in every test.
     """
 
-    #: Noise that is independent between tests, as noise of Fourier coefficients. The readings of
-    #: each test are rotated so that this noise has a diagonal covariance. It then needs no columns
-    #: in the design matrix.
+    #: Noise of the Fourier coefficients of each test, independent between tests. The readings of
+    #: each test are rotated so that this noise has a diagonal covariance. The noise then needs no
+    #: columns in the design matrix.
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
@@ -122,7 +122,7 @@ class _Nuisances(NamedTuple):
 
     @property
     def private_size(self) -> int:
-        """Number of nuisance coefficients that each test has for itself, equal for all tests."""
+        """Number of nuisance coefficients that belong to one test alone, the same for each test."""
         return len(self.private_signs)
 
 

@@ -84,7 +84,7 @@ class _Node(NamedTuple):
         return self.columns.bit_count(), self.border.bit_count()
 
     def into(self, parent: _Node) -> _Node:
-        """Return a node with the columns of this node and of ``parent``, to eliminate together."""
+        """Return a node that combines the columns of this node and of its ``parent``."""
         border = (self.border | parent.border) & ~parent.columns
         return _Node(self.columns | parent.columns, border)
 

@@ -57,8 +57,8 @@ _MOST_TRIES = 64
 # Number of points, in each dimension, of the Gauss-Legendre quadrature rule with which moments of
 # Gaussian vectors u given u ≥ 0 are computed.
 _RULE_POINTS = 24
-# Number of independent estimates of a probability P(u ≥ 0). Each estimate uses a copy of one set of
-# quasi-random points, shifted by a random vector (here called a scramble). The scatter between the
+# Number of independent estimates of a probability P(u ≥ 0). Each estimate uses a scramble, which is
+# a copy of one set of quasi-random points, shifted by a random vector. The scatter between the
 # estimates gives the stated error.
 _SCRAMBLES = 8
 # Numbers of quasi-random points in a scramble (a randomly shifted copy of the set of points). These
@@ -133,7 +133,7 @@ class NoisyLogProbability(NamedTuple):
 
 
 class _Solved(NamedTuple):
-    """Constraints with triangular matrices on w random vectors, and densities from which to draw.
+    """Constraints on w random vectors in triangular form, and densities from which to draw.
 
     Each of w standard normal vectors e has q elements. ``axes``, shape (w, d, q), holds the d
     orthonormal directions of each e on which the constraints depend. ``tilted`` states the
@@ -477,10 +477,10 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Triangular matrices of the constraints on all vectors, and the shifted densities.
+        """Constraints on all vectors in triangular form, and the densities from which to draw.
 
-        Random vectors are drawn from the shifted densities. Constraints that are certain to hold
-        for all vectors of the batch are left out.
+        Random vectors are drawn from shifted densities. Constraints that are certain to hold for
+        all vectors of the batch are left out.
         """
         rows = _uncertain_rows(self._mean, self._spread)
         mean = self._mean[:, rows]

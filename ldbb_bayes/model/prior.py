@@ -64,7 +64,7 @@ _GEOMETRIC: dict[GeometricKind, _Kind] = {
     "offset": _Kind("mm", "offset_mm"),
 }
 # Examples of names of compliances and geometric errors. An error message about an unknown name
-# suggests the nearest of these.
+# suggests the most similar of these names.
 EXAMPLES = [
     "C_XXX",
     "C_XYX",
@@ -232,9 +232,9 @@ class Prior(Shown):
     #: [rad/(N mm)]
     rotation_for_moment_rad_per_N_mm: float = 1e-9
     #: factor in the prior sd of slopes (changes of a compliance with force), without unit. A slope
-    #: of degree k has the prior sd slope_scale · c / (F_max − F_min)^k. c is a magnitude of the
-    #: compliance, which ``slopes_of_estimate`` selects; F_min and F_max are the campaign's smallest
-    #: and largest force.
+    #: of degree k has the prior sd slope_scale · c / (F_max − F_min)^k. c is a typical magnitude of
+    #: the compliance (``slopes_of_estimate`` explains how it is computed); F_min and F_max are the
+    #: campaign's smallest and largest force.
     slope_scale: float = 0.3
     gain: float = 2e-4  #: prior sd of scale errors of axes, such as E_XX1, without unit
     squareness_rad: float = 5e-5  #: prior sd of squareness errors, such as E_C(0Y)X [rad]

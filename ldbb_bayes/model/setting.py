@@ -113,6 +113,7 @@ class Setting:
     # The fields from `reference_force_N` on describe the whole campaign, and the method `select`
     # leaves them unchanged. The exceptions are `circle` and `fitted`, which have one row for each
     # test; `select` selects their rows too.
+
     #: reference force F0 [N], at which compliances are stated. Slopes (changes of compliances with
     #: force) are multiplied by powers of F − F0
     reference_force_N: float
@@ -488,9 +489,10 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     have the same time.
 
     If a pilot campaign is given and its tests state their times, the mean time of the pilot is
-    used, and tests without times are placed at this mean. If the tests of neither campaign state
-    their times, and the first tests of the plan have the names of the pilot's tests, the times of
-    these tests follow from their order in the pilot. All further tests are placed at the mean.
+    used, and tests without times are assumed to be at this mean. If the tests of neither campaign
+    state their times, and the first tests of the plan have the names of the pilot's tests, the
+    times of these tests follow from their order in the pilot. All further tests are assumed to be
+    at the mean.
     """
     stated_s = _recorded("time_s", campaign)
     relative_s = np.zeros(len(stated_s))

@@ -163,8 +163,8 @@ class BallForm(Term):
     def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
         """Return the prior of the form of one ball, or of the sum of the forms of both balls.
 
-        ``balls`` are the balls that contribute to the form. The result is a dict of those arguments
-        of `Columns` that describe the prior, by name.
+        ``balls`` are the balls that contribute to the form. The result is a dict of keyword
+        arguments for `Columns`: those that describe the prior.
         """
         orders = np.repeat(_FORM_ORDERS, 2).astype(float)
         if self.law == "1/n":
@@ -308,7 +308,7 @@ class BallForm(Term):
     def describe(cls, coefficient: str) -> str:
         """Return the description of a coefficient of the balls' form, made from its name.
 
-        For example, form_cos2 is "2-lobe form (cos 2θ)".
+        For example, form_cos2 is described as "2-lobe form (cos 2θ)".
         """
         ball = _ball_in_words(coefficient)
         owner = f"{ball}'s " if ball else ""
@@ -358,9 +358,10 @@ def _stated_sd_um(ball: Ball) -> float:
 
 
 def _ball_in_words(coefficient: str) -> str:
-    """Return "the work ball" or "the tool ball" for the name of a coefficient of form.
+    """Return to which ball a coefficient of form belongs: "the work ball" or "the tool ball".
 
-    Return an empty text for a coefficient of the sum of both balls' forms.
+    ``coefficient`` is the name of the coefficient. Return an empty text for a coefficient of the
+    sum of both balls' forms.
     """
     if coefficient.startswith("work"):
         return "the work ball"

@@ -259,7 +259,6 @@ class Term(Shown):
 
         ``setting`` describes the test conditions. By default, the result is ``scales``, which does
         not depend on the campaign.
-        depend on the campaign.
         """
         return self.scales
 
@@ -319,8 +318,8 @@ class Term(Shown):
     def describe(cls, coefficient: str) -> str:
         """Return a description of a coefficient of this term, derived from the coefficient's name.
 
-        For example, pattern_cos4 is "machine pattern (cos 4θ)". Coefficients of unknown terms
-        belong to the class `Term` itself, which returns the name unchanged.
+        For example, pattern_cos4 is described as "machine pattern (cos 4θ)". Coefficients of
+        unknown terms belong to the class `Term` itself, which returns the name unchanged.
         """
         if cls is Term:
             return coefficient
@@ -340,7 +339,7 @@ class Term(Shown):
 
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
-    """Return the permitted values of each setting of a term that has a fixed list of values.
+    """Return the permitted values of those settings of a term that have a fixed list of values.
 
     ``kind`` is the class of the term. The result is a dict; its keys are the names of the settings.
     """

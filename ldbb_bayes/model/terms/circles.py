@@ -162,7 +162,7 @@ class CircleScale(Term):
         return tuple(scales)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return an empty tuple, whatever the conditions of the tests (``setting``) are.
+        """Return an empty tuple, whatever the test conditions (``setting``) are.
 
         The noise factors λ need no columns, because they only scale the noise of other terms.
         """
@@ -289,7 +289,7 @@ class Hysteresis(Term):
     def describe(cls, coefficient: str) -> str:
         """Return the description of a coefficient of hysteresis, made from the coefficient's name.
 
-        For example, hysteresis_cos2 is "hysteresis (cos 2θ)".
+        For example, hysteresis_cos2 is described as "hysteresis (cos 2θ)".
         """
         force = " in proportion to force" if coefficient.startswith("hysteresis_force") else ""
         return f"hysteresis{force} ({order_in_words(coefficient)}{plane_in_words(coefficient)})"
@@ -342,7 +342,7 @@ def _columns_of_plane(
 class Drift(Term):
     """Drift of the bar's length and of the circle's centre with time or temperature.
 
-    Let u be the time [h] or the temperature [K] of a test minus its mean over all tests of the
+    Let u be the time [h] or the temperature [K] of a test, minus the mean of all tests of the
     campaign; ``over`` chooses time or temperature. A drift of the bar's length changes the reading
     by u times one coefficient. A drift of the circle's centre changes the reading by u B̂ · c. B̂ is
     the unit vector along the bar, and the vector c holds one coefficient for each coordinate of the
@@ -414,7 +414,7 @@ class Drift(Term):
     def describe(cls, coefficient: str) -> str:
         """Return the description of a drift coefficient, made from the coefficient's name.
 
-        For example, drift_time_length is "drift of the bar's length over time".
+        For example, drift_time_length is described as "drift of the bar's length over time".
         """
         covariate, quantity = coefficient.removeprefix("drift_").split("_")
         if quantity == "length":

@@ -114,8 +114,8 @@ class Columns(Shown):
     12. The prior sd of coefficient j is ``sd``_j · s · λ · (``orders``_j/6)^(−d), with the
     hyper-parameters s (scale of the effect), λ (noise factor of each test's circle) and d. The
     fields ``hyper``, ``circle`` and ``decay`` name these hyper-parameters; a factor is left out if
-    its field names none. If the field ``stated`` is not None, its value for coefficient j is added
-    in quadrature.
+    its field names no hyper-parameter. If the field ``stated`` is not None, its value for
+    coefficient j is added in quadrature.
 
     Raises
     ------

@@ -75,8 +75,8 @@ class BarLength(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the error of the bar's length that the term assumes, with its standard uncertainty.
 
-        The error and its uncertainty come from the bar's certificate in ``campaign``, if there is
-        one.
+        The error and its standard uncertainty come from the bar's certificate in ``campaign``.
+        Without a certificate, the error is zero and the standard uncertainty is ``sd_um``.
         """
         sd = self._sd_um(campaign.instrument) * 1e-3
         error = campaign.instrument.bar_length_error_um * 1e-3
@@ -86,7 +86,7 @@ class BarLength(Term):
     def describe(cls, coefficient: str) -> str:
         """Return the description of a bar-length coefficient, made from the coefficient's name.
 
-        For example, bar_length_150 is "bar length at R = 150 mm".
+        For example, bar_length_150 is described as "bar length at R = 150 mm".
         """
         radius = coefficient.removeprefix("bar_length").removeprefix("_")
         return cls.words + (f" at R = {radius} mm" if radius else "")
@@ -166,7 +166,7 @@ class Mount(Term):
     def describe(cls, coefficient: str) -> str:
         """Return the description of a coefficient of this term, made from the coefficient's name.
 
-        For example, mount is "mount deflection".
+        For example, the coefficient ``mount`` is described as "mount deflection".
         """
         if coefficient == "mount_curvature":
             return "curvature of the mount's deflection"

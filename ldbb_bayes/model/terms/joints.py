@@ -174,7 +174,7 @@ class JointLoad(Term):
     def describe(cls, coefficient: str) -> str:
         """Return the description of a coefficient of the nonlinear deflection, made from its name.
 
-        For example, joint_load_X_contact is "contact of axis X under its own load".
+        For example, joint_load_X_contact is described as "contact of axis X under its own load".
         """
         axis, law = coefficient.removeprefix("joint_load_").split("_")
         effect, load = _LAWS[law]
@@ -249,7 +249,7 @@ class Position(Term):
     def describe(cls, coefficient: str) -> str:
         """Return the description of a coefficient of the compliance's change along the travel.
 
-        For example, position_X_linear is "linear change of the compliance along X".
+        For example, position_X_linear is described as "linear change of the compliance along X".
         """
         axis, law = coefficient.removeprefix("position_").split("_")
         return f"{law} change of the compliance along {axis}"
