@@ -126,9 +126,9 @@ class _ModelBudget:
     ``model`` is the model with its draws. ``variance``, shape (p,), is the variance of the model's
     p parameters, in internal units. ``phi`` are the mean hyper-parameters, by name. ``covariance``,
     shape (m, m), is the posterior covariance of all m coefficients (parameters and nuisances) at
-    these hyper-parameters, in units of the prior standard deviations; ``information`` is the
-    `Information` of the bound model at the same hyper-parameters. ``shares`` holds the share of
-    each source in the variance of each parameter, shape (p,); a key consists of the name of the
+    these hyper-parameters, in units of the prior standard deviations; ``information`` is the linear
+    model of the readings (`Information`) at the same hyper-parameters. ``shares`` holds the share
+    of each source in the variance of each parameter, shape (p,); a key consists of the name of the
     source and the name of its model term. ``ratio_if_known`` has an entry for each model term: the
     variance that each parameter would have if the term were known exactly, divided by the
     parameter's present variance, shape (p,). ``origins`` states for each source whether its

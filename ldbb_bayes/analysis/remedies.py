@@ -3,7 +3,7 @@
 A remedy is a change of the plan (another order of the circles, the other direction of travel,
 turned balls, more circles, a second radius) or a certificate of the instrument. Each remedy is
 tried: the model is bound to the changed plan, or to the campaign with the certificate, and the
-`Information` of the bound model gives the standard uncertainty of every parameter. The
+standard uncertainty of every parameter is computed from the bound model (`Information`). The
 hyper-parameters φ (the scales of the noise and of other effects) keep their values
 (`HyperPrior.carried`).
 

@@ -172,13 +172,12 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 
 
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
-    """Search for the subsets of slopes (changes of compliance with force) with the largest
-    evidence.
+    """Search for the subsets of slopes with the largest evidence.
 
-    Return, for every subset tried, the quadrature nodes of the posterior: weighted values of the
-    hyper-parameters, with the evidence of the subset. ``weigh`` returns the nodes for a subset.
-    ``slopes`` is the number of possible slopes. The search ends after ``_SEARCHED_SUBSETS``
-    subsets, or when no new subset can be reached.
+    Slopes are changes of compliance with force. Return, for every subset tried, the quadrature
+    nodes of the posterior: weighted values of the hyper-parameters, with the evidence of the
+    subset. ``weigh`` returns the nodes for a subset. ``slopes`` is the number of possible slopes.
+    The search ends after ``_SEARCHED_SUBSETS`` subsets, or when no new subset can be reached.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):
@@ -203,8 +202,9 @@ def averaged_curves(
 ) -> dict[str, Curve]:
     """Return the curve C(F) of each compliance over the tested forces F, averaged over models.
 
-    The keys are names of compliances. Each curve has 41 equally spaced forces, from the lowest to
-    the highest force tested. If all tests were run at one force, each curve has only this force.
+    The keys are names of compliances. Each curve is computed at 41 equally spaced forces, from the
+    lowest to the highest force tested. If all tests were run at one force, each curve is computed
+    at this force only.
 
     Parameters
     ----------

@@ -52,8 +52,9 @@ __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests with a share below this number are left out of the table of the best shares.
 _LISTED_SHARE = 1e-4
-# More circles count as useless for a parameter if, with very many runs of every circle of the
-# design, more than this share of the parameter's expected standard uncertainty would remain.
+# Further circles are said not to improve a parameter if more than this share of the parameter's
+# expected standard uncertainty would remain even after very many runs of every circle of the
+# design.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0

@@ -249,7 +249,7 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
 
 
 def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
-    """Return a plan with times for its tests, so that its mean time is that of the pilot's tests.
+    """Return a plan with times for its tests; the mean time is that of the pilot's tests.
 
     The pilot is the campaign that the plan starts from. The times determine how a drift affects the
     tests. A plan is returned unchanged if it adds to its pilot, or if its tests are not run in the

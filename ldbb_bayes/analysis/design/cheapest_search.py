@@ -35,9 +35,9 @@ __all__ = [
 # Largest number of circles of a campaign.
 _MOST_CIRCLES = 40
 # Number of circles of the campaign from which the search estimates how many circles are needed in a
-# family. The search takes the family's best campaign of this many circles. All its numbers of
-# circles of candidate tests are then multiplied by the smallest factor with which the goals are
-# reached.
+# family. The search takes the family's best campaign with this number of circles. The number of
+# circles of each candidate test in this campaign is then multiplied by the smallest factor with
+# which the goals are reached.
 _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins with this share of the number of circles that the
 # family is estimated to need.
