@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.column_roles import BRACKET, has_role, unit_of
+from ldbb_bayes.reading.laps import TURN_DEG
 from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.numerals import looks_like_number, number_in_text
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import first_header
 from ldbb_bayes.reading.words import comparable
@@ -17,6 +21,8 @@ __all__ = ["split_pairs"]
 # Smallest number of columns that each of several tables beside each other has: one column of angles
 # and one column of readings.
 _FEWEST_COLUMNS = 2
+# Smallest gap [deg] in the angles of a table that is only a part of a circle.
+_SMALLEST_GAP_DEG = 60.0
 
 
 def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
@@ -44,7 +50,42 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     tables = []
     for start, title in zip(starts, titles, strict=True):
         tables.append(_columns_of(sheet, header, range(start, start + width), title))
+    _check_whole_circles(sheet, [_angles_of(table) for table in tables])
     return tables
+
+
+def _angles_of(table: Sheet) -> list[float]:
+    """Return the different numbers in the first column of a table, in rising order."""
+    angles = set()
+    for row in table.rows:
+        angle = number_in_text(row.cells[0]) if looks_like_number(row.cells[0]) else None
+        if angle is not None:
+            angles.add(angle)
+    return sorted(angles)
+
+
+def _check_whole_circles(sheet: Sheet, angles_of_tables: Sequence[Sequence[float]]) -> None:
+    """Raise an `InputError` if the tables beside each other are parts of one circle.
+
+    They are parts if no two tables have an angle in common, and if the angles of each table have a
+    gap. ``angles_of_tables`` are the angles of each table in rising order, as written.
+    """
+    n_angles = sum(len(angles) for angles in angles_of_tables)
+    n_different = len({angle for angles in angles_of_tables for angle in angles})
+    if n_different < n_angles or not all(angles_of_tables):
+        return
+    for angles in angles_of_tables:
+        gaps = [angles[0] + TURN_DEG - angles[-1]]
+        gaps += [following - angle for angle, following in pairwise(angles)]
+        if max(gaps) < _SMALLEST_GAP_DEG:
+            return
+    first = angles_of_tables[0]
+    second = angles_of_tables[1]
+    raise InputError(
+        f"{sheet.place}: a pair of columns must hold a whole circle, got parts from {first[0]:g} and"
+        f" from {second[0]:g} on. Put all pairs below each other in one pair of"
+        " columns, in the order of the readings."
+    )
 
 
 def _with_last_gap(names: Sequence[str]) -> list[str]:

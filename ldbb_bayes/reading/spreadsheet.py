@@ -19,6 +19,7 @@ from ldbb_bayes.reading.cell_units import number_in_cell, split_units
 from ldbb_bayes.reading.companion_files import is_document
 from ldbb_bayes.reading.encodings import encoding_of
 from ldbb_bayes.reading.labview import is_labview, rows_of_labview
+from ldbb_bayes.reading.loads_between import with_loads_between
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import split_tables
 from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
@@ -78,7 +79,7 @@ def read_sheets(
     if is_workbook or path.suffix.lower() in WORKBOOK_SUFFIXES:
         tables = []
         for sheet in read_workbook(path, raw, sheets):
-            tables += split_tables(_with_plain_cells(sheet))
+            tables += split_tables(with_loads_between(_with_plain_cells(sheet)))
         return tables
     if sheets:
         raise InputError(
@@ -95,7 +96,8 @@ def read_sheets(
         rows = rows_of_labview(rows_of_text(path, text, separator))
     else:
         rows = rows_of_text(path, text, separator)
-    return split_tables(_with_plain_cells(Sheet(path, "", rows, encoding, separator)))
+    sheet = _with_plain_cells(Sheet(path, "", rows, encoding, separator))
+    return split_tables(with_loads_between(sheet))
 
 
 def _with_plain_cells(sheet: Sheet) -> Sheet:

@@ -33,6 +33,10 @@ _PAGE = re.compile(
     r"\W*(?:of|von|de|di|/|из)?\W*\d*\W*(?:页|頁)?",
     re.IGNORECASE,
 )
+# Regular expression for a word that says that a table is continued on a further page.
+_CONTINUED = re.compile(
+    r"continued|cont|fortsetzung|forts|suite|segue|continua\w*|continuación|pokračování"
+)
 
 
 def split_tables(sheet: Sheet) -> list[Sheet]:
@@ -40,9 +44,9 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
 
     A repeated header begins a further table in two cases: if a line such as ``Direction: CCW``
     stands above this header, or if the first cell below it is the same as in the first table, such
-    as 0°. Any other repeated header is removed, together with a page number above it, and the table
-    continues below the header. A line above the first table also applies to a further table, unless
-    the lines above the further table state the same field.
+    as 0°. Any other repeated header is removed, together with a page number and a repeated title
+    above it, and the table continues below the header. A line above the first table also applies to
+    a further table, unless the lines above the further table state the same field.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -56,8 +60,11 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
     for k in headers:
         begin = _end_of_numbers(sheet.rows, end, k)
         tables[-1] += sheet.rows[end:begin]
+        begins_anew = _begins_anew(sheet.rows, header, k)
         lines = [row for row in sheet.rows[begin:k] if not _is_of_page(row, lines_above_first)]
-        if lines or _begins_anew(sheet.rows, header, k):
+        if not begins_anew:
+            lines = _without_titles(sheet, lines, lines_above_first)
+        if lines or begins_anew:
             kept = _lines_that_hold(sheet, lines_above_first, lines)
             tables.append([*kept, *lines, sheet.rows[k]])
         end = k + 1
@@ -150,6 +157,39 @@ def _is_of_page(row: Row, lines_above_first: Sequence[Row]) -> bool:
     if any(row.cells == other.cells for other in lines_above_first):
         return True
     return all(_PAGE.fullmatch(cell) is not None for cell in row.cells)
+
+
+def _without_titles(sheet: Sheet, lines: Sequence[Row], first: Sequence[Row]) -> list[Row]:
+    """Return the lines above a repeated header without the titles that pages of a table repeat.
+
+    A title differs from a line above the first table only by numbers, as ``Test 7, page 2`` from
+    ``Test 7, page 1``, or by a word such as "continued". A line that states a field other than a
+    time is no title.
+
+    Parameters
+    ----------
+    sheet
+        The sheet.
+    lines
+        Lines above the repeated header.
+    first
+        Lines above the first table.
+    """
+    titles = {_without_numbers(sheet.text_of(row.cells)) for row in first}
+    kept = []
+    for row in lines:
+        text = sheet.text_of(row.cells)
+        is_title = _without_numbers(text) in titles or not _without_numbers(text)
+        states_load = load_in_name([text]) is not None
+        if not is_title or states_load or _keys_of(sheet, [row]) - {"time", "date"}:
+            kept.append(row)
+    return kept
+
+
+def _without_numbers(text: str) -> str:
+    """Return the words of a line in small letters, without words such as "continued"."""
+    words = re.findall(r"[^\W\d_]+", comparable(text))
+    return " ".join(word for word in words if not _CONTINUED.fullmatch(word))
 
 
 def _lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) -> list[Row]:

@@ -16,7 +16,7 @@ HEADER = "Angle [deg],Reading [um]"
 
 def layout_cases() -> dict[str, FieldCase]:
     """Return the cases of companion files and of layouts of several tables."""
-    return {**companion_cases(), **merged_cases()}
+    return {**companion_cases(), **merged_cases(), **step_cases(), **page_cases()}
 
 
 def companion_cases() -> dict[str, FieldCase]:
@@ -100,5 +100,94 @@ def merged_cases() -> dict[str, FieldCase]:
     )
     cases["merged_sheet_names"] = FieldCase(
         kind, "merged cells with forces and names", merged_workbook([forces, names, columns])
+    )
+    return cases
+
+
+def steps(line: str, header: str, is_repeated: bool) -> dict[str, bytes]:
+    """Return one file with the tables of all circles below each other.
+
+    ``line`` stands above each table; {F} in it is the force, and {i} the number of the table. The
+    header stands above the first table, and also above the others if ``is_repeated``.
+    """
+    lines = []
+    for number, circle in enumerate(TRUTH, start=1):
+        lines.append(line.format(i=number, F=f"{circle.force_N:g}"))
+        if number == 1 or is_repeated:
+            lines.append(header)
+        for k in range(len(circle.angle_deg)):
+            lines.append(";".join(str(cell) for cell in field.plain(circle, k)))
+    return {"steps.csv": "\n".join([*lines, ""]).encode()}
+
+
+def step_cases() -> dict[str, FieldCase]:
+    """Return tables below each other, with the force in a line between them."""
+    lines = (
+        "Load step {i} of 3: {F} N",
+        "Laststufe {i}/3 ({F} N)",
+        "Step {i} of 3 - F = {F} N",
+        "Palier {i} sur 3 : {F} N",
+        "--- {F} N ---",
+    )
+    cases = {}
+    for number, line in enumerate(lines):
+        for is_repeated in (True, False):
+            times = "each" if is_repeated else "once"
+            cases[f"steps_{number}_{times}"] = FieldCase(
+                "forces between tables",
+                f"{line.format(i=2, F=300)!r} between tables, header {times}",
+                steps(line, "Angle [deg];Reading [um]", is_repeated),
+            )
+    return cases
+
+
+def pages(title: str, above: str) -> dict[str, bytes]:
+    """Return one file of three pages, each with a title, a line above the header, and the header.
+
+    {p} in the title is the number of the page.
+    """
+    lines = []
+    for page in range(3):
+        lines += [title.format(p=page + 1), above, ";".join(["Angle [deg];Reading [um]"] * 3)]
+        for k in range(24 * page, 24 * page + 24):
+            lines.append(";".join(pairs_of(k)))
+    return {"pages.csv": "\n".join([*lines, ""]).encode()}
+
+
+def parts_beside() -> dict[str, bytes]:
+    """Return one file for each circle, with three parts of the circle beside each other."""
+    files = {}
+    for circle in TRUTH:
+        lines = [",".join([HEADER] * 3)]
+        for k in range(24):
+            cells: list[str] = []
+            for part in range(3):
+                cells += [str(cell) for cell in field.plain(circle, 24 * part + k)]
+            lines.append(",".join(cells))
+        files[f"{circle.force_N:g}N.csv"] = "\n".join([*lines, ""]).encode()
+    return files
+
+
+def page_cases() -> dict[str, FieldCase]:
+    """Return printouts of several pages, and circles whose parts stand beside each other."""
+    titles = (
+        "Kreisformtest, Seite {p} von 3",
+        "Report 7;;;;Page {p};",
+        "Table 1, printed 10:1{p}:00",
+    )
+    cases = {}
+    for number, title in enumerate(titles):
+        cases[f"pages_{number}"] = FieldCase(
+            "pages",
+            f"{title!r} and the header on each page",
+            pages(title, "100 N;;300 N;;600 N;"),
+            told="the table goes on below them",
+        )
+    cases["parts_beside"] = FieldCase(
+        "pages",
+        "parts of one circle beside each other",
+        parts_beside(),
+        refusal="Put all pairs below each other in one pair of columns",
+        mended=field.texts(HEADER),
     )
     return cases
