@@ -92,11 +92,11 @@ class Conformity(Result):
     sd: float  #: standard uncertainty of the quantity: its posterior standard deviation
     #: probability of conformance: the probability that the quantity lies between its limits
     probability: float
-    #: guard band: least distance between a limit and the estimate of a normally distributed
+    #: guard band: minimum distance between a limit and the estimate of a normally distributed
     #: quantity at which a decision is made. For conformance, the estimate lies inside the limit;
     #: for non-conformance, it lies outside.
     guard_band: float
-    #: least probability of conformance, or of non-conformance, at which a decision is made
+    #: minimum probability of conformance, or of non-conformance, at which a decision is made
     confidence: float
     decision: Decision  #: decision by ISO 14253-1
 
@@ -146,7 +146,7 @@ def assess_conformity(
         of the smallest force tested to 1.5 times the largest. Default: the model's reference force,
         at which the compliance C(F) is the parameter C.
     confidence : float
-        Least probability of conformance, or of non-conformance, at which a decision is made,
+        Minimum probability of conformance, or of non-conformance, at which a decision is made,
         between 0.5 and 1.
 
     Returns
@@ -295,7 +295,7 @@ def _decide_by_draws(
 
     ``stated`` holds the draws of the quantity, in ``unit``, and ``tolerance`` its limits. If too
     few draws lie on one side of a limit, the probability of that side is taken from a normal
-    distribution; see `_tail_probability`. ``confidence`` is the least probability at which a
+    distribution; see `_tail_probability`. ``confidence`` is the minimum probability at which a
     decision is made.
     """
     draws = stated.values
@@ -342,7 +342,7 @@ def normal_conformity(
 ) -> Conformity:
     """Return the decision on the conformity of a quantity with a normal distribution.
 
-    ``mean``, ``sd`` and the limits of ``tolerance`` are in ``unit``. ``confidence`` is the least
+    ``mean``, ``sd`` and the limits of ``tolerance`` are in ``unit``. ``confidence`` is the minimum
     probability at which a decision is made.
     """
     probability = _normal_probability(mean, sd, tolerance.ends)
@@ -368,7 +368,7 @@ def stiffness_conformity(
 
     ``unit`` is the unit of the stiffness and of the limits of ``tolerance``. ``compliance_mean``
     and ``compliance_sd``, mean and standard deviation of the compliance, are in the inverse of this
-    unit. ``confidence`` is the least probability at which a decision is made.
+    unit. ``confidence`` is the minimum probability at which a decision is made.
     """
     lowest_stiffness, highest_stiffness = tolerance.ends
     lowest_compliance = -np.inf
@@ -406,7 +406,7 @@ def _decide(
 ) -> Conformity:
     """Return the decision on conformity with a tolerance, for a given probability of conformance.
 
-    ``probability`` is the probability of conformance, and ``confidence`` the least probability at
+    ``probability`` is the probability of conformance, and ``confidence`` the minimum probability at
     which a decision is made. ``mean`` and ``sd`` are the posterior mean and standard deviation of
     the quantity, in ``unit``. ``force`` is the force at which the quantity is stated [N].
     """

@@ -210,8 +210,8 @@ class DirectionalStiffness(Result):
         Columns are plane, force_N, quantity, unit, mean, sd, U_k2, median, ci_low, ci_high and
         is_determined. Directions are in degrees. If three planes were tested, there are also rows
         of principal stiffnesses, with the plane XYZ. Columns x, y and z then hold the components of
-        the axis' unit vector. Column cone_deg holds the half angle of a cone about this vector; the
-        cone contains the true axis with the probability of the intervals.
+        a unit vector along the axis. Column cone_deg holds the half angle of a cone about this
+        vector; the cone contains the true axis with the probability of the intervals.
         """
         rows = []
         for plane in self.planes:
@@ -550,8 +550,8 @@ def _principal_stiffness(
 def _stated_stiffness(compliance: Array, prob: float) -> StatedValue:
     """Return the stiffness: the inverse of a compliance, whose posterior draws are given [mm/N].
 
-    If the compliance may be nearly zero, the result states that only the lower end of the
-    stiffness' interval is determined. ``prob`` is the probability of the interval.
+    If the compliance may be nearly zero, the result states that only the lower end of the interval
+    of the stiffness is determined. ``prob`` is the probability of the interval.
     """
     return _stated("N/mm", _inverse(compliance), prob, _hardly_positive(compliance, prob))
 

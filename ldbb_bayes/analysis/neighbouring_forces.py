@@ -97,8 +97,8 @@ def local_fits(
     """
     check_comparable(model, campaign)
     check_probability(prob)
-    # The model term that gives each circle its own scale of scatter is left out, because two
-    # circles do not show which of them scatters more.
+    # The model term that gives each circle its own scale of scatter is left out, because the
+    # readings of only two circles do not show which circle scatters more.
     constant = model.with_degree(0).without("circle-scale")
     all_tests = constant.bind(campaign)
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])

@@ -40,7 +40,7 @@ __all__ = ["FALSE_ALARMS", "JudgedTest", "find_outlying_tests", "judge_circle", 
 
 # Family-wise error: probability that any test of a campaign is flagged although all tests agree.
 FALSE_ALARMS = 0.02
-# Least number of replicates (simulated circles) that each test is compared with.
+# Minimum number of replicates (simulated circles) that each test is compared with.
 _REPLICATES = 20_000
 # In a campaign of n tests, each test is compared with at least n times this number of replicates
 # (simulated circles). More tests need more replicates, because Holm's method then flags only tests

@@ -185,10 +185,10 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 def _with_times(campaign: Campaign) -> Campaign:
     """Return a campaign with times of its tests, so that a repetition can have the same times.
 
-    If a campaign states no times, drift is computed from the order of the tests. In this case, each
-    test gets a time in proportion to its position in the list. A repetition of the tests then has
-    the same times as the tests themselves, so that drift is measured from the same mean time with
-    and without the repetition. Any other campaign is returned unchanged.
+    If the campaign states no times, and drift is therefore computed from the order of the tests,
+    each test gets a time in proportion to its position in the list. A repetition of the tests then
+    has the same times as the tests themselves, so that drift is measured from the same mean time
+    with and without the repetition. Any other campaign is returned unchanged.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign

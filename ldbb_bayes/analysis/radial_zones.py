@@ -12,7 +12,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Zone", "least_squares_zone", "minimum_zone_width"]
 
-# Least number of angles from which a circle is computed: three points determine its centre and
+# Minimum number of angles from which a circle is computed: three points determine its centre and
 # radius.
 _FEWEST_ANGLES = 3
 

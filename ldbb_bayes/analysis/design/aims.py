@@ -103,7 +103,7 @@ class SlopesAim:
 
     #: indices of the slopes (changes of compliance with force) in the list of parameters
     columns: Sequence[int]
-    threshold: float  #: least absolute log Bayes factor that is enough for a decision [nat]
+    threshold: float  #: minimum absolute log Bayes factor that is enough for a decision [nat]
     is_reached: bool  #: whether the aim is already reached
 
     def distance(self, covariance: Array) -> Array:

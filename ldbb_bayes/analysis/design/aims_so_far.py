@@ -43,9 +43,9 @@ _NODES = 16
 # hyper-parameters over which the posterior means and standard deviations of the parameters are
 # averaged.
 _DRAWS = 1024
-# Least distance between an estimate and a tolerance limit, in present standard uncertainties. When
-# the next circle is chosen, a smaller distance is replaced by this distance. Otherwise, no campaign
-# would be long enough for a decision if the estimate were exactly at the limit.
+# Minimum distance between an estimate and a tolerance limit, in present standard uncertainties.
+# When the next circle is chosen, a smaller distance is replaced by this distance. Otherwise, no
+# campaign would be long enough for a decision if the estimate were exactly at the limit.
 _LEAST_DISTANCE = 0.2
 # Smallest target for a standard uncertainty, as a fraction of the present standard uncertainty. A
 # smaller target is replaced by this fraction. Without this limit, a goal in percent of a parameter
@@ -191,8 +191,8 @@ def goal_states(
 
     The keys of the result are the names of the goals' parameters. ``known`` is the posterior given
     the circles run so far. ``covariance``, shape (K, p, p), are the present covariances of the
-    parameters at K values of the hyper-parameters. ``confidence`` is the least probability at which
-    a goal counts as reached.
+    parameters at K values of the hyper-parameters. ``confidence`` is the minimum probability at
+    which a goal counts as reached.
     """
     states = {}
     for name, goal in goals.items():
@@ -252,8 +252,8 @@ def tolerance_states(
     linear function of the parameters. This function is fitted to the draws in ``posterior``.
     ``tolerances`` holds the tolerance of each quantity. ``known`` is the posterior given the
     circles run so far. ``covariance``, shape (K, p, p), are the covariances of the p parameters at
-    K values of the hyper-parameters. ``confidence`` is the least probability at which a decision is
-    made.
+    K values of the hyper-parameters. ``confidence`` is the minimum probability at which a decision
+    is made.
     """
     decisions = assess_conformity(posterior, tolerances, confidence=confidence)
     draws = quantity_draws(posterior, decisions)

@@ -437,9 +437,9 @@ def design(
         150.0}. The other names are "work ball G10", "tool ball G10", "mount" (its compliance),
         "force" and "angle".
     probability : float
-        With goals: least share of the possible machines on which all goals are to be met. Possible
-        machines are drawn from the posterior given the pilot's readings, or from the prior if the
-        pilot is a plan.
+        With goals: minimum share of the possible machines on which all goals are to be met.
+        Possible machines are drawn from the posterior given the pilot's readings, or from the prior
+        if the pilot is a plan.
 
     Returns
     -------

@@ -102,14 +102,14 @@ class CampaignFamily:
 
     @property
     def fewest_circles(self) -> int:
-        """Least number of circles of a campaign with all ball angles and radii of the family."""
+        """Minimum number of circles of a campaign with all ball angles and radii of the family."""
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
         return max(self._least_levels, kinds * len(space.clockings_deg))
 
     @property
     def _least_levels(self) -> int:
-        """Least number of different forces that a campaign of the family must have.
+        """Minimum number of different forces that a campaign of the family must have.
 
         One force is enough if the model's compliances do not depend on force, or if the campaign
         adds to tests that have already been run. In all other cases, two forces are needed.

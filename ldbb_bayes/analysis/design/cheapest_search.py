@@ -181,7 +181,7 @@ def find_cheapest(
     costs
         Costs of circles, set-ups and turns of the balls, and the longest machine time.
     probability
-        Least share of the possible machines on which all goals must be met.
+        Minimum share of the possible machines on which all goals must be met.
     number
         Largest number of campaigns to return.
 

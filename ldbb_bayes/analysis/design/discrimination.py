@@ -45,7 +45,7 @@ class Discrimination(Result):
     #: follow their posterior given these tests. If false, they are assumed to follow their prior,
     #: with standard deviations multiplied by ``size``.
     augmented: bool
-    #: least absolute value of the log Bayes factor of slopes over no slopes at which evidence is
+    #: minimum absolute value of the log Bayes factor of slopes over no slopes at which evidence is
     #: decisive [nat]
     threshold: float
     #: mean log Bayes factor of slopes over no slopes if there are slopes [nat]
@@ -96,7 +96,7 @@ def discrimination_of(
         Posterior of the slopes given the tests that have already been run, in units of the slopes'
         prior standard deviations. Default: no tests have been run.
     threshold
-        Least absolute value of ln B at which evidence is decisive [nat].
+        Minimum absolute value of ln B at which evidence is decisive [nat].
     seed
         Seed of the quasi-random numbers.
 

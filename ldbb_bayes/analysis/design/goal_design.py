@@ -162,7 +162,7 @@ class GoalDesign(Result):
     """
 
     goals: dict[str, StatedGoal]  #: goals; the keys are the names of the parameters
-    probability: float  #: least share of the possible machines on which all goals are to be met
+    probability: float  #: minimum share of the possible machines on which all goals are to be met
     costs: Costs  #: costs of circles, set-ups, turns of the balls and machine time
     #: campaigns that reach the goals, the cheapest first. Goals that are already met, and goals in
     #: ``unreachable``, are left out. Empty if all goals are already met, or if no campaign reaches
@@ -328,8 +328,8 @@ def _describe(
     ``needed`` are the goals that are not met. ``known`` are all goals, with the present estimates
     and uncertainties of their parameters. The keys of both dictionaries are the names of the
     parameters. ``space`` holds the circles to choose from, and ``offers`` are the certificates that
-    could be bought. ``probability`` is the least share of the possible machines on which all goals
-    are to be met.
+    could be bought. ``probability`` is the minimum share of the possible machines on which all
+    goals are to be met.
     """
     plans: tuple[GoalPlan, ...] = ()
     customary: tuple[CustomaryPlan, ...] = ()

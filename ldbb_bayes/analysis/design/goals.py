@@ -99,7 +99,7 @@ class Goal(Result):
 
 
 def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dict[str, Goal]:
-    """Check goals, and return them with the names of the parameters as keys.
+    """Read and check goals, and return them with the names of the parameters as keys.
 
     Parameters
     ----------

@@ -113,7 +113,7 @@ class NextCircle(Result):
     """
 
     circles: int  #: number of circles run so far
-    confidence: float  #: least probability at which an aim counts as reached
+    confidence: float  #: minimum probability at which an aim counts as reached
     #: uncertainty of each parameter that has a goal, compared with the goal; the keys are the names
     #: of the parameters
     goals: dict[str, GoalSoFar]
@@ -184,7 +184,7 @@ def next_circle(
     directions : sequence of {"CW", "CCW"}
         Directions of travel to choose from. Default: the directions in the campaign.
     confidence : float
-        Least probability at which an aim counts as reached, between 0.5 and 1.
+        Minimum probability at which an aim counts as reached, between 0.5 and 1.
     seed : int
         Seed of the random numbers.
 
@@ -281,7 +281,7 @@ def _aims_of(
 
 
 def _read_goals(goals: Mapping[str, str | Goal], space: Space) -> dict[str, Goal]:
-    """Check goals, and return them with the names of the parameters as keys."""
+    """Read and check goals, and return them with the names of the parameters as keys."""
     if not goals:
         return {}
     return goals_in(space.bound, goals)
@@ -298,8 +298,8 @@ def _states_of_tolerances(
 
     The keys are the names of the quantities with tolerances. ``space`` holds the model and the
     campaign, and ``known`` is the posterior given the circles run so far. ``before`` are the
-    covariances of the parameters before the next circle. ``confidence`` is the least probability at
-    which a decision is made. The decisions need posterior draws, which take time; without
+    covariances of the parameters before the next circle. ``confidence`` is the minimum probability
+    at which a decision is made. The decisions need posterior draws, which take time; without
     tolerances, no draws are made.
     """
     if not tolerances:
@@ -445,7 +445,7 @@ class _ModelOdds:
     columns: list[int]
     log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
     error: float  # numerical error of the log Bayes factor [nat]
-    threshold: float  # least absolute log Bayes factor that is enough for a decision [nat]
+    threshold: float  # minimum absolute log Bayes factor that is enough for a decision [nat]
 
     @classmethod
     def of(
@@ -455,7 +455,7 @@ class _ModelOdds:
 
         The odds are averaged over alternative explanations of an apparent change of compliance with
         force. ``known`` is the posterior given the circles run so far. ``evidences`` computes the
-        evidences of the two models. ``confidence`` is the least probability that is enough for a
+        evidences of the two models. ``confidence`` is the minimum probability that is enough for a
         decision.
         """
         parameters = known.bound.parameters

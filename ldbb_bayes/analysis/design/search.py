@@ -236,7 +236,7 @@ class Search:
 
     objective: Objective
     forces_N: Array  #: force of each candidate [N], shape (candidates,)
-    levels: int  #: least number of different forces that a design must have
+    levels: int  #: minimum number of different forces that a design must have
     seed: int
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
