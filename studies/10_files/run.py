@@ -19,10 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from typer.testing import CliRunner, Result
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli import app
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
@@ -31,6 +29,7 @@ import field_files
 import field_programs
 import field_words
 import malformed
+from command_line import Ended, run_command
 from study import Study, run
 
 
@@ -39,9 +38,7 @@ def imported(folder: Path, case: awkward.Case) -> dict[str, Any]:
     for name, content in case.files.items():
         (folder / name).write_bytes(content)
     files = [str(folder / name) for name in case.files]
-    done = CliRunner().invoke(
-        app, ["import", *files, "--out", str(folder / "campaign"), *case.options]
-    )
+    done = run_command(["import", *files, "--out", str(folder / "campaign"), *case.options])
     if done.exit_code:
         sys.exit(f"10_files: {case.what}: {done.output}")
     off: dict[str, list[float]] = {"angle_deg": [], "reading_um": [], "force_N": []}
@@ -71,8 +68,8 @@ def refused(folder: Path, case: malformed.Malformed) -> dict[str, Any]:
     written."""
     (folder / case.file).write_bytes(case.content)
     start = time.perf_counter()
-    done = CliRunner().invoke(
-        app, ["import", str(folder / case.file), "--out", str(folder / "campaign"), *case.options]
+    done = run_command(
+        ["import", str(folder / case.file), "--out", str(folder / "campaign"), *case.options]
     )
     said = " ".join(done.output.split()).replace(f"{folder}/", "").removeprefix("ldbb-bayes: ")
     return {
@@ -117,10 +114,10 @@ def from_the_field(folder: Path, case: field_files.FieldCase) -> dict[str, Any]:
     }
 
 
-def import_files(folder: Path, options: list[str]) -> Result:
+def import_files(folder: Path, options: list[str]) -> Ended:
     """Import all files of a folder by the command."""
     files = sorted(str(path) for path in (folder / "files").iterdir())
-    return CliRunner().invoke(app, ["import", *files, "--out", str(folder / "campaign"), *options])
+    return run_command(["import", *files, "--out", str(folder / "campaign"), *options])
 
 
 def measure() -> dict[str, Any]:

@@ -14,6 +14,7 @@ import argparse
 import dataclasses
 import html
 import json
+import os
 import re
 import shutil
 import sys
@@ -23,16 +24,18 @@ from collections.abc import Callable, Mapping
 from contextlib import chdir
 from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
 from differences import Difference, Rule, compact, condensed, differences
 from threadpoolctl import threadpool_limits
-from typer.testing import CliRunner
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli import app
+
+if TYPE_CHECKING:
+    from command_line import Ended
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -60,14 +63,6 @@ _WITH_MODEL = {"batch", "compare", "design", "fit", "identify", "simulate", "val
 _FEW_NUISANCES = ("--without", "discrepancy,hysteresis,setup-shift")
 
 
-class Ended(NamedTuple):
-    """How a command ended, and what it printed."""
-
-    code: int
-    stdout: str
-    stderr: str
-
-
 class Work:
     """A folder with the campaigns, and what several goldens need, made when it is first asked
     for."""
@@ -93,29 +88,29 @@ class Work:
     def command(self, *arguments: object) -> Ended:
         """Exit code and what is printed; in the folder, its paths relative: how long they are must
         not break lines elsewhere."""
-        with chdir(self.folder):
+        from command_line import run_command
+
+        terminal = {"COLUMNS": "120", "TERM": "dumb", "NO_COLOR": "1"}
+        with chdir(self.folder), patch.dict(os.environ, terminal):
             words = [str(pattern).removeprefix(f"{self.folder}/") for pattern in arguments]
             if words[0] in _WITH_MODEL and "--preset" not in words:
                 words += ["--preset", "first"]
-            ended = CliRunner().invoke(
-                app, words, env={"COLUMNS": "120", "TERM": "dumb", "NO_COLOR": "1"}
-            )
-        return Ended(ended.exit_code, ended.stdout, ended.stderr)
+            return run_command(words)
 
     def run(self, *arguments: object) -> dict[str, Any]:
         """Exit code, and the text or the JSON that a command prints, without the place and the time
         of this run."""
         ended = self.command(*arguments)
         if "--json" in arguments and ended.stdout:
-            return {"code": ended.code} | self.cleaned(json.loads(ended.stdout))
+            return {"code": ended.exit_code} | self.cleaned(json.loads(ended.stdout))
         printed = {"stdout": self.text(ended.stdout), "stderr": self.text(ended.stderr)}
-        return {"code": ended.code} | {key: lines for key, lines in printed.items() if lines}
+        return {"code": ended.exit_code} | {key: lines for key, lines in printed.items() if lines}
 
     def written(self, out: Path, *arguments: object) -> Path:
         """The folder that a command writes."""
         ended = self.command(*arguments, "--out", out, "--quiet")
         if not out.is_dir():
-            raise RuntimeError(f"{arguments[0]} ended with code {ended.code}: {ended.stderr}")
+            raise RuntimeError(f"{arguments[0]} ended with code {ended.exit_code}: {ended.stderr}")
         return out
 
     def _fitted(self, name: str) -> Path:
@@ -307,7 +302,7 @@ def _import_malformed(work: Work) -> Any:
         message = " ".join((ended.stdout + ended.stderr).split())
         message = message.replace(f"{folder.relative_to(work.folder)}/", "")
         records[name] = {
-            "code": ended.code,
+            "code": ended.exit_code,
             "message": message,
             "written": sorted({p.name for p in folder.iterdir()} - {case.file}),
         }

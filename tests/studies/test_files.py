@@ -14,17 +14,16 @@ import malformed
 import numpy as np
 import pytest
 from campaigns import cases, written
-from typer.testing import CliRunner, Result
+from command_line import Ended, run_command
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli import app
 from ldbb_bayes.errors import LONGEST_MESSAGE
 
 
 def imported(folder: Path, case: awkward.Case, out: str, *options: str) -> lb.Campaign:
     files = map(str, written(folder, case.files))
     arguments = ["import", *files, "--out", str(folder / out), *options]
-    result = CliRunner().invoke(app, arguments)
+    result = run_command(arguments)
     assert result.exit_code == 0, result.output
     return lb.read_campaign(folder / out)
 
@@ -76,10 +75,8 @@ def test_the_cure_that_is_named_works(name: str, tmp_path: Path) -> None:
     path = tmp_path / case.file
     path.write_bytes(case.content)
 
-    def import_it(*options: str) -> Result:
-        return CliRunner().invoke(
-            app, ["import", str(path), "--out", str(tmp_path / "c"), *options]
-        )
+    def import_it(*options: str) -> Ended:
+        return run_command(["import", str(path), "--out", str(tmp_path / "c"), *options])
 
     message = import_it(*case.options).output
     if name in CURES:
