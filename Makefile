@@ -23,18 +23,19 @@ test: $(VENV)/.test
 
 # What a reader sees must not hang on the processor: words and goldens on other kernels of OpenBLAS.
 test-golden: $(VENV)/.test
-	OPENBLAS_CORETYPE=$(CORETYPE) $(BIN)/python -m pytest -n 2 -m "golden and not slow"
+	OPENBLAS_CORETYPE=$(CORETYPE) $(BIN)/python -m pytest -n 2 -m "golden and not slow" tests/test_goldens.py
 
 # The long goldens are of one kernel of OpenBLAS: steps of a quadrature differ between kernels by less than its stated error.
 test-slow: $(VENV)/.dev
-	$(BIN)/python -m pytest -m "slow and not golden" -n 2
-	OPENBLAS_CORETYPE=Haswell $(BIN)/python -m pytest -m "slow and golden" -n 2
+	$(BIN)/python -m pytest -m "slow and not golden" -n 2 --dist worksteal
+	OPENBLAS_CORETYPE=Haswell $(BIN)/python -m pytest -m "slow and golden" -n 2 --dist worksteal tests/test_goldens.py
 
 studies: $(VENV)/.dev
 	$(BIN)/python studies --at-once 2 $(if $(QUICK),--quick --workers 1)
 
+# In DOCS_SECONDS, where a limit is given.
 docs: $(VENV)/.docs
-	$(BIN)/python -m sphinx -W --keep-going -n -q -j 2 docs docs/_build
+	$(if $(DOCS_SECONDS),timeout $(DOCS_SECONDS)) $(BIN)/python -m sphinx -W --keep-going -n -q -j 2 docs docs/_build
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -3,6 +3,8 @@ them, and says how to)."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import make
 import pytest
 
@@ -25,6 +27,14 @@ def test_golden(name: str, work: make.Work) -> None:
     changes = make.check(name, make.make(name, work))
     listing = [f"{change.path}: {change.old!r} -> {change.new!r}" for change in changes[:20]]
     assert not changes, "\n".join(listing)
+
+
+def test_goldens_are_in_this_file_alone() -> None:
+    """`make test-golden` and `make test-slow` look for them here."""
+    mark = "pytest.mark." + "golden"
+    tests = Path(__file__).parent
+    files = [path.name for path in tests.rglob("*.py") if mark in path.read_text(encoding="utf-8")]
+    assert files == ["test_goldens.py"]
 
 
 def test_every_file_has_a_golden() -> None:
