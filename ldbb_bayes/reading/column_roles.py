@@ -194,11 +194,17 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
     return stated
 
 
+def _with_factor_apart(header: str) -> str:
+    """Return a header with a blank between factor and unit: ``Reading 0.1 um`` for 0.1um."""
+    joined = _FACTOR_AND_UNIT.search(header)
+    if joined is None or unit_named(joined["unit"]) not in UNITS["reading"]:
+        return header
+    return f"{header[: joined.start('unit')]} {joined['unit']}"
+
+
 def _unit_at_end(header: str) -> Header:
     """Return name and unit of a header that ends with its unit, such as ``reading_um``."""
-    joined = _FACTOR_AND_UNIT.search(header)
-    if joined is not None and unit_named(joined["unit"]) in UNITS["reading"]:
-        header = f"{header[: joined.start('unit')]} {joined['unit']}"
+    header = _with_factor_apart(header)
     match = _UNIT_AT_END.fullmatch(header)
     if not match:
         return Header(header, "")
@@ -355,7 +361,7 @@ def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list
     names = list(headers)
     for column, header in enumerate(headers):
         texts = [header[:LONGEST_NAME]]
-        texts += [f"[{unit}]" for unit in units[column : column + 1]]
+        texts += [f"{texts[0]} [{unit}]" for unit in units[column : column + 1]]
         is_temperature = any(_TEMPERATURE.search(text) for text in texts)
         if partner_of_units(header) or is_temperature:
             names[column] = ""

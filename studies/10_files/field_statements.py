@@ -148,6 +148,13 @@ def temperature_cases() -> dict[str, FieldCase]:
     kind = "temperatures beside times"
     options = ("--direction", "CCW", "--feed-mm-per-min", "2000")
     cases = {}
+    for number, header in enumerate(("angle_C;Reading [um]", "theta (C);Reading [um]")):
+        cases[f"angle_of_axis_{number}"] = FieldCase(
+            "angles of the C axis",
+            f"a header '{header}'",
+            field.texts(header, separator=";"),
+            options=("--angle-unit", "deg"),
+        )
     for number, name in enumerate(("T [°C]", "T_amb (°C)", "T/°C", "T [K]", "T_C", "Temperatur")):
         files = field.texts(f"t [s];{name};Reading [um]", beside_temperature, separator=";")
         told = f"columns not used: {name}"
