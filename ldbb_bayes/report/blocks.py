@@ -140,8 +140,8 @@ class ReportSheet:
     blocks
         Content of the sheet from top to bottom.
     scale
-        Factor by which all letters are scaled. It is less than 1 if the text would otherwise not
-        fit on the page.
+        Factor by which all font sizes are scaled. It is less than 1 if the content would otherwise
+        not fit on the page.
     """
 
     key: str

@@ -1,6 +1,6 @@
 """Conversion of the certificate's sheets to a PDF of A4 pages, with the library fpdf2.
 
-Lengths are in millimetres, sizes of letters in points, greys from 0 (black) to 255 (white).
+Lengths are in millimetres, font sizes in points, and grey levels from 0 (black) to 255 (white).
 """
 
 from __future__ import annotations
@@ -42,22 +42,23 @@ _ROW_GAP = 4.0  # distance between two figures side by side [mm]
 _BULLET_WIDTH = 4.0  # width of the space for the bullet before an item of a list [mm]
 _DPI = 300.0
 _MM_PER_INCH = 25.4
-_LINE_HEIGHT = 0.46  # height of a line of text, divided by the size of its letters [mm per point]
+_LINE_HEIGHT = 0.46  # height of a line of text, divided by the font size [mm per point]
 _INK = 0  # grey level of text, from 0 (black) to 255 (white)
 _SOFT_INK = 85  # grey level of notes, captions and names of fields, from 0 (black) to 255 (white)
 _RULE = 150  # grey level of the lines of tables and fields, from 0 (black) to 255 (white)
-# Grey levels, from 0 (black) to 255 (white), of the background and of the letters of a banner. The
-# keys are the kinds of banners.
+# Grey levels, from 0 (black) to 255 (white), of a banner's background and text. The keys are the
+# kinds of banners.
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
-_MOST_ATTEMPTS = 8  # largest number of times that letters are reduced to make a sheet fit its page
-# The height of a text is proportional to this power of the size of its letters. With larger
-# letters, each line is higher, and the text has more lines.
+# largest number of times that the font size is reduced to make a sheet fit its page
+_MOST_ATTEMPTS = 8
+# The height of a text is proportional to this power of the font size. With a larger font, each line
+# is higher, and the text has more lines.
 _POWER_OF_TEXT = 2.0
-# The height of a figure is proportional to this power of the size of the letters.
+# The height of a figure is proportional to this power of the font size.
 _POWER_OF_FIGURES = 1.0
-# Whenever the letters are made smaller, their new size is chosen to leave this height empty at the
-# bottom of the page [mm]. The sheet then usually fits even if the lines are broken differently than
+# Whenever the font size is reduced, the new size is chosen to leave this height empty at the bottom
+# of the page [mm]. The sheet then usually fits even if the lines are broken differently than
 # expected.
 _SPARE_HEIGHT = 1.0
 
@@ -87,20 +88,20 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
 
 
 def fit_to_page(sheet: ReportSheet) -> ReportSheet:
-    """Return a copy of a sheet whose letters are small enough for the sheet to fit on one page.
+    """Return a copy of a sheet whose font size is small enough for the sheet to fit on one page.
 
-    The letters are reduced at most 8 times. After that, a very long sheet may still exceed its
+    The font size is reduced at most 8 times. After that, a very long sheet may still exceed its
     page.
 
     Parameters
     ----------
     sheet
-        Sheet with letters of any size.
+        Sheet with any font size.
 
     Returns
     -------
     ReportSheet
-        The same sheet with smaller letters, or the given sheet if it already fits.
+        The same sheet with a smaller font size, or the given sheet if it already fits.
     """
     with _document() as pdf:
         height = _draw_sheet(pdf, sheet, pictures=False) - _TOP
@@ -117,14 +118,14 @@ def fit_to_page(sheet: ReportSheet) -> ReportSheet:
 
 
 def _power_of_height(height_ratio: float, size_ratio: float) -> float:
-    """Return the power p with which the height of a sheet depends on the size of its letters.
+    """Return the power p with which the height of a sheet depends on the font size.
 
-    The height is assumed to be proportional to size^p. The power is computed from the last
-    reduction of the letters: ``height_ratio`` is the new height of the sheet divided by its former
-    height, and ``size_ratio`` is the new size of the letters divided by their former size. The
-    power lies between 1 and 2, because the height of figures is proportional to the size of the
-    letters, and the height of texts to the square of this size. A result below 1 is therefore
-    replaced by 1, and a result above 2 by 2.
+    The height is assumed to be proportional to size^p, where size is the font size. The power is
+    computed from the last reduction of the font size: ``height_ratio`` is the new height of the
+    sheet divided by its former height, and ``size_ratio`` is the new font size divided by the
+    former font size. The power lies between 1 and 2, because the height of figures is proportional
+    to the font size, and the height of texts to its square. A result below 1 is therefore replaced
+    by 1, and a result above 2 by 2.
     """
     power = math.log(height_ratio) / math.log(size_ratio)
     return min(max(power, _POWER_OF_FIGURES), _POWER_OF_TEXT)
@@ -164,8 +165,8 @@ def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> floa
 def _draw_block(pdf: FPDF, block: Block, scale: float, pictures: bool) -> None:
     """Draw one part of a sheet, such as a table, below the current position.
 
-    ``scale`` is the relative size of the letters. If ``pictures`` is false, the places of figures
-    are left empty.
+    ``scale`` is the relative font size. If ``pictures`` is false, the places of figures are left
+    empty.
     """
     if isinstance(block, str):
         _write(pdf, block, 7.2 * scale, grey=_SOFT_INK)
@@ -197,9 +198,9 @@ def _write(
 ) -> None:
     """Write a paragraph, and move the current position to the line below the paragraph.
 
-    ``size`` is the size of the letters [points], ``width`` the width of the paragraph [mm], and
-    ``grey`` the grey level of the letters from 0 (black) to 255 (white). If ``bold`` is true, the
-    letters are bold. ``options`` are passed to ``FPDF.multi_cell``.
+    ``size`` is the font size [points], ``width`` the width of the paragraph [mm], and ``grey`` the
+    grey level of the text from 0 (black) to 255 (white). If ``bold`` is true, the text is bold.
+    ``options`` are passed to ``FPDF.multi_cell``.
     """
     pdf.set_font("DejaVu", "B" if bold else "", size)
     pdf.set_text_color(grey)
@@ -217,7 +218,7 @@ def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:
 
 
 def _draw_items(pdf: FPDF, items: Items, scale: float) -> None:
-    """Draw a heading and a list of sentences; ``scale`` is the relative size of the letters."""
+    """Draw a heading and a list of sentences; ``scale`` is the relative font size."""
     _write(pdf, items.heading, 9.0 * scale, bold=True)
     for item in items.items:
         pdf.set_xy(_LEFT, pdf.y + 0.8 * scale)
@@ -262,7 +263,7 @@ _SECOND_COLUMN = _FieldColumn(_FIRST_COLUMN.next_left)
 def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
     """Draw form fields in two columns; each field has a name and, to its right, its text on a line.
 
-    ``scale`` is the relative size of the letters.
+    ``scale`` is the relative font size.
     """
     space = 0.7 * scale
     if fields.heading:
@@ -280,7 +281,7 @@ def _draw_field_row(
     """Draw one or two form fields side by side, with a line below the text of each field.
 
     ``entries`` holds the name and the text of each field. ``top`` is the position of the upper edge
-    of the fields [mm from the top of the page]. ``scale`` is the relative size of the letters.
+    of the fields [mm from the top of the page]. ``scale`` is the relative font size.
     """
     size = 7.8 * scale
     bottom = top
@@ -303,7 +304,7 @@ def _draw_field_row(
 
 
 def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
-    """Draw a table with its caption. ``scale`` is the relative size of the letters."""
+    """Draw a table with its caption. ``scale`` is the relative font size."""
     if table.caption:
         _write(pdf, table.caption, 9.0 * scale, bold=True)
         pdf.set_y(pdf.y + 0.8 * scale)
@@ -349,8 +350,8 @@ def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
 def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
     """Draw a figure with a list of sentences.
 
-    The list is below a wide figure, and beside any other figure. ``scale`` is the relative size of
-    the letters. If ``pictures`` is false, the figure's place is left empty.
+    The list is below a wide figure, and beside any other figure. ``scale`` is the relative font
+    size. If ``pictures`` is false, the figure's place is left empty.
     """
     top = pdf.y
     if pair.wide:
@@ -375,8 +376,8 @@ def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
 def _draw_row(pdf: FPDF, row: PictureRow, scale: float, pictures: bool) -> None:
     """Draw figures side by side, or one below the other if the first figure is wide.
 
-    ``scale`` is the relative size of the letters. If ``pictures`` is false, the places of the
-    figures are left empty.
+    ``scale`` is the relative font size. If ``pictures`` is false, the places of the figures are
+    left empty.
     """
     if row.stacked:
         for picture in row.pictures:

@@ -28,7 +28,7 @@ _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 class Picture:
     """A figure of the HTML page, with its name and its caption.
 
-    ``key`` is the name of the figure and of its file, without ending. Screen readers read the
+    ``key`` is the name of the figure and of its file, without extension. Screen readers read the
     caption to blind people.
     """
 

@@ -1,9 +1,10 @@
 """First sentences of the certificate's sheet 1. They state the results of a fit plainly.
 
 The sentences describe the machine under load, at most three findings, and the step that would help
-most. A finding is something to look at or to repair, and is stated with its probability. There are
-four kinds of findings: a softer axis in a plane, a compliance that changes with force, a difference
-between the two directions of travel (backlash or servo mismatch), and a squareness error.
+most. A finding is something on the machine to inspect or to repair, and is stated with its
+probability. There are four kinds of findings: a softer axis in a plane, a compliance that changes
+with force, a difference between the two directions of travel (backlash or servo mismatch), and a
+squareness error.
 """
 
 from __future__ import annotations
@@ -152,7 +153,7 @@ def _with_U(quantity: StatedQuantity, words: Words) -> str:
 
 
 def findings_of(numbers: SheetNumbers) -> tuple[Finding, ...]:
-    """Return at most three findings: things to look at or to repair, the most probable first.
+    """Return at most three findings: things to inspect or to repair, the most probable first.
 
     Parameters
     ----------

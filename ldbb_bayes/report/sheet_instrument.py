@@ -146,7 +146,7 @@ def _size(key: str, uncertainty: Uncertainty) -> str:
 def _certificate_name(findings: Findings, key: str) -> str:
     """Return the name, in brackets, of the certificate of a part of the instrument.
 
-    ``key`` names the part, such as ``bar``. The text is empty if the part has no certificate.
+    ``key`` names the part, such as ``bar``. The string is empty if the part has no certificate.
     """
     certificates = campaign_of(findings.posterior).instrument.certificates
     for name, certificate in certificates.items():

@@ -241,8 +241,8 @@ def _record_of_validation(result: Validation) -> dict[str, Any]:
 def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
     """Return a table of uncertainty budgets, decisions on conformity, or changes with force.
 
-    All ``results`` are of the same kind, one of these three. The keys of budgets are names of
-    parameters, the keys of decisions are names of quantities, and the keys of changes with force
+    All ``results`` are of the same kind, which is one of these three. The keys of budgets are names
+    of parameters, the keys of decisions are names of quantities, and the keys of changes with force
     are names of compliances. The table has one row for each result.
     """
     if all(isinstance(result, ChangeWithForce) for result in results.values()) and results:

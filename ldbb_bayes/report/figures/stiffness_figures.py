@@ -51,7 +51,7 @@ _COMPACT_SIZE = (3.4, 3.7)
 _WIDTHS = (1.0, 1.7)
 _RINGS = 4  # largest number of rings
 _TICKS_DEG = np.arange(0, 361, 45)
-# Sizes of the letters in the labels of directions and in the labels of rings [points].
+# Font sizes of the labels of directions and of the labels of rings [points].
 _DIRECTION_SIZE = 8
 _RING_SIZE = 7
 

@@ -27,7 +27,8 @@ __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 
 P = ParamSpec("P")
 
-# Width of a figure [inch]. At this width, its letters are legible on a screen 390 pixels wide.
+# Width of a figure [inch]. At this width, text in the figure is legible on a screen that is 390
+# pixels wide.
 WIDTH = 6.3
 #: Colours for lines and points. Colour-blind readers can distinguish them.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -118,8 +119,8 @@ def new_figure(width: float, height: float) -> Figure:
     >>> figure.get_size_inches().tolist()
     [6.3, 3.0]
     """
-    # The horizontal space between panels is larger than Matplotlib's default, because letters may
-    # be a little wider in a file with another resolution.
+    # The horizontal space between panels is larger than Matplotlib's default, because text may be a
+    # little wider in a file with another resolution.
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
 
 
