@@ -192,9 +192,10 @@ class EliminationPlan:
     def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
-        #: Index of the row of the workspace (the array of all matrix entries) that holds the entry
-        #: of columns i and j, shape (columns, columns + 1). The last element of row i is the index
-        #: for the right-hand side of column i. The index is −1 for entries that are not stored.
+        #: For each pair of columns i and j, the index of the row of the workspace (the array of all
+        #: matrix entries) that holds their matrix entry, shape (columns, columns + 1). The last
+        #: element of row i is the index for the right-hand side of column i. The index is −1 for
+        #: entries that are not stored.
         self.place = np.full((size, size + 1), -1, dtype=np.intp)
         start = 0
         for families in families_of_fronts:

@@ -79,7 +79,7 @@ class Gaussian(Shown):
         log_constant: Array | float = 0.0,
     ) -> None:
         # The attributes precision, shift and log_constant are cached properties of the class. The
-        # values assigned here take the place of values computed from mean and root.
+        # values assigned here are used instead of values computed from mean and root.
         self.precision = precision
         self.shift = shift
         self.log_constant = np.asarray(log_constant, dtype=float)

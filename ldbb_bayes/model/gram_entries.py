@@ -26,8 +26,8 @@ from ldbb_bayes.results import Array
 __all__ = ["EntryBlock", "GramEntries"]
 
 # Gram entries (scalar products of columns of the design matrix) are computed in blocks. A block is
-# stored as a dense matrix if at least this fraction of its entries is not zero. A dense product
-# takes a third of the time of a sparse product for each entry (measured).
+# stored as a dense matrix if at least this fraction of its entries is not zero. For each entry, a
+# dense product takes a third of the time of a sparse product (measured).
 _DENSE_SHARE = 0.35
 # A block of scalar products of columns is stored as a dense matrix only if each product with this
 # matrix uses at least this number of nonzero entries. With fewer entries, the function calls for

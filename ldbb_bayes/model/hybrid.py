@@ -450,7 +450,7 @@ class HybridModel(Result):
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
-        """Return this model bound to one campaign or plan, with all columns and priors as numbers.
+        """Return a `BoundModel`: this model with the columns and priors for one campaign or plan.
 
         The most recently bound models are kept in a cache, so that several analyses of one campaign
         use the same object. Raise an `InputError` if the campaign has too few different forces for
@@ -932,10 +932,10 @@ class BoundModel(Shown):
 
     @property
     def known_offset(self) -> Array:
-        """Nominal mount deflection that the readings contain, as Fourier coefficients [mm].
+        """Nominal deflection of the work ball's mount that is contained in the readings [mm].
 
-        The mount is that of the work ball. The coefficients have the shape (tests, 25), and are
-        zero if the readings are compensated for the mount.
+        The deflection is described by Fourier coefficients, shape (tests, 25). They are zero if the
+        readings are compensated for the deflection.
         """
         return nominal_mount_offset(self.setting)
 

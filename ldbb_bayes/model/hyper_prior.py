@@ -50,12 +50,11 @@ _SHAPE = 1.5
 _RATE = 1.5
 
 
-# Hyper-parameters that are used to carry values from one model to another if the first model lacks
-# a hyper-parameter. A key is a hyper-parameter that the first model may lack; its value is the
-# hyper-parameter that describes the same effect in the first model. Without clocking (turning a
-# ball in its socket between tests) and without certificates of the balls, a model lacks the scale ω
-# of the machine's pattern (geometric and cyclic errors of higher orders). The pattern is then part
-# of the balls' form, whose scale is τ.
+# Substitutes for hyper-parameters that another model may lack. They are needed when a model takes
+# the values of its hyper-parameters from another model. A model lacks the scale ω of the machine's
+# pattern (geometric and cyclic errors of higher orders) if no ball is clocked (turned in its socket
+# between tests) and no ball is certified. The pattern is then part of the balls' form, so that the
+# scale τ of the form replaces ω.
 _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 
 

@@ -29,8 +29,8 @@ __all__ = ["Information"]
 # readings. Singular values below this fraction of the largest singular value count as zero.
 _RANK_TOLERANCE = 1e-9
 # The precision (1 / variance) that the readings alone give to a coefficient is divided by the prior
-# precision of the coefficient. A ratio below this number is a rounding error; the readings then do
-# not depend on the coefficient.
+# precision of the coefficient. If the ratio is below this number, it counts as a rounding error,
+# and the readings count as independent of the coefficient.
 _ROUNDING = 1e-9
 
 

@@ -83,7 +83,7 @@ class _Batch(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of values of the hyper-parameters in the batch, without repetitions of the last.
+        """Number of values of the hyper-parameters in the batch, without repeated values.
 
         The last value is repeated to fill up the batch to a multiple of eight.
         """

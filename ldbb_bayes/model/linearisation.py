@@ -94,11 +94,11 @@ def linearise(
 
 
 def nominal_mount_offset(setting: Setting) -> Array:
-    """Return the nominal mount deflection that the readings contain, as Fourier coefficients [mm].
+    """Return the nominal deflection of the work ball's mount contained in the readings [mm].
 
-    ``setting`` describes the test conditions. The mount is that of the work ball; its nominal
-    deflection is proportional to the pressure. The result has shape (tests, 25), and is zero if the
-    readings are compensated for the mount (Eq. 32 of the paper).
+    The nominal deflection is proportional to the pressure (Eq. 32 of the paper). The result holds
+    Fourier coefficients, shape (tests, 25), which are zero if the readings are compensated for the
+    deflection. ``setting`` describes the test conditions.
     """
     nominal = 0.0 if setting.compensated else setting.deflection_um_per_bar * 1e-3
     return setting.constant(setting.pressure_bar * nominal)[:, :, 0]

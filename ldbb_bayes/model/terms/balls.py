@@ -27,7 +27,7 @@ __all__ = ["BallForm", "MachinePattern"]
 # error because it is the ball's radius, nor is order 1, which is the position of the ball's centre.
 _FORM_ORDERS = range(2, MAX_ORDER + 1)
 # Orders n of the harmonics cos nθ, sin nθ of the machine's pattern (geometric and cyclic errors of
-# higher orders). Orders below 4 are left to the other geometric errors of the model.
+# higher orders). Orders below 4 are described by the other geometric errors of the model.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
 # Hyper-parameter p (decay). The prior sds of the balls' form errors, and of the machine's errors of
 # higher orders, are proportional to n^(−p), where the order n is the number of waves around the
@@ -318,7 +318,7 @@ class BallForm(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return words for the harmonic, ball and plane of a coefficient of the balls' form.
+        """Return the harmonic, ball and plane of a coefficient of the balls' form in words.
 
         ``coefficient`` is the name of the coefficient. For example, the name work_form_cos2 gives
         `` in cos 2θ of the work ball``; reports append these words to the name of the term.
@@ -377,11 +377,11 @@ class MachinePattern(Term):
     These errors are called the machine's pattern; θ is the angle on the circle. The prior sd of
     each coefficient is ω (n/6)^(−p), with the hyper-parameters ω (scale at order 6) and p (decay
     with order, the same as for the form of the balls). The pattern is the same in all tests of one
-    plane, direction of travel and radius. A model has the term only if the clocking of a ball (the
-    angle by which it is turned in its socket) differs between tests, or if a certificate or grade
-    states the form of a ball. Form and pattern can then be separated, because the form turns with
-    the ball and the pattern does not, or because the form is known. Otherwise the form of the balls
-    in the model includes the pattern.
+    plane, direction of travel and radius. The term has an effect only if the clocking of a ball
+    (the angle by which it is turned in its socket) differs between tests, or if a certificate or
+    grade states the form of a ball. Form and pattern can then be separated, because the form turns
+    with the ball and the pattern does not, or because the form is known. Otherwise the form of the
+    balls in the model includes the pattern.
 
     Examples
     --------

@@ -328,7 +328,7 @@ class Term(Shown):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return words for the harmonic and the plane of a coefficient, such as `` in cos 2θ``.
+        """Return the harmonic and the plane of a coefficient in words, such as `` in cos 2θ``.
 
         The words are derived from ``coefficient``, the name of the coefficient. They are empty if
         the name contains no harmonic.

@@ -296,7 +296,7 @@ class Hysteresis(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return words for the harmonic of a coefficient of hysteresis, made from its name.
+        """Return the harmonic of a coefficient of hysteresis in words, made from its name.
 
         For example, hysteresis_force_cos2 gives `` in cos 2θ times force``. Reports append these
         words to the name of the term. If the coefficient's name contains a plane, the words name
