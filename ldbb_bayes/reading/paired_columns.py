@@ -82,8 +82,8 @@ def _check_whole_circles(sheet: Sheet, angles_of_tables: Sequence[Sequence[float
     first = angles_of_tables[0]
     second = angles_of_tables[1]
     raise InputError(
-        f"{sheet.place}: a pair of columns must hold a whole circle, got parts from {first[0]:g} and"
-        f" from {second[0]:g} on. Put all pairs below each other in one pair of"
+        f"{sheet.place}: a pair of columns must hold a whole circle, got parts from {first[0]:g}"
+        f" and from {second[0]:g} on. Put all pairs below each other in one pair of"
         " columns, in the order of the readings."
     )
 
