@@ -171,7 +171,7 @@ def _check_rows(path: Path, rows: Sequence[Row], width: int) -> None:
 def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
     """Return whether any cell in the columns of numbers contains a decimal point.
 
-    ``cells_by_name`` holds the cells of every column of the table, as texts.
+    ``cells_by_name`` holds the cells of every column of the table, as strings.
     """
     for name, cells in cells_by_name.items():
         if name not in _TEXT_COLUMNS and any("." in cell for cell in cells):
