@@ -1,4 +1,4 @@
-"""Dates in lines of foreign files. Months are numbers, or words in English or German."""
+"""Conversion of dates to ISO 8601. Months may be numbers, or names in English or German."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from datetime import date
 
 __all__ = ["iso_date"]
 
-# First three letters of the English name of each month, and of the German name if it differs.
+# First three letters of the name of each month in English, and in German if they differ.
 _MONTHS = (
     "jan",
     "feb",
@@ -25,7 +25,7 @@ _MONTHS = (
 
 
 def iso_date(text: str) -> str:
-    """Return a date as text in ISO 8601; an empty string for a date that does not exist.
+    """Return a date as text in ISO 8601; an empty text if no such date exists.
 
     ``text`` is a date with the year in four digits, such as 2026-11-20, 20.11.2026, 20-Nov-2026 or
     November 20, 2026.

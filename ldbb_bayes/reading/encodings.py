@@ -1,4 +1,4 @@
-"""Encoding of a foreign text file, from its byte-order mark, its zero bytes or its words."""
+"""Detection of the encoding of a text file from its byte-order mark, zero bytes or words."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ __all__ = ["encoding_of"]
 # Number of bytes at the beginning of a text file that are searched for zeros. Many zeros show that
 # the encoding is UTF-16.
 _HEAD_BYTES = 4096
-# A text file is taken for UTF-16, which has two bytes for each character, if many of the first or
-# many of the second bytes of the characters are zero. "Many" is more than this fraction of all
-# examined bytes.
+# UTF-16 stores most characters in two bytes; for ASCII characters, one of the two bytes is zero. A
+# text file is taken to be UTF-16 if the zeros among the first bytes of all characters, or among the
+# second bytes, are more than this fraction of all examined bytes.
 _SHARE_OF_ZEROS = 0.2
 # Encodings that are tried for a text that is not UTF-8, in order of preference: encodings for
 # Western Europe, Macintosh, Cyrillic, Greek, Central Europe, East Asia and MS-DOS.
@@ -46,11 +46,11 @@ _WORD = re.compile(r"[^\W\d_]+|[°µμ]+")
 def encoding_of(raw: bytes) -> str:
     """Return the encoding of a text file.
 
-    A byte-order mark or many zero bytes determine the encoding. Any other text is taken as UTF-8 if
-    it can be decoded as UTF-8. If it cannot, several encodings are tried, and the best is used: the
-    encoding in which the text has the most known words for columns and units. If no encoding gives
-    a known word, the guess of the library charset_normalizer is used, or Windows-1252 if the text
-    has few letters outside ASCII.
+    The encoding is UTF-8 or UTF-16 if a byte-order mark or many zero bytes show this. Any other
+    text is taken to be UTF-8 if it can be decoded as UTF-8. If it cannot, several encodings are
+    tried, and the encoding in which the text contains the most known words for columns and units is
+    used. If the text contains no known word in any of them, the guess of the library
+    charset_normalizer is used, or Windows-1252 if the text has few letters outside ASCII.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _guess_of_library(text: bytes) -> str:
 
 
 def _known_words() -> frozenset[str]:
-    """Return all words for columns and units that have letters outside ASCII."""
+    """Return the known words for columns and units, without words that are entirely ASCII."""
     words: set[str] = set()
     for role_words in ROLES.values():
         words.update(role_words)

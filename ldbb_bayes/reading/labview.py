@@ -10,8 +10,8 @@ __all__ = ["is_labview", "rows_of_labview"]
 
 _FIRST_WORDS = "LabVIEW Measurement"
 _END = "***End_of_Header***"
-# Labels of lines in the header that state something about the test. All other lines of the header
-# are left out.
+# Labels of the header lines that are kept because they may describe the test. All other lines of
+# the header are left out.
 _KEPT_LABELS = ("Operator", "Date", "Time", "Description", "Project")
 
 

@@ -14,9 +14,9 @@ from ldbb_bayes.results import Array
 __all__ = ["TURN_DEG", "angles_from_time", "average_laps", "direction_of_travel", "on_the_circle"]
 
 TURN_DEG = 360.0
-# Largest angle by which the angles of one test may run against its direction of travel [deg].
-# Overshoot and scatter of the angles are much smaller than this value. If the angles run back by
-# more, the bar was driven over the circle in both directions, and there are two tests.
+# Within one test, the bar may turn back, against the direction of travel, by at most this angle
+# [deg]. Overshoot and scatter of the angles are much smaller. If the bar turned back by more, it
+# was driven over the circle in both directions, and the readings belong to two tests.
 _LARGEST_RETREAT_DEG = 120.0
 
 
@@ -73,10 +73,10 @@ def angles_from_time(
 
 
 def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[np.bool_]:
-    """Return, for each reading of a test, whether it is on the circle.
+    """Return, for each reading of a test, whether it was recorded on the circle.
 
-    All other readings are in the run-in before the circle, where the machine accelerates, or in the
-    run-out after the circle, where the machine decelerates. The circle begins at ``start_deg`` and
+    All other readings belong to the run-in before the circle, where the machine accelerates, or to
+    the run-out after it, where the machine decelerates. The circle begins at ``start_deg`` and
     covers whole turns; the last reading of a turn may be missing. If the readings end before one
     turn is complete, all readings after the start are on the circle.
 
@@ -121,8 +121,8 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        If the angles change direction anywhere, even by a little, or if they cover fewer than two
-        whole laps. Equal successive angles do not count as a change of direction.
+        If the angles neither increase throughout nor decrease throughout, apart from equal
+        successive angles, or if they cover fewer than two whole laps.
     """
     is_new_angle = np.concatenate([[True], np.diff(angle_deg) != 0.0])
     angle_deg = angle_deg[is_new_angle]
@@ -160,8 +160,8 @@ def direction_of_travel(angle_deg: Array) -> str | None:
     Raises
     ------
     InputError
-        If the angles run more than 120° clockwise and also more than 120° counter-clockwise. The
-        readings then belong to two tests.
+        If the bar turns by more than 120° clockwise and also by more than 120° counter-clockwise.
+        The readings then belong to two tests.
     """
     largest_rise = float(np.max(angle_deg - np.minimum.accumulate(angle_deg)))
     largest_fall = float(np.max(np.maximum.accumulate(angle_deg) - angle_deg))

@@ -1,4 +1,4 @@
-"""Statements above a log over time: where the circle starts, and whether the feed is reduced.
+"""Statements above a log over time: start of the circle, and reduced or increased feed.
 
 A log over time is a table that holds times instead of angles.
 """
@@ -36,10 +36,10 @@ _TEXT_SHOWN = 60
 
 
 def check_feed_is_whole(recording: Recording) -> None:
-    """Raise an error if a line states that the feed was reduced or increased, such as to 50 %.
+    """Raise an error if a line states that the feed was, for example, reduced to 50 %.
 
-    ``recording`` holds the rows of the test in its file, and all statements about the test. Nothing
-    is raised if the user states the feed, or if the table has angles.
+    No error is raised if the user states the feed, or if the table holds angles. ``recording``
+    holds the rows of the test in its file, and all statements about the test.
     """
     if recording.stated_value("feed_mm_per_min") is not None or "angle" in recording.numbers:
         return
@@ -58,7 +58,8 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
     Parameters
     ----------
     recording
-        Rows of the test in the file, and all statements about the test. The axis is noted.
+        Rows of the test in the file, and all statements about the test. The axis is added to the
+        log of assumptions.
     plane
         Plane of the test, such as XY.
 
@@ -66,8 +67,8 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
     ------
     InputError
         If lines name different axes, if an axis lies outside the plane, or if a line states the
-        coordinates of the start. The error is also raised if a line says where angles begin,
-        because a table with times holds no angles.
+        coordinates of the starting point. The error is also raised if a line says that angles run
+        clockwise or do not begin at +X, because a table with times holds no angles.
     """
     axes: dict[str, str] = {}
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):

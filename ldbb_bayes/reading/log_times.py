@@ -16,9 +16,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["times_of_log"]
 
-# Earliest and latest time since 1970 [s] at which readings may have been recorded: the beginning of
-# the years 2000 and 2100. If a number, read in one of ``_STAMP_UNITS``, lies between these limits,
-# it is taken as a time since 1970 in this unit.
+# Earliest and latest time [s since 1970] at which readings may have been recorded: the beginning of
+# the years 2000 and 2100. If the first time in a table lies between these limits when it is read in
+# one of ``_STAMP_UNITS``, the numbers are taken to be times since 1970 in this unit.
 _FIRST_STAMP_S = 946_684_800.0
 _LAST_STAMP_S = 4_102_444_800.0
 # Units in which programs count the time since 1970.
@@ -33,11 +33,11 @@ _ROWS_SHOWN = 5
 
 
 def times_of_log(recording: Recording) -> Array:
-    """Return the increasing times of all readings of a table with times, shape (n,) [s].
+    """Return the times of all readings of a log over time, shape (n,) [s].
 
-    If the clock was set back and all other steps of time are nearly equal, the times are corrected
-    and the correction is noted. If there are gaps, the user must state whether the machine stood
-    still or moved on.
+    The times increase from reading to reading. If the clock was set back and all other time steps
+    are nearly equal, the times are corrected and the correction is noted. If there are gaps between
+    the times, the user must state whether the machine stood still or moved on during the gaps.
 
     Raises
     ------
@@ -76,12 +76,12 @@ def _usual_unit(raw: Array) -> tuple[str, str]:
 
 
 def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Array:
-    """Return the steps of time [s] with each step back replaced by the usual step.
+    """Return the time steps [s] with each negative step replaced by the usual step.
 
-    ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the median
-    step [s]. Raise an error if there are many steps back, or if the other steps are not nearly
-    equal. If the user states that the machine stood still in gaps, steps back are replaced in these
-    cases, too, and no error is raised.
+    A step is negative if the clock was set back. ``steps`` are the differences of successive times,
+    shape (n − 1,), and ``usual`` is the median of their absolute values [s]. Raise an error if many
+    steps are negative or if the positive steps are not nearly equal, unless the user states that
+    the machine stood still in gaps.
     """
     is_back = steps < 0.0
     if not is_back.any():
@@ -105,12 +105,13 @@ def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Arr
 
 
 def _without_gaps(recording: Recording, steps: Array, usual: float) -> Array:
-    """Return the steps of time [s] after replacing gaps in which the machine stood still.
+    """Return the time steps [s]; gaps in which the machine stood still become usual steps.
 
-    If the user states that the machine stood still in gaps, each gap is replaced by the usual step.
-    If the user states that the machine moved on, the steps are not changed. Raise an error for gaps
-    if the user does not state what the machine did. ``steps`` are the differences of successive
-    times, shape (n − 1,), and ``usual`` is the median step [s].
+    A gap is a step much longer than the usual step. If the user states that the machine stood still
+    in gaps, each gap is replaced by the usual step. If the user states that the machine moved on,
+    the steps are returned unchanged. If there are gaps and the user states neither, an error is
+    raised. ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the
+    usual step [s].
     """
     is_gap = steps > _LARGEST_GAP_STEPS * usual
     if not is_gap.any():

@@ -1,4 +1,4 @@
-"""Functions that remove readings from circular tests, in arcs or near reversal points of axes."""
+"""Functions that remove readings of a circular test in arcs, or near reversal points of axes."""
 
 from __future__ import annotations
 

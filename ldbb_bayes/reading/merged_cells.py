@@ -1,6 +1,6 @@
 """Merged cells above the header: one cell, such as ``100 N``, above several columns.
 
-A file states the text of merged cells in one of them, usually the first; the others are empty.
+In a file, only one of the merged cells, usually the first, holds the text. The others are empty.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ __all__ = ["with_merged_cells_filled"]
 
 
 def with_merged_cells_filled(row: Row, names: Sequence[str]) -> Row:
-    """Return a row above the header in which every cell has the text of its group of columns.
+    """Return a row above the header with the text of merged cells repeated in all their columns.
 
-    A group of columns is one of several tables beside each other, which begins at a column of
-    angles. If only the first column holds angles, a group begins at each filled cell of the row,
-    and all groups have equally many columns. A label, such as ``Force [N]``, may stand in the first
-    cell of the row. A row that does not have one text for each of several groups is returned
-    unchanged.
+    The columns form several groups, and the row must have exactly one text for each group. Each
+    group begins at a column of angles. If only the first column holds angles, each filled cell
+    after the first cell of the row begins a group, and all groups must have the same number of
+    columns. The first cell of the row may also be a label, such as ``Force [N]``. Any other row is
+    returned unchanged.
 
     Parameters
     ----------
@@ -50,9 +50,11 @@ def with_merged_cells_filled(row: Row, names: Sequence[str]) -> Row:
 
 
 def _starts_of_even_groups(cells: Sequence[str]) -> list[int]:
-    """Return the indices of the filled cells except the first cell, if they are evenly spaced.
+    """Return the indices of the cells that begin groups with the same number of columns.
 
-    The last group of columns must be as wide as the others. Return an empty list otherwise.
+    Each filled cell after the first cell begins a group of columns. Return an empty list if the
+    groups have different numbers of columns, if there are fewer than two groups, or if the second
+    cell is empty.
     """
     starts = [k for k, cell in enumerate(cells) if cell and k > 0]
     if len(starts) < 2 or starts[0] != 1:

@@ -1,4 +1,4 @@
-"""Conversion of texts to numbers and times: decimal marks, thousands, times of day."""
+"""Conversion of texts to numbers: decimal marks, thousands separators and times of day."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ __all__ = [
     "seconds_of",
 ]
 
-# Regular expression for a sign that separates thousands: a blank of any width, an apostrophe or an
-# underscore.
+# Regular expression for a character, other than comma and point, that separates thousands: a blank
+# of any width, an apostrophe or an underscore.
 _GAP = r"[ '’_\u00a0\u202f\u2009]"
 _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
 # Regular expression for a cell that is a number, with a decimal point or a decimal comma.
 _NUMBER_CELL = re.compile(
     rf"[+\-−–]?(?:\d{{1,3}}(?:{_GAP}\d{{3}})+(?:[.,]\d+)?|\d[\d.,]*{_EXPONENT}|[.,]\d+{_EXPONENT})"
 )
-# Regular expression for a number inside a text. Larger regular expressions contain this one.
+# Regular expression for a number inside a text. It is used within other regular expressions.
 NUMBER_IN_TEXT = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
 # Table that replaces minus signs and dashes by the hyphen, which Python reads as a minus sign.
 _MINUS_SIGNS = str.maketrans("−–", "--")
@@ -71,11 +71,11 @@ _MISSING = (
     "null",
     "none",
 )
-# Mark that may separate thousands in a number; the key is the decimal mark of the number.
+# Mark, comma or point, that may separate thousands; the keys are the decimal marks of the numbers.
 OTHER_MARK = {".": ",", ",": "."}
-# Largest plausible value of some quantities; the keys are their fields. A comma or point before
-# three digits may separate thousands only if the value would then not exceed this limit: 1,000 N
-# may be 1000 N, but 150.000 mm cannot be 150 000 mm.
+# Largest plausible value of a quantity; the keys are the names of the quantities. A comma or point
+# before three digits may separate thousands only if the resulting value does not exceed this limit:
+# 1,000 N may be 1000 N, but a radius of 150.000 mm cannot be 150 000 mm.
 _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
 
 
@@ -126,8 +126,8 @@ def may_be_thousands(key: str, text: str) -> bool:
 def _is_grouped(text: str, mark: str) -> bool:
     """Return whether a whole number has a mark before each group of three digits: 1,000,000.
 
-    ``mark`` is the regular expression for this mark. The number must not begin with a zero, because
-    0.310 is not a whole number with a mark between thousands.
+    ``mark`` is a regular expression for the mark. The number must not begin with a zero: in 0.310,
+    the point is a decimal mark.
     """
     return re.fullmatch(rf"[+\-]?[1-9]\d{{0,2}}(?:{mark}\d{{3}})+", text) is not None
 
@@ -135,14 +135,14 @@ def _is_grouped(text: str, mark: str) -> bool:
 def number(cell: str, decimal: str = ".") -> float:
     """Return the number in a cell, with ``decimal`` as the decimal mark.
 
-    Thousands may be separated by blanks or apostrophes. They may also be separated by commas, or by
-    points if the decimal mark is a comma.
+    Thousands may be separated by blanks, apostrophes or underscores. If the decimal mark is a
+    point, they may also be separated by commas; if it is a comma, by points.
 
     Raises
     ------
     ValueError
-        If the text is no number, such as nan, if the number is too large for the computer, such as
-        1e999, or if the number has a misplaced mark, such as 1,23.4.
+        If the text is not a number, as in nan, if the number is too large for the computer, as in
+        1e999, or if a separator of thousands is misplaced, as in 1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
     if not has_digit:  # Python would read nan as a number
@@ -172,9 +172,10 @@ def _finite_number(text: str) -> float:
 
 
 def number_in_text(text: str) -> float | None:
-    """Return the number that a text consists of; a comma or a point is its decimal mark.
+    """Return the number that a text consists of. The decimal mark may be a comma or a point.
 
-    Return None for a number that is too large for the computer, such as 1e999.
+    Return None if the text is not a number, or if the number is too large for the computer, such as
+    1e999.
     """
     decimal = "," if "," in text else "."
     try:
@@ -204,7 +205,7 @@ def numbers_in(
     Raises
     ------
     InputError
-        If a cell is no finite number. The message names the line of this cell.
+        If a cell is not a finite number. The message names the line of this cell.
     """
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
@@ -228,10 +229,9 @@ def numbers_in(
 def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
     """Return the decimal mark of a table; None if no cell has a comma or a point.
 
-    If a cell has both a comma and a point, the last mark in the cell is the decimal mark, and the
-    other mark separates thousands. Raise an `InputError` if cells show different decimal marks.
-    Also raise the error if no cell has both marks, but some cells have a comma and other cells have
-    a point.
+    In a cell with both a comma and a point, the last mark is the decimal mark, and the other mark
+    separates thousands. Raise an `InputError` if two cells show different decimal marks, or if no
+    cell has both marks, but some cells have a comma and others a point.
 
     Parameters
     ----------
@@ -279,18 +279,18 @@ class _ClockTime(NamedTuple):
 
     seconds: float  # seconds since midnight, or since the full hour if the cell states no hours
     has_hours: bool
-    day: int | None  # number of the day in a calendar; None without a date
+    day: int | None  # date as a number of days (see `date.toordinal`); None without a date
     zone_s: float | None  # local time minus UTC [s]; None without a time zone
 
 
 def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
     """Return the times of day in n cells as seconds, shape (n,) [s].
 
-    If the cells state time zones, all times are converted to the zone of the first cell, so that a
-    change of the clocks causes no jump of the times. If all cells state a date such as 2026-10-25,
-    whole days are added to the times. Without dates, the seconds continue to increase after
-    midnight. If the cells state only minutes and seconds, the seconds continue to increase after
-    each full hour.
+    If the cells state time zones, all times are converted to the zone of the first cell, so that
+    the beginning or end of summer time causes no jump. If all cells state a date such as
+    2026-10-25, the days since the first date are added to the times. Without dates, the seconds
+    continue to increase after midnight. If the cells state only minutes and seconds, the seconds
+    continue to increase after each full hour.
 
     Parameters
     ----------
@@ -304,7 +304,7 @@ def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
     Raises
     ------
     InputError
-        If a cell is no time of day, or if some cells state a time zone and others do not.
+        If a cell is not a time of day, or if some cells state a time zone and others do not.
     """
     clock_times = []
     for line, cell in zip(lines, cells, strict=True):
@@ -374,7 +374,7 @@ def constant_value(
     cells: Sequence[str],
     decimal: str | None,
 ) -> str | float | None:
-    """Return the single value of a column in all rows of a test; None if the cells are empty.
+    """Return the value that a column has in all rows of a test; None if its cells are empty.
 
     Planes and directions are returned as texts, all other values as numbers.
 

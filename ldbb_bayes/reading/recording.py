@@ -24,13 +24,13 @@ __all__ = [
     "option_for",
 ]
 
-# Roles of the columns that may hold the force or the pressure of a test. The keys are the fields of
-# a test for force and pressure.
+# Roles of columns with forces or pressures. The keys are the fields of a test that state the same
+# quantities.
 LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
 # Fields of the layout that list the forces or the pressures of all tests. The keys are the fields
-# of a test for force and pressure.
+# that state the same quantities for one test.
 LOAD_LISTS = {"force_N": "forces_N", "pressure_bar": "pressures_bar"}
-# Units in which messages state the values of fields; the keys are the fields.
+# Units in which messages show the values of fields; the keys are the names of the fields.
 UNITS_SHOWN = {
     "force_N": "N",
     "pressure_bar": "bar",
@@ -45,7 +45,7 @@ _LONGEST_TEST_NAME = 100
 
 
 def option_for(key: str) -> str:
-    """Return the command-line option that states the field ``key`` of a test or campaign.
+    """Return the command-line option that sets the field ``key`` of a test or campaign.
 
     Examples are --forces-N for force_N, and --radius-mm for radius_mm.
     """
@@ -54,9 +54,9 @@ def option_for(key: str) -> str:
 
 
 class RowUnits(NamedTuple):
-    """Units that one source in a file states for the rows of a column."""
+    """Units that one source in a file states, row by row, for the numbers in a column."""
 
-    units: Sequence[str]  #: unit of each row as the file writes it; empty if none
+    units: Sequence[str]  #: unit in each row as written in the file; empty if a row states none
     source: str  #: source in words, such as "a column of units"
 
 
@@ -85,8 +85,8 @@ class Recording:
     row_units: Mapping[str, Sequence[RowUnits]]
     #: text of every cell in the first row of the test; the keys are the headers of the columns
     first_cells: Mapping[str, str]
-    #: the different words in the column of directions; the values are the line numbers at which the
-    #: words first appear
+    #: line number at which each different word in the column of directions first appears; the keys
+    #: are the words
     direction_words: Mapping[str, int]
     #: values that lines above the table state; the keys are fields of the test or campaign
     statements: Mapping[str, Sequence[LineStatement]]
@@ -97,11 +97,11 @@ class Recording:
     #: fields of the test that columns such as setup state; each of these columns has one value in
     #: all rows of the test
     fields: dict[str, Any]
-    #: place (line number and sheet) and text of each line, in sheets without a table, that concerns
-    #: all tests
+    #: lines from sheets without a table, which apply to all tests; each item holds the place of a
+    #: line (line number and sheet) and the text of the line
     lines_of_all_tests: Sequence[tuple[str, str]]
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
-    #: each item is the place of a column and a text with its header and cell, such as "R [mm]: 100"
+    #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
     #: units that are assumed for columns without a unit; the keys are the roles (angle, reading, …)
     #: of the columns

@@ -7,17 +7,17 @@ from collections.abc import Iterable, Sequence
 
 __all__ = ["SECONDS_UNIT", "columns_in_sexagesimal", "names_sexagesimal", "seconds_in"]
 
-# This package's name of the unit of the numbers that `seconds_in` returns.
+# Unit of the numbers that `seconds_in` returns, in this package's notation.
 SECONDS_UNIT = "arcsec"
 _SECONDS = r"(?P<seconds>\d{1,2})(?P<mark>[.,])?(?P<decimals>(?<=[.,])\d+)?"
-# Regular expression for an angle with the sign for degrees.
+# Regular expression for an angle with marks for degrees and minutes, as in 12° 30' or 12d 30m 15s.
 _WITH_SIGNS = re.compile(
     r"(?P<sign>[+\-−–]?)(?P<degrees>\d{1,3})\s?(?:°|º|d|deg)\s?(?P<minutes>\d{1,2})\s?['′’m]"
     rf"(?:\s?{_SECONDS}\s?(?:\"|″|”|''|′′|’’|s)?)?",
     re.IGNORECASE,
 )
-# Regular expression for an angle without the sign for degrees, as in 12-30-15. It may also be a
-# date or a time of day.
+# Regular expression for an angle without such marks, as in 12-30-15. A text that matches may also
+# be a date or a time of day.
 _WITHOUT_SIGNS = re.compile(
     rf"(?P<sign>[+\-−–]?)(?P<degrees>\d{{1,3}})[\-: ](?P<minutes>\d{{1,2}})[\-: ]{_SECONDS}"
 )
@@ -28,7 +28,7 @@ _NAMED = re.compile(
     r"|°\s?['′]\s?(?:\"|″|'')|\bgrad[-. :,/]{1,2}min\w*[-. :,/]{1,2}sek",
     re.IGNORECASE,
 )
-# Parts of a degree and of a minute.
+# Number of minutes in a degree, and of seconds in a minute.
 _SIXTY = 60
 
 
@@ -49,9 +49,10 @@ def columns_in_sexagesimal(rows: Iterable[Sequence[str]]) -> set[int]:
 
 
 def seconds_in(cell: str, *, is_named: bool = False) -> str:
-    """Return the number of seconds in an angle: 45015 for 12° 30' 15".
+    """Return an angle as its number of arcseconds, in a text: 45015 for 12° 30' 15".
 
-    The decimal mark of the seconds is kept. The result is empty for a cell that is no such angle.
+    The decimal mark of the seconds is kept. The text is empty if the cell is not an angle in
+    degrees, minutes and seconds.
 
     Parameters
     ----------

@@ -24,16 +24,16 @@ class Sheet:
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
     #: whether this is the only table of readings in the file; tests are then named after the file
     is_only_table: bool = False
-    #: units that stood behind the numbers in cells; each key is a pair of line number and index of
-    #: the column
+    #: units that were removed from cells because they stood after a number; each key holds the line
+    #: number and the column index of a cell
     cell_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
-    #: units in the number formats of cells; each key is a pair of line number and index of the
-    #: column
+    #: units in the number formats of cells; each key holds the line number and the column index of
+    #: a cell
     format_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
-    #: line number and index of the column for each formula without a stored value
+    #: line number and column index of each cell with a formula but no stored value
     formulas_without_value: Collection[tuple[int, int]] = ()
     n_headers: int = 0  #: number of repeated headers inside the table, which are left out
-    #: whether number formats and hidden rows of the workbook are known
+    #: whether number formats and hidden rows of the workbook could be read
     is_examined: bool = False
     hidden_rows: int = 0  #: number of hidden rows, which are left out
     hidden_sheets: Sequence[str] = ()  #: names of hidden sheets of the file, which are left out
@@ -59,14 +59,14 @@ class Sheet:
         return str(self.path)
 
     def cells_as_written(self, row: Row) -> list[str]:
-        """Return the cells of a row, each with the unit that stood behind its number."""
+        """Return the cells of a row as in the file, with the units that stood after numbers."""
         cells = []
         for column, cell in enumerate(row.cells):
             cells.append(f"{cell} {self.cell_units.get((row.line, column), '')}".strip())
         return cells
 
     def texts(self, rows: Iterable[Row]) -> Iterator[tuple[int, str]]:
-        """Yield the line number and the cells of each row, with the cells as one line of text."""
+        """Yield the line number of each row, and its cells joined to one line of text."""
         for row in rows:
             yield row.line, self.text_of(row.cells)
 

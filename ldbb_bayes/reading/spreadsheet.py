@@ -1,4 +1,4 @@
-"""Functions that read foreign files (workbooks, and text files of any encoding) as text cells."""
+"""Functions that read workbooks, and text files in any encoding, as cells of text."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def read_sheets(
 
 
 def _with_plain_cells(sheet: Sheet) -> Sheet:
-    """Return a sheet with the wide characters replaced, and the units behind numbers removed.
+    """Return a sheet with wide characters replaced by ASCII, and units after numbers removed.
 
     The removed units are stored in ``cell_units`` of the sheet.
     """
@@ -127,7 +127,7 @@ def _find_separator(lines: Sequence[str]) -> str:
         return best_separator
     for separator in _SEPARATORS:
         if separator == " " and best_separator in _SURE and best_score > _SURE_SCORE:
-            continue  # blanks are then part of cells, as before a unit
+            continue  # blanks then probably stand inside cells, such as "100 N"
         score = _separator_score(sample, separator)
         if score > best_score + _SCORE_MARGIN:
             best_separator = separator
@@ -139,8 +139,8 @@ def _separator_score(sample: Sequence[str], separator: str) -> float:
     """Return a score from 0 to 2 that is large if ``separator`` probably separates the cells.
 
     The score is p (1 + q), where p is the fraction of the lines in ``sample`` that have the
-    most frequent number of cells, and q is the fraction of numbers among the filled cells. The
-    score is zero if lines with one cell are the most frequent.
+    most frequent number of cells, and q is the fraction of the filled cells that are numbers. The
+    score is zero if most frequently a line has only one cell.
     """
     widths = []
     n_filled = 0

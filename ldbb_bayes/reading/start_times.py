@@ -50,7 +50,7 @@ class _Start(NamedTuple):
 
     title: str  # name of the test
     stamp: Timestamp
-    source: str  # place of the stamp in words, such as "line 3"
+    source: str  # place of the timestamp in words, such as "line 3"
 
 
 class _Times(NamedTuple):
@@ -104,7 +104,8 @@ def take_start_times(
 def _times_of_tests(starts: Sequence[_Start], titles: Sequence[str]) -> _Times:
     """Return the start times of the tests, or the reason why they are not known.
 
-    ``starts`` are the starts that the files state, and ``titles`` the names of all tests.
+    ``starts`` holds the timestamps of the tests that have one, and ``titles`` the names of all
+    tests.
     """
     if not starts:
         return _Times(None, "nothing says when the tests were run")
@@ -229,9 +230,9 @@ def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     """Return the times [s] from the earliest start to each start, from timestamps with dates.
 
     Dates such as 03/04/2026 may have the day or the month first. If both orders are possible and
-    lead to different times, an order with which all tests lie within one day is used. If this holds
-    for both orders or for none, the times are not known. ``seconds`` are the times of day [s],
-    shape (tests,).
+    lead to different times, the order is used for which all tests lie within one day. If both or
+    neither of the orders satisfy this condition, the result states that the times are not known.
+    ``seconds`` are the times of day [s], shape (tests,).
     """
     readings: dict[str, Array] = {}
     for order, days in _possible_days(stamps).items():
@@ -255,7 +256,7 @@ def _possible_days(stamps: Sequence[Timestamp]) -> Mapping[str, list[date]]:
     """Return a dict with the dates of all timestamps for each possible order of day and month.
 
     The keys are "day" for dates with the day first, and "month" for dates with the month first. An
-    order is left out if it gives no valid date for one of the timestamps.
+    order is left out if at least one timestamp has no valid date in this order.
     """
     days_by_order = {
         "day": [stamp.day_first for stamp in stamps],
@@ -280,8 +281,8 @@ def _first_open(stamps: Sequence[Timestamp]) -> str:
 def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> None:
     """Add the start times of the tests, and the sources of these times, to the log.
 
-    Two further notes are possible: that the tests are not listed in the order of their times, and
-    that the first and the last test are more than a day apart.
+    Further notes are added if the tests are not listed in the order of their times, and if the
+    first and the last test are more than a day apart.
     """
     seconds = np.asarray(times.seconds)
     in_order = np.argsort(seconds, kind="stable").tolist()

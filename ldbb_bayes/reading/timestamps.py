@@ -1,4 +1,4 @@
-"""Timestamps in foreign files: the date and the time of day at which a test was run.
+"""Timestamps in files of readings: the date and the time of day at which a test was run.
 
 An example is the line ``Start time: 20.11.2026 14:03:12``.
 """
@@ -59,7 +59,7 @@ _EPOCH_S = (946_684_800.0, 4_102_444_800.0)
 
 
 class Rank(IntEnum):
-    """Kinds of statements of the time at which a test was run, the most reliable first."""
+    """Places in a file that may state when a test was run, the most reliable first."""
 
     COLUMN = 0  #: first row of a column of times
     START = 1  #: line with a word such as "start"
@@ -90,19 +90,19 @@ class Timestamp:
 
 
 def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
-    """Return the timestamps in a line that may be the time of a test, in their order.
+    """Return the timestamps in a line that may state when a test was run, from left to right.
 
     A timestamp is a date, a time of day, or both. A timestamp is returned if the words before it
-    say that the test was run, started or recorded at this time. A timestamp without words before it
-    is returned if it has both a date and a time of day. Durations, and the times of other events
-    such as a calibration or the end of the test, are left out.
+    say that the test was run, started or recorded at this time. If ``rank`` is None, a timestamp
+    without words before it is returned only if it has both a date and a time of day. Durations, and
+    the times of other events such as a calibration or the end of the test, are left out.
 
     Parameters
     ----------
     text
         The line. For a cell of a table, it is ``header: cell``.
     rank
-        Kind of the statement. If None, the kind is determined from the words of the line.
+        Place that states the timestamp. If None, the rank follows from the words in the line.
     """
     stamps = []
     end = 0
@@ -121,7 +121,7 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
 
 
 def _rank_of(words: str) -> Rank | None:
-    """Return the kind of a timestamp from the words before it.
+    """Return the rank of a timestamp, which follows from the words before it.
 
     ``words`` is the text before the timestamp. It begins at the previous timestamp in the line, or
     at the beginning of the line if there is none. The result is None if the words show that the
@@ -185,7 +185,7 @@ def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
         if seconds is None:
             return None
         zone_s = _zone_of(parts.get("zone", ""))
-    if seconds == 0.0:  # a spreadsheet writes a date alone as midnight
+    if seconds == 0.0:  # a spreadsheet writes a date without a time as midnight
         seconds = None
     return Timestamp(rank, match[0].strip(), day_first, month_first, seconds, zone_s)
 
@@ -280,10 +280,11 @@ def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
 
 
 def epoch_stamp(header: str, text: str) -> Timestamp | None:
-    """Return the timestamp for a cell with the number of seconds or milliseconds since 1970.
+    """Return the timestamp that a number of seconds or milliseconds since 1970 stands for.
 
-    Return None for any other text. ``text`` is the first cell of a column. The header of this
-    column must be about the time of a test.
+    ``text`` is the first cell of a column, and ``header`` is the header of this column. Return None
+    if the text is not such a number, or if the header does not say that the column holds the time
+    of a test.
     """
     if _rank_of(header) not in (Rank.START, Rank.TEST):
         return None

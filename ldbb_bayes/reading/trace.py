@@ -43,8 +43,8 @@ _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation from the median is below this
 # fraction of the median.
 _SMALLEST_SCATTER = 0.01
-# Assumed units for a test for which no unit was assumed, because the user or the file states the
-# unit. Functions that need an assumed unit are given these units, but use the stated unit.
+# Units for the argument "assumed unit" of functions if the user or the file states the unit. The
+# functions then use the stated unit and ignore the argument.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
 # Fewest readings in one turn of a test whose table has times instead of angles. If a turn has
@@ -95,8 +95,8 @@ def trace_of(recording: Recording, direction: str | None) -> Trace:
     Raises
     ------
     InputError
-        If a column is missing, if times are in the wrong order or the feed for them is not stated,
-        if readings can be neither deviations nor distances, or if laps cannot be averaged.
+        If a column is missing, if times do not increase, if the feed is not stated for a table with
+        times, if readings can be neither deviations nor distances, or if laps cannot be averaged.
     """
     readings = recording.numbers.get("reading")
     if "angle" not in recording.numbers and "time" in recording.numbers:
@@ -214,10 +214,11 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
 
 def _check_no_direction(recording: Recording) -> None:
-    """Raise an error if lines may state the direction of travel, but are not understood.
+    """Raise an error if lines seem to state the direction of travel, but it remains unknown.
 
-    Blocks of G-code for circles in both directions also cause the error. The direction must be
-    clear, because the angles of a table with times depend on it.
+    The error is raised if a line about the direction is not understood, or if G-code in lines above
+    the table programs circles in both directions. The direction must be known, because the angles
+    of a table with times are computed from it.
     """
     lines = [*recording.lines_of_all_tests, *recording.heading.lines_above]
     words = ""
@@ -236,7 +237,7 @@ def _check_no_direction(recording: Recording) -> None:
 
 
 def _check_readings_of_turn(recording: Recording, angle_deg: Array) -> None:
-    """Raise an error for a table with times that has too few readings in one turn."""
+    """Raise an error if a table with times has too few readings in one turn of the bar."""
     n_turns = float(np.ptp(angle_deg)) / TURN_DEG
     n_readings = len(angle_deg) / max(n_turns, 1.0)
     require(
@@ -250,8 +251,8 @@ def _check_readings_of_turn(recording: Recording, angle_deg: Array) -> None:
 def _angle_or_zero(recording: Recording, key: str) -> float:
     """Return the angle [deg] that is stated for the field ``key`` of a test.
 
-    The field is ``start_deg`` or ``overshoot_deg``, which a test needs if its table has times
-    instead of angles. If nothing states the angle, return zero and note the assumption.
+    The field is ``start_deg`` or ``overshoot_deg``. A test needs both if its table has times
+    instead of angles. If nothing states the angle, return zero and note this assumption.
     ``recording`` holds the rows of the test in its file, and all statements about the test.
     """
     value = quantity_of(recording, key)
@@ -282,16 +283,17 @@ def _deviations(recording: Recording, raw: Array) -> Array:
 def _zero_of(recording: Recording, reading_um: Array) -> str:
     """Return the kind of a test's readings: "deviation" or "distance".
 
-    Readings are deviations from the nominal radius or distances between the balls. The user states
-    the kind, or else it is found from the median of the readings. Raise an `InputError` if the
+    Readings are either deviations from the nominal radius, or distances between the balls. If the
+    user does not state which, the median of the readings decides. Raise an `InputError` if the
     readings seem to be distances on a circle of another radius, or if they contradict what the user
     states. ``recording`` holds the rows of the test in its file, and all statements about the test;
     ``reading_um`` are the readings of the test [µm].
     """
     radius_mm = recording.radius_mm
-    # ``is_near`` is true for distances on a circle with the nominal radius, and ``is_far`` for
-    # distances on a circle of any radius. Distances on a circle whose radius is not the nominal
-    # radius must not be mistaken for deviations.
+    # ``is_near`` is true if the readings can be distances on a circle with the nominal radius.
+    # ``is_far`` is true if they are too large for deviations, and therefore probably distances on a
+    # circle of some radius. Distances on a circle of another radius must not be mistaken for
+    # deviations.
     median_mm = float(np.median(reading_um)) * 1e-3
     scatter_mm = float(np.median(np.abs(reading_um - 1e3 * median_mm))) * 1e-3
     is_near = abs(median_mm - radius_mm) < _LARGEST_DEVIATION_MM
@@ -364,7 +366,7 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     if n_laps >= _MORE_THAN_A_TURN and not is_sense_stated:
         rises = float(np.median(np.diff(recording.numbers["angle"]))) > 0.0
         other_sense = "CCW"
-        if rises == (run == "CCW"):  # angles are now counted counter-clockwise
+        if rises == (run == "CCW"):  # the angles were taken to be counted counter-clockwise
             other_sense = "CW"
         raise InputError(
             f"direction must agree with the angles, got {trace.direction} and angles that run {run}"

@@ -19,7 +19,7 @@ __all__ = ["check_not_transposed"]
 _ANGLE = re.compile(
     r"(?P<name>[A-Za-zθφ]{0,6}[_ ]?)(?P<number>[+\-−]?\d+(?:[.,]\d+)?)\s?(?:°|deg|rad|gon)?"
 )
-# Fewest angles in a row of angles.
+# A row is taken to be a row of angles only if it holds at least this number of angles.
 _FEWEST_ANGLES = 18
 # Numbers in a row are angles of a circle only if their range (largest minus smallest number, plus
 # one step) lies between these limits. The first limits are for degrees and gon, the second for
@@ -30,7 +30,7 @@ _EVEN_SHARE = 0.02
 
 
 def check_not_transposed(sheet: Sheet) -> None:
-    """Raise an error for a sheet in which a row holds the angles, and each further row a circle.
+    """Raise an error if one row of a sheet holds the angles, and each other row one circle.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ def check_not_transposed(sheet: Sheet) -> None:
 def _angles_in(cells: Sequence[str]) -> Array:
     """Return the angles at the end of a row, shape (n,), in the unit of the file.
 
-    The angles are in the last cells of the row, which have the form of an angle: 5, 5° or a005. If
-    these cells begin with letters, all begin with the same letters.
+    The angles are the last cells of the row that can be read as angles, such as 5, 5° or a005. If
+    one of these cells begins with letters, all of them begin with the same letters.
     """
     filled = [cell for cell in cells if cell]
     numbers: list[float] = []

@@ -29,8 +29,8 @@ _MEGABYTE = 2**20
 _LARGEST_UNPACKED = 256 * _MEGABYTE
 # Largest ratio of unpacked to packed size of a workbook.
 _LARGEST_RATIO = 200.0
-# A workbook may unpack to this number of bytes in addition to ``_LARGEST_RATIO`` times its size,
-# because the ratio of sizes may be larger for small files.
+# Allowance for small files, whose ratio of unpacked to packed size may be larger. The unpacked size
+# may be at most ``_LARGEST_RATIO`` times the packed size plus this value [bytes].
 _SMALL_ARCHIVE = _MEGABYTE
 # Regular expression for a cell with a very high row or column number. A table that extends to this
 # cell does not fit into memory.

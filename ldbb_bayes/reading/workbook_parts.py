@@ -104,9 +104,9 @@ def _units_of_styles(archive: zipfile.ZipFile) -> dict[str, str]:
 
 
 def _unit_in_format(code: str) -> str:
-    """Return the unit that a number format shows behind numbers, such as mm for ``0.000" mm"``.
+    """Return the unit that a number format shows after numbers, such as mm for ``0.000" mm"``.
 
-    A word that is no known unit is returned as written. The result is empty if the number format
+    A word that is not a known unit is returned as written. The result is empty if the number format
     has no word.
     """
     positive = code.split(";")[0]
