@@ -25,6 +25,7 @@ from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import Lines, LineStatement, statements_in
 from ldbb_bayes.reading.list_columns import unread_headers, with_loads_named
 from ldbb_bayes.reading.missing_readings import missing_in
+from ldbb_bayes.reading.numbering_columns import columns_that_number
 from ldbb_bayes.reading.numerals import (
     OTHER_MARK,
     constant_value,
@@ -297,12 +298,16 @@ def split_sheet(
     """
     columns = _read_columns(sheet, heading, layout, campaign.get("plane"), log)
     shared_numbers = _shared_numbers(columns, layout)
-    labels = _labels_of(columns)
+    numbering = _two_numbering_columns(columns, layout)
+    if numbering:
+        labels = _labels_of_two_columns(columns, numbering, log)
+    else:
+        labels = _labels_of(columns)
     rows_by_label: dict[str, list[int]] = {}
     for row, label in enumerate(labels):
         rows_by_label.setdefault(label, []).append(row)
     field_columns = _field_columns(columns, labels, log)
-    _note_unused_columns(columns, list(rows_by_label.values()), log)
+    _note_unused_columns(columns, list(rows_by_label.values()), numbering, log)
     holds_several = len(rows_by_label) > 1 or len(heading.readings) > 1 or bool(sheet.name_in_file)
     for test_heading in columns.heading.split_by_readings():
         numbers = dict(shared_numbers)
@@ -700,6 +705,40 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
     return numbers
 
 
+def _two_numbering_columns(columns: _SheetColumns, layout: Layout) -> list[int]:
+    """Return the indices of two columns that number the tests together: ``run`` and ``pass``.
+
+    Two columns number the tests if the force, pressure or direction changes within the tests that
+    each of them alone would name. Return an empty list if they do not, or if the layout states the
+    column.
+    """
+    roles = columns.heading.roles
+    conditions = [roles[role] for role in ("force", "pressure", "direction") if role in roles]
+    if not conditions or "test" in layout.columns:
+        return []
+    numbering = columns_that_number(columns.heading.headers, columns.cells, conditions)
+    if len(numbering) < 2:
+        return []
+    return numbering
+
+
+def _labels_of_two_columns(
+    columns: _SheetColumns, numbering: Sequence[int], log: AssumptionLog
+) -> list[str]:
+    """Return the name of the test of each row from two columns, and note these columns.
+
+    ``numbering`` are the indices of the columns.
+    """
+    names = [columns.heading.headers[column] for column in numbering]
+    reason = "only both together name tests of one force"
+    log.add(columns.sheet.place, "test of each row", " and ".join(names), reason, "--test-column")
+    labels = []
+    for row in range(len(columns.lines)):
+        words = [f"{columns.heading.headers[k]} {columns.cells[k][row]}" for k in numbering]
+        labels.append(" ".join(words))
+    return labels
+
+
 def _labels_of(columns: _SheetColumns) -> list[str]:
     """Return the name of the test to which each row of a table belongs.
 
@@ -767,12 +806,16 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
 
 
 def _note_unused_columns(
-    columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int]], log: AssumptionLog
+    columns: _SheetColumns,
+    rows_of_tests: Sequence[Sequence[int]],
+    numbering: Sequence[int],
+    log: AssumptionLog,
 ) -> None:
     """Add a note to the log on the columns of a table that are not used.
 
     A column without a role (angle, reading, …) is used only if it states a field, such as the
-    radius, for every test. ``rows_of_tests`` holds the indices of the rows of each test.
+    radius, for every test. ``rows_of_tests`` holds the indices of the rows of each test, and
+    ``numbering`` those of two columns that number the tests together.
     """
     used = set()
     for column in range(len(columns.heading.headers)):
@@ -784,7 +827,7 @@ def _note_unused_columns(
         used &= places
     headers = []
     for column in unused_columns(columns.heading):
-        if columns.place_of_column(column) not in used:
+        if columns.place_of_column(column) not in used and column not in numbering:
             headers.append(columns.heading.headers[column])
     if headers:
         log.add(

@@ -16,7 +16,13 @@ HEADER = "Angle [deg],Reading [um]"
 
 def layout_cases() -> dict[str, FieldCase]:
     """Return the cases of companion files and of layouts of several tables."""
-    return {**companion_cases(), **merged_cases(), **step_cases(), **page_cases()}
+    return {
+        **companion_cases(),
+        **merged_cases(),
+        **step_cases(),
+        **page_cases(),
+        **numbering_cases(),
+    }
 
 
 def companion_cases() -> dict[str, FieldCase]:
@@ -190,4 +196,22 @@ def page_cases() -> dict[str, FieldCase]:
         refusal="Put all pairs below each other in one pair of columns",
         mended=field.texts(HEADER),
     )
+    return cases
+
+
+def numbering_cases() -> dict[str, FieldCase]:
+    """Return tables whose circles are numbered by two columns together."""
+    cases = {}
+    for first, second in (("run", "pass"), ("cycle", "test"), ("Lauf", "Wiederholung")):
+        lines = [f"{first},{second},Angle [deg],Reading [um],Force [N]"]
+        for circle, numbers in zip(TRUTH, ("1,1", "1,2", "2,1"), strict=True):
+            for k in range(len(circle.angle_deg)):
+                row = [numbers, *field.plain(circle, k), f"{circle.force_N:g}"]
+                lines.append(",".join(str(cell) for cell in row))
+        cases[f"numbered_{first}"] = FieldCase(
+            "two columns that number the circles",
+            f"{first} and {second}",
+            {"all.csv": "\n".join([*lines, ""]).encode()},
+            told="only both together name tests of one force",
+        )
     return cases

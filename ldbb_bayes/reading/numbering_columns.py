@@ -1,0 +1,60 @@
+"""Columns that number the circles together, such as ``run`` and ``pass`` in one table."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import combinations
+
+from ldbb_bayes.reading.words import comparable
+
+__all__ = ["columns_that_number"]
+
+# Regular expression for the header of a column that numbers circles or their repetitions.
+_NUMBERS_CIRCLES = re.compile(
+    r"(?:runs?|pass(?:es)?|laps?|repeat|repetition|rep|cycle|test|trial|series?|serie|set"
+    r"|lauf|umlauf|durchgang|durchlauf|zyklus|wiederholung|messung|versuch|passage|essai|ciclo"
+    r"|prova|prueba)(?:[ _.]?(?:no|nr|id|number|index))?\.?"
+)
+
+
+def columns_that_number(
+    headers: Sequence[str], cells: Sequence[Sequence[str]], conditions: Sequence[int]
+) -> list[int]:
+    """Return the indices of the fewest columns, at most two, that number the circles of a table.
+
+    They number the circles if the conditions of a circle, such as its force, are the same in all
+    rows with the same cells in these columns. Return an empty list if no such columns exist.
+
+    Parameters
+    ----------
+    headers
+        Header of each column.
+    cells
+        Cells of each column.
+    conditions
+        Indices of the columns with the conditions of the circles.
+    """
+    candidates = []
+    for column, header in enumerate(headers):
+        if _NUMBERS_CIRCLES.fullmatch(comparable(header)) and column not in conditions:
+            candidates.append(column)
+    for n_columns in (1, 2):
+        for columns in combinations(candidates, n_columns):
+            if _are_settled(cells, columns, conditions):
+                return list(columns)
+    return []
+
+
+def _are_settled(
+    cells: Sequence[Sequence[str]], columns: Sequence[int], conditions: Sequence[int]
+) -> bool:
+    """Return whether rows with equal cells in some columns have equal conditions."""
+    n_rows = len(cells[0])
+    conditions_by_label: dict[tuple[str, ...], tuple[str, ...]] = {}
+    for row in range(n_rows):
+        label = tuple(cells[column][row] for column in columns)
+        condition = tuple(cells[column][row] for column in conditions)
+        if conditions_by_label.setdefault(label, condition) != condition:
+            return False
+    return True
