@@ -231,8 +231,8 @@ def clocked(
 def at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
-    The new radius is two thirds of the radius of the test with the lowest force. It is multiplied
-    by two thirds again as long as a test of the plan has nearly the same radius.
+    The new radius is two thirds of the radius of the test with the lowest force. As long as a test
+    of the plan has nearly the same radius, the new radius is multiplied by two thirds again.
     """
     radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
     radius = float(radii_of_plan[plan.forces_N.argmin()])

@@ -281,7 +281,7 @@ def stiffness(
     """Return the stiffness by direction in every tested plane, with its uncertainty.
 
     The compliance along the bar is the deflection along the bar at the angle θ of the circle,
-    divided by the bar's force F. It includes the slopes of the compliances and the term
+    divided by the bar's force F. This compliance includes the effects of the slopes and of the term
     `JointLoad`. An error of the bar's length does not change the results. An error of the mount's
     compliance cancels in the difference of two compliances. An error of the force gain cancels in
     the ratio of stiffnesses.

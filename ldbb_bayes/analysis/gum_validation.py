@@ -101,9 +101,9 @@ class GumComparison(Result):
     def decided(self) -> bool:
         """Whether the numerical error is small enough for ``validated`` to be certain.
 
-        This is the case if the numerical error is at most a fifth of the tolerance, as JCGM 101,
-        8.2, requires. It is also the case if the numerical error is at most the difference between
-        the tolerance and the larger of ``d_low`` and ``d_high``.
+        The numerical error is small enough if it is at most a fifth of the tolerance, as JCGM 101,
+        8.2, requires. It is also small enough if it is at most the difference between the tolerance
+        and the larger of ``d_low`` and ``d_high``.
         """
         distance = abs(max(self.d_low, self.d_high) - self.tolerance)
         return self.error <= max(_SHARE_OF_TOLERANCE * self.tolerance, distance)

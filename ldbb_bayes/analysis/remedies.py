@@ -35,9 +35,9 @@ __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 # the remedy, divided by the standard uncertainty without the remedy, is at most this number. The
 # remedy then removes at least half of the variance.
 CURED_RATIO = 0.5**0.5
-# A change of the plan, or a certificate, counts as a remedy for a large uncertainty only if the
-# standard uncertainty with the change or certificate, divided by the standard uncertainty without
-# it, is less than this number.
+# A change of the plan, or a certificate, counts as a remedy for a large uncertainty only if it
+# reduces the standard uncertainty enough. The standard uncertainty with the change or certificate,
+# divided by the present standard uncertainty, must be less than this number.
 NARROWER = 0.9
 # A change of the plan that adds circles under other conditions counts as a remedy for a large
 # uncertainty only if it is better than taking all readings twice: the standard uncertainty with the
@@ -143,11 +143,11 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
 def _cheapest(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
     """Return the first sufficient remedy for parameter i, or the best remedy if none is sufficient.
 
-    A remedy is a change of the plan or a certificate. It is sufficient if it removes at least half
-    of the variance. The best remedy is the one with the smallest remaining standard uncertainty.
-    ``helpful`` are the remedies that reduce the standard uncertainty noticeably, the cheapest
-    first. Return None if ``helpful`` is empty. ``sd`` is the standard uncertainty of the parameter
-    without any remedy.
+    A remedy is a change of the plan or a certificate. A remedy is sufficient if it removes at least
+    half of the variance. The best remedy is the one with the smallest remaining standard
+    uncertainty. ``helpful`` are the remedies that reduce the standard uncertainty noticeably, the
+    cheapest first. Return None if ``helpful`` is empty. ``sd`` is the standard uncertainty of the
+    parameter without any remedy.
     """
     if not helpful:
         return None

@@ -37,8 +37,8 @@ __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 # A second angle is not needed, because this angle turns the phase of a ball's form error by 90° at
 # order 2, by 135° at order 3 and by 180° at order 4.
 _TURN_DEG = 45.0
-# Number of random orders of the circles. The order is chosen for which the positions of the circles
-# are least correlated with their forces.
+# Number of random orders of the circles. Among these orders, the one is chosen in which the
+# positions of the circles are least correlated with the forces.
 _ORDERS_TRIED = 200
 
 

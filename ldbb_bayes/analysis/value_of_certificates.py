@@ -49,8 +49,8 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     The hyper-parameters φ are the scales of the noise and of other effects. The variance of each
     parameter is the sum of two parts: the average, over values of φ, of the parameter's variance
     given φ, and the variance, over the same values, of the parameter's mean given φ. ``phi`` holds
-    values for the model ``bound`` with the present instrument. They are carried over to the model
-    with ``instrument`` by the names of the hyper-parameters (`HyperPrior.carried`).
+    values for the model ``bound`` with the present instrument. These values are carried over to the
+    model with ``instrument`` by the names of the hyper-parameters (`HyperPrior.carried`).
 
     Parameters
     ----------

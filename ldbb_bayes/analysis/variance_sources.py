@@ -285,8 +285,9 @@ class AveragedVariance:
         """Return the sources of the variance of one quantity, the largest share first.
 
         ``i`` is the index of the quantity. ``own`` are the names of the parameters whose priors
-        count as the prior of the quantity itself: the name of the quantity if it is a parameter, or
-        the names of the slopes that determine it if it is a change of a compliance with force.
+        count as the prior of the quantity itself. For a parameter, ``own`` holds only the name of
+        the parameter. For a change of a compliance with force, ``own`` holds the names of the
+        slopes that determine the change.
         """
         sd = np.sqrt(self._divisor)
         shares: dict[tuple[str, Origin], float] = {}

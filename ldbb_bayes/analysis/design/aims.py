@@ -38,9 +38,9 @@ _LEAST_EVIDENCE = 1e-9
 class Aim(Protocol):
     """Aim of a campaign that is being run.
 
-    The distance of the campaign from the aim is computed from covariances of the parameters. It is
-    zero if the campaign is expected to just reach the aim, and positive if the campaign is expected
-    to miss the aim.
+    The distance of the campaign from the aim is computed from covariances of the parameters. The
+    distance is zero if the campaign is expected to just reach the aim, and positive if the campaign
+    is expected to miss the aim.
     """
 
     @property
@@ -69,9 +69,10 @@ class UncertaintyAim:
     #: their prior standard deviations
     weights: Array
     target: float  #: largest standard uncertainty of w·β at which the aim is reached
-    #: factor by which unknown hyper-parameters increase the standard uncertainty of w·β. It is
-    #: computed for the present state of the campaign: the standard uncertainty, divided by the root
-    #: mean square of the standard uncertainties for K known values of the hyper-parameters.
+    #: factor by which unknown hyper-parameters increase the standard uncertainty of w·β. This
+    #: factor is computed for the present state of the campaign: the standard uncertainty, divided
+    #: by the root mean square of the standard uncertainties for K known values of the
+    #: hyper-parameters.
     inflation: float
     is_reached: bool  #: whether the aim is already reached
 

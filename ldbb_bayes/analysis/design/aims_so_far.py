@@ -105,7 +105,7 @@ class Known(NamedTuple):
 def known_from(nodes: Nodes, seed: int) -> Known:
     """Return the posterior of the parameters, and likely values of the hyper-parameters.
 
-    The posterior is described by means, standard deviations and draws. They are computed from
+    The posterior is described by means, standard deviations and draws. All three are computed from
     ``nodes``, weighted values of the hyper-parameters that represent the posterior given the
     circles run so far. ``seed`` is the seed of the random draws.
     """

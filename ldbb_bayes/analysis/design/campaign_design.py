@@ -93,8 +93,8 @@ class Judged(Forecast):
     #: names
     tests: Records
     #: efficiency of these tests by the criterion of the recommended design, relative to the best
-    #: division of the same number of tests among the candidate tests. It is zero if these tests do
-    #: not determine all parameters.
+    #: division of the same number of tests among the candidate tests. The efficiency is zero if
+    #: these tests do not determine all parameters.
     efficiency: float
 
 

@@ -1,10 +1,10 @@
 """Families of campaigns that have the same clockings, radii and calibration certificates.
 
 A clocking is a pair of angles by which the two balls are turned in their sockets. All campaigns of
-a family use the same set of clockings, the same set of radii and the same certificates. They differ
-in the number of circles, and in the force, direction of travel, clocking and radius of the
-individual circles. Every additional circle costs the same. The information from each possible
-circle is computed only once for a family.
+a family use the same set of clockings, the same set of radii and the same certificates. The
+campaigns differ in the number of circles, and in the force, direction of travel, clocking and
+radius of the individual circles. Every additional circle costs the same. The information from each
+possible circle is computed only once for a family.
 """
 
 from __future__ import annotations

@@ -391,8 +391,8 @@ class _Search:
         """Return ln of the ratio of uncertainties that is expected for the next campaign.
 
         The ratio is the uncertainty in the full forecast of the campaign, divided by the
-        uncertainty in its quick forecast. It is estimated from the ratios of earlier campaigns,
-        which ``progress`` states.
+        uncertainty in its quick forecast. The ratio is estimated from the ratios of earlier
+        campaigns, which ``progress`` states.
 
         Only the quick forecast assumes that the scales of noise and effects are known. In the full
         forecast, more circles determine these scales better. The logarithm is therefore taken to be

@@ -185,9 +185,10 @@ class _LogBayesFactorDistribution:
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
         # The log Bayes factor depends on several independent components of the slopes' posterior
-        # mean. They are sorted, so that the first component has the largest variance. Given the
-        # other components, the probability is computed from the normal distribution of the first
-        # component. It is then averaged over quasi-random samples of the other components.
+        # mean. The components are sorted, so that the first component has the largest variance.
+        # Given the other components, the probability is computed from the normal distribution of
+        # the first component. The probability is then averaged over quasi-random samples of the
+        # other components.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]

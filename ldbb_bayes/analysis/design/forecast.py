@@ -432,8 +432,8 @@ def stated_variances(
 def _is_possible(bound: BoundModel, states: States) -> Array:
     """Return, for each possible state of the machine, whether all compliances are at least zero.
 
-    A state is a set of values of the machine's parameters. The result has the shape (states,). It
-    is true for all states in two cases: the model allows negative compliances, or every state has a
+    A state is a set of values of the machine's parameters. The result has the shape (states,). All
+    values are true in two cases: the model allows negative compliances, or every state has a
     negative compliance.
     """
     if not bound.truncation.active:

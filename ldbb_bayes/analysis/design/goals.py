@@ -185,7 +185,7 @@ def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
 def _check_size(subject: str, group: str, goal: Goal, entry: object) -> None:
     """Raise an `InputError` if a goal is not above zero, or is a percentage that is not allowed.
 
-    A percentage must be below 100 %. It is refused for a parameter whose ``group`` is not
+    A percentage must be below 100 %. A percentage is refused for a parameter whose ``group`` is not
     "compliance", because such a parameter may be zero. ``entry`` is the goal as the user stated it,
     and ``subject`` is the name of the goal; both are for the error message.
     """

@@ -42,8 +42,9 @@ class Objective(Shown):
     #: information. One test of a candidate adds GᵀG to the precision of the parameters.
     rows: Array
     #: precision (inverse covariance) of the p parameters before the tests of the design, at K
-    #: values of the hyper-parameters, shape (K, p, p). It is the sum of the precision of the prior,
-    #: which is zero for a flat prior, and the information from tests that have already been run.
+    #: values of the hyper-parameters, shape (K, p, p). This precision is the sum of the precision
+    #: of the prior, which is zero for a flat prior, and the information from tests that have
+    #: already been run.
     prior: Array
     #: number s of parameters of interest, which are the last s of the p parameters; all other
     #: parameters are nuisances

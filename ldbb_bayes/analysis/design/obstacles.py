@@ -104,8 +104,8 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
     """Return the reason for each goal that cannot be reached with any number of circles.
 
     The keys are the names of the goals' parameters. Goals that can be reached are left out.
-    ``family`` is the family of campaigns whose goals are examined. It has all ball angles and radii
-    that may be used, and only the certificates that the instrument already has.
+    ``family`` is the family of campaigns whose goals are examined. The family has all ball angles
+    and radii that may be used, and only the certificates that the instrument already has.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
     stuck = [name for name, distance in floor.items() if distance > 0.0]

@@ -312,9 +312,9 @@ class Search:
         """Return the design with close forces merged, and the value of its criterion.
 
         If two candidates have close forces, all tests of one are replaced by tests of the other.
-        This is done only if it reduces the efficiency by at most 0.01 %, and if enough different
-        forces remain. ``counts`` is the number of tests of each candidate before merging, and
-        ``value`` is the criterion of the design before merging.
+        The tests are replaced only if this reduces the efficiency by at most 0.01 %, and if enough
+        different forces remain. ``counts`` is the number of tests of each candidate before merging,
+        and ``value`` is the criterion of the design before merging.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
@@ -363,7 +363,7 @@ class Search:
         """Return how many times the search restarts from randomly changed designs.
 
         ``tests`` is the number of tests of a design. The number of restarts is limited to save
-        time. It is zero if at most 1000 designs are possible.
+        time. There are no restarts if at most 1000 designs are possible.
         """
         n = self.objective.candidates
         possible_designs = comb(n + tests - 1, tests)

@@ -33,8 +33,8 @@ _MAX_ROUNDS = 400
 _SOLVER_ITERATIONS = 40
 # Largest number of candidates that one round adds to those whose shares are optimized.
 _JOINING_CANDIDATES = 3
-# Number of candidates whose shares are optimized in the first round. They are evenly spread over
-# the list of all candidates.
+# Number of candidates whose shares are optimized in the first round. These candidates are evenly
+# spread over the list of all candidates.
 _FIRST_CANDIDATES = 32
 # If a candidate has less than this share of the tests, its share is treated as zero.
 _ZERO_SHARE = 1e-10
@@ -203,9 +203,10 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
     """Return the indices of the candidates with the largest sensitivities above the bound.
 
     The sensitivity of a candidate test is the derivative of the criterion with respect to its
-    share. The bound is the mean of the sensitivities, weighted by the shares. Both are attributes
-    of ``optimum``. At most ``_JOINING_CANDIDATES`` indices are returned. If no sensitivity is above
-    the bound, the index of the candidate with the largest sensitivity is returned.
+    share. The bound is the mean of the sensitivities, weighted by the shares. The sensitivities and
+    the bound are attributes of ``optimum``. At most ``_JOINING_CANDIDATES`` indices are returned.
+    If no sensitivity is above the bound, the index of the candidate with the largest sensitivity is
+    returned.
     """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]

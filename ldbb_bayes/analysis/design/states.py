@@ -40,9 +40,9 @@ class States:
     #: parameters β, shape (K, p), with compliances that are not negative. If the prior is flat, no
     #: parameters are drawn, and p = 0.
     beta: Array
-    #: Gaussian density of the parameters given the hyper-parameters, before the new tests. It is
-    #: the posterior given earlier readings if they are analysed together with the new tests, and
-    #: the prior otherwise. Compliances may be negative.
+    #: Gaussian density of the parameters given the hyper-parameters, before the new tests. If
+    #: earlier readings are analysed together with the new tests, the density is the posterior given
+    #: these readings. Otherwise, it is the prior. Compliances may be negative.
     before: Gaussian
 
 
