@@ -34,10 +34,10 @@ class AssumedSize:
 
 @dataclass(frozen=True)
 class DecidingAssumption(Result):
-    """An effect whose size is assumed, and the parameter whose variance it increases most."""
+    """An effect whose size is assumed, and the parameter that depends most on the effect."""
 
     term: str  #: class name of the model term that describes the effect
-    parameter: str  #: parameter in whose variance the effect has a larger share than in any other
+    parameter: str  #: parameter in whose variance the effect has its largest share
     share: float  #: share of the effect in the variance of ``parameter``
     #: sizes of the effect, one for each unit that its coefficients have
     sizes: tuple[AssumedSize, ...]

@@ -43,8 +43,8 @@ class _Differences(NamedTuple):
     #: probability that a parameter is larger in the second campaign than in the first, shape (n,)
     increase: Array
     #: coefficient of the common instrument about which the campaigns disagree most; None if the
-    #: instruments are different, or if the readings of both campaigns are not informative about any
-    #: common coefficient
+    #: instruments are different, or if there is no common coefficient about which the readings of
+    #: both campaigns are informative
     conflict: Conflict | None = None
 
 

@@ -72,7 +72,7 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
 
     Each assumption is a function that takes a model and returns a changed copy. The first function
     leaves the model unchanged, and the last function leaves only white noise. Every other function
-    changes one model term. A function is omitted if it changes none of ``models``.
+    changes one model term; it is omitted if it changes none of ``models``.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:
