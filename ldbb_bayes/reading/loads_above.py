@@ -22,6 +22,9 @@ from ldbb_bayes.reading.travel_direction import direction_named
 from ldbb_bayes.reading.words import UNITS, unit_named
 
 __all__ = ["with_loads_in_header"]
+# A line of loads has at least this number of cells; a line with fewer cells is a label and its
+# value, as in Force;300 N.
+_FEWEST_COLUMNS = 3
 
 
 def with_loads_in_header(sheet: Sheet) -> Sheet:
@@ -36,7 +39,7 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
     are left as they are. A sheet without a line of loads is returned unchanged.
     """
     header = first_header(sheet.rows)
-    if not header:
+    if not header or len(sheet.rows[header].cells) < _FEWEST_COLUMNS:
         return sheet
     names = sheet.rows[header]
     rows_above = []
