@@ -33,8 +33,9 @@ _ANGLE_DECIMALS = 9
 # A parameter is named in the description of a degeneracy only if its effect on the readings is
 # greater than this share of the largest effect of any coefficient in the degeneracy.
 _NAMED_SHARE = 0.02
-# The effect of a combination of coefficients on the readings counts as a rounding error if it is
-# below this share of the largest effect of any coefficient in the combination.
+# The effect of a coefficient, or of a whole combination of coefficients, on the readings counts as
+# a rounding error if it is below this share of the largest effect of any coefficient in the
+# combination.
 _ROUNDING = 1e-9
 # A change of a reading is too small to be seen if it is below the resolution of the readings
 # multiplied by this number.

@@ -489,7 +489,7 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 
     The verdict is identified, prior-limited (the readings hardly narrow the parameter's prior) or
     confounded (effects whose standard uncertainty is assumed cause most of the parameter's
-    variance). The field ``remedy`` of the result is empty; `identify` finds remedies for large
+    variance). The field ``remedy`` is None for every parameter; `identify` finds remedies for large
     uncertainties.
 
     If the posterior is an average over models (`average`), the variance of a parameter is the sum

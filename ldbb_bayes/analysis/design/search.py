@@ -3,8 +3,8 @@
 A candidate is a test that could be run; a design has a number of tests of each candidate. The
 criterion Φ is the figure of merit that the search maximises. The search starts from several
 designs: the best fractions of the tests, rounded to whole numbers, and random designs. In each
-design, the search replaces one test at a time by a better candidate, until no replacement improves
-the design (coordinate exchange).
+design, the search replaces one test at a time by a better candidate, until none of the replacements
+that are tried improves the design (coordinate exchange).
 """
 
 from __future__ import annotations
@@ -123,8 +123,9 @@ def exchange(
     """Return a design improved by exchanging one test at a time, and its criterion.
 
     A candidate is a test that could be run; a design has a number of tests of each candidate. A
-    test is exchanged for another candidate if this improves the design. The function ends when no
-    exchange improves the design, or after it has gone through all tests 50 times.
+    test is exchanged for another candidate if this improves the design. The function ends when none
+    of the exchanges that are tried improves the design, or after it has gone through all tests 50
+    times.
 
     Parameters
     ----------
