@@ -1,4 +1,4 @@
-"""Log of assumptions made when foreign files are read, such as the unit of the readings."""
+"""Log of the assumptions, such as the unit of the readings, made when files are imported."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Assumption", "AssumptionLog"]
 
 @dataclass(frozen=True)
 class Assumption:
-    """Assumption that was made to import foreign files, such as the unit of the readings."""
+    """Assumption made when files are imported, such as the unit of the readings."""
 
     #: file, sheet or test for which the assumption was made, or a text such as "3 places" if there
     #: are several; empty if the assumption concerns all files
@@ -35,10 +35,10 @@ class _Entry(NamedTuple):
 
 @dataclass
 class AssumptionLog:
-    """Log of the assumptions that are made to import foreign files.
+    """Log of the assumptions that are made when files are imported.
 
     An assumption that is made for several files, sheets or tests is listed only once. The log also
-    stores what each sheet shows about its layout, such as the separator of cells.
+    stores facts about the layout that were found in the sheets, such as the separator of cells.
     """
 
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
@@ -64,11 +64,12 @@ class AssumptionLog:
         self._places.setdefault(entry, []).append(place)
 
     def keep(self, **fields: Any) -> None:
-        """Store values, found in one sheet, with which `layout` completes the user's layout.
+        """Store values that were found in one sheet for fields of the layout.
 
-        The keyword arguments are fields of the layout, such as ``separator=";"``. The value None
-        means that the layout need not state the field, because the sheet itself states it, for
-        example by a header with a unit.
+        The method `layout` completes the user's layout with these values. The keyword arguments are
+        fields of the layout, such as ``separator=";"``. The value None means that the layout need
+        not state the field, because the sheet itself states it, for example by a header with a
+        unit.
         """
         for key, value in fields.items():
             self._layout_values.setdefault(key, []).append(value)
@@ -86,7 +87,7 @@ class AssumptionLog:
     def reasons_for(self, places: Collection[str]) -> list[str]:
         """Return the reasons of the assumptions that were made for any of the places.
 
-        A place is a file, sheet or test; it is empty for assumptions that concern all files.
+        A place is a file, a sheet or a test. The empty place stands for all files.
         """
         reasons = []
         for entry, noted_places in self._places.items():

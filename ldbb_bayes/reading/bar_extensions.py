@@ -21,8 +21,8 @@ _EXTENSION = re.compile(
     rf"|\d\s?(?:mm|cm|in|inch|\")[\s-](?:{_EXTENSION_WORDS})(?!\w)",
     re.IGNORECASE,
 )
-# Smallest length that counts as a bar or an extension [mm]. A shorter length behind a plus sign is
-# a tolerance, and the text is then no sum of lengths.
+# Smallest length that counts as a bar or an extension [mm]. A shorter length after a plus sign is
+# taken to be a tolerance; the text is then not a sum of lengths.
 _SMALLEST_MM = 10.0
 _MM_PER_UM = 1e-3
 
@@ -36,8 +36,8 @@ def length_of_sum(text: str) -> float | None:
     """Return the sum [mm] of lengths in a text, such as 150 for ``100 mm + extension 50 mm``.
 
     Return NaN if plus signs divide the text into parts, but one of the parts has no length, has
-    several lengths, or names another quantity. Return None if the text is no sum of lengths, such
-    as ``100 mm + 0.01 mm``, which states a tolerance.
+    several lengths, or names another quantity. Return None if the text is not a sum of lengths,
+    such as ``100 mm + 0.01 mm``, which states a tolerance.
     """
     terms = _PLUS.split(text)
     if len(terms) < 2 or _TOLERANCE.search(text):

@@ -26,7 +26,7 @@ _SMALLEST_RADIUS_MM = 20.0
 
 
 def position_headers(headers: Sequence[str]) -> list[str]:
-    """Return the headers of positions along axes, such as ``X [mm]``.
+    """Return the headers that name a position along an axis, such as ``X [mm]``.
 
     The list is empty if there are fewer than two such headers.
     """

@@ -1,4 +1,4 @@
-"""Companion files: files beside the measurements that hold no circle, such as a protocol."""
+"""Companion files: files among the measurements that hold no readings, such as a test report."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ __all__ = [
 
 # First bytes of PDF files and pictures, which hold no table that can be read.
 _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
-# Parts of which documents consist that are zipped: of a text, and of slides.
+# Names of files inside zipped documents: a text document, and a presentation.
 _PARTS_OF_DOCUMENTS = ("word/document.xml", "ppt/presentation.xml")
-# Content of the part "mimetype" of a zipped text of OpenDocument.
+# Content of the file "mimetype" inside a zipped text document in the OpenDocument format.
 _MIME_TYPE_OF_TEXT = b"application/vnd.oasis.opendocument.text"
-# A text with at least this number of lines of numbers may hold a circle.
+# A text with at least this number of lines of numbers may hold the readings of a circle.
 _FEWEST_LINES = 9
 # Units of temperature as headers write them.
 _UNITS_OF_TEMPERATURE = ("°C", "degC", "C", "K", "°F", "℃")
-# Regular expression for a number that is no part of a word.
+# Regular expression for a number that is not part of a word.
 _NUMBER = re.compile(rf"(?<![\w.,]){NUMBER_IN_TEXT}(?!\w)")
 
 
 def is_document(raw: bytes) -> bool:
-    """Return whether a file is a picture, a PDF file, or a document of a word processor.
+    """Return whether a file is a picture, a PDF file, a text document or a presentation.
 
     ``raw`` is the content of the file.
     """
@@ -50,18 +50,18 @@ def is_document(raw: bytes) -> bool:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             names = archive.namelist()
     except zipfile.BadZipFile:
-        return False  # the reader of workbooks says that the file is damaged
+        return False  # a later check for damaged workbooks raises an error for this file
     if any(name in names for name in _PARTS_OF_DOCUMENTS):
         return True
-    # The part "mimetype" is the first part, and it is not packed.
+    # In an OpenDocument archive, the file "mimetype" comes first and is not compressed.
     return _MIME_TYPE_OF_TEXT in raw[:200]
 
 
 def holds_text_only(sheet: Sheet) -> bool:
-    """Return whether a sheet holds words and so few numbers that they are no circle.
+    """Return whether a sheet holds text, and too few numbers for the readings of a circle.
 
     An example is a description of the measurement. The result is false for a sheet without rows,
-    such as that of a PDF file, because nobody knows what this file holds.
+    such as that of a PDF file, because the content of this file is unknown.
     """
     n_lines = 0
     for _, text in sheet.texts(sheet.rows):
@@ -78,7 +78,7 @@ def holds_temperatures(heading: Heading) -> bool:
 
 
 def without_table(sheet: Sheet, error: InputError) -> InputError:
-    """Return the error for a file without a table beside files with tables.
+    """Return the error for a file without a table, if it is read together with files with tables.
 
     ``error`` is the error that the search for the table raised.
     """
@@ -91,12 +91,12 @@ def without_table(sheet: Sheet, error: InputError) -> InputError:
 
 
 def or_left_out(error: InputError, path: Path) -> InputError:
-    """Return an error about one of several files, with a second step: to leave this file out."""
+    """Return an error about one of several files, with the added advice to leave this file out."""
     return InputError(f"{error} If it holds no circle, leave this file out: {path.name}.")
 
 
 def without_columns(sheet: Sheet, heading: Heading) -> InputError:
-    """Return the error for a table without angles or readings beside files with circles.
+    """Return the error for a table without angles or readings, read together with circular tests.
 
     Examples are a table of pressures and forces, and a table of temperatures.
     """

@@ -18,9 +18,10 @@ _LONGEST_LIST = 200
 def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
     """Return the paths of the named files, with each pattern replaced by the matching files.
 
-    Patterns contain ``*`` or ``?``, which not every shell expands. The name of an existing file is
-    no pattern. Matching files are in natural order (2 N before 10 N). Backslashes may separate
-    folders. Hidden files, and lock files of spreadsheet programs (``~$``), do not match.
+    A name with ``*`` or ``?`` is a pattern, unless a file with exactly this name exists. The
+    function is needed because not every shell expands patterns. Matching files are in natural order
+    (2 N before 10 N). Backslashes may separate folders. Hidden files, and lock files of spreadsheet
+    programs (``~$``), do not match.
 
     Raises
     ------
@@ -42,7 +43,7 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
 
 
 def _path_of(text: str) -> Path:
-    """Return the file path that a text states. Backslashes may separate the folders in the path."""
+    """Return the path that a text states. Backslashes may separate the folders in the text."""
     path = Path(text)
     windows_path = PureWindowsPath(text)
     if "\\" not in text or windows_path.anchor or path.exists():
@@ -61,8 +62,8 @@ def _matches_of(text: str, path: Path, wild_part: int) -> list[Path]:
     """Return the files that match a pattern with ``*`` or ``?``.
 
     If only folders match, the folders are returned. ``text`` is the pattern as the user wrote it,
-    and ``path`` is the same pattern as a path. The part of the path with the index ``wild_part`` is
-    the first part that contains ``*`` or ``?``.
+    and ``path`` is the same pattern as a path. ``wild_part`` is the index of the first part of the
+    path that contains ``*`` or ``?``.
     """
     folder = Path(*path.parts[:wild_part])
     pattern = "/".join(path.parts[wild_part:]).replace("[", "[[]")

@@ -1,4 +1,4 @@
-"""Lines that state the law between the pressure in the ball bar and the force of the bar.
+"""Lines that state the force law of the ball bar: its force as a function of its pressure.
 
 An example is ``F = 118.5 N/bar * p - 9.0 N``.
 """
@@ -22,19 +22,19 @@ _FORCE_PER_PRESSURE = re.compile(
 )
 _NUMBER = r"\d+(?:[.,]\d+)?"
 _PRESSURE_WORD = r"(?:p|P|pressure|Pressure|druck|Druck|pression|pressione)(?![^\W_]|\s?[:=])"
-# Regular expression for a number times the pressure, behind an equals sign.
+# Regular expression for a number times the pressure, after an equals sign.
 _TIMES_PRESSURE = re.compile(
     rf"=.*?(?:{_NUMBER}\s?(?:[*·×⋅x]\s?)?{_PRESSURE_WORD}"
     rf"|{_PRESSURE_WORD}\s?(?:[\[(]\w+[\])])?\s?[*·×⋅x]\s?{_NUMBER})"
 )
-# Regular expression for the force at one unit of pressure, as in "1 bar = 118.5 N".
+# Regular expression for the force at a pressure of one unit, as in "1 bar = 118.5 N".
 _FORCE_OF_ONE = re.compile(
     rf"(?<![\w.,])1(?:[.,]0+)?\s?{_PRESSURE}\s?"
     r"(?:=|≙|:|is|gives|corresponds?\sto|entspricht|ergibt)"
     rf"\s?{_NUMBER}\s?{_FORCE}(?!\w)"
 )
-# Regular expression for the name of one term of the law with its number. The terms are the slope,
-# the offset and the area of the piston.
+# Regular expression for the name and the value of a constant of the force law: the slope, the
+# offset or the area of the piston.
 _NAMED_TERM = re.compile(
     rf"(?:\bforce[ -](?:slope|gain|factor|offset|constant|law)"
     rf"|\bkraft-?(?:steigung|faktor|offset|gesetz|konstante)"
@@ -42,22 +42,22 @@ _NAMED_TERM = re.compile(
     rf"|=\s?A\s?[*·×⋅x]\s?p)\b.*?{_NUMBER}",
     re.IGNORECASE,
 )
-# Regular expressions for a law of force and pressure, or for one term of such a law.
+# Regular expressions for a force law, or for a constant of a force law.
 _LAWS = (_FORCE_PER_PRESSURE, _TIMES_PRESSURE, _FORCE_OF_ONE, _NAMED_TERM)
 # An error message shows at most this number of characters of a line.
 _LINE_SHOWN = 80
 
 
 def states_force_law(text: str) -> bool:
-    """Return whether a line states a law of force and pressure, such as ``F = 118.5 N/bar * p``."""
+    """Return whether a line states a force law of the bar, such as ``F = 118.5 N/bar * p``."""
     shown = text[:LONGEST_TEXT]
     return any(law.search(shown) is not None for law in _LAWS)
 
 
 def check_force_law(place: str, lines: Iterable[tuple[int | str, str]]) -> None:
-    """Raise an `InputError` for a line that states a law of force and pressure.
+    """Raise an `InputError` for a line that states the force as a function of the pressure.
 
-    The law is not read from the line; the user must state it.
+    This force law is not read from the line; the user must state it as options.
 
     Parameters
     ----------

@@ -20,8 +20,8 @@ __all__ = ["MeasuredArc", "join_half_circles"]
 _SHORTEST_HALF_DEG = 150.0
 # Longest arc that counts as a half circle [deg].
 _LONGEST_HALF_DEG = 240.0
-# Fields in which the two half circles of one test may differ. They may differ because each half is
-# in a separate file.
+# Fields in which the two halves of one test may differ, because each half comes from a separate
+# file.
 _FIELDS_OF_A_FILE = ("name", "time_s", "temperature_C")
 # Largest gap between two half circles of one test, divided by the step from one angle to the next.
 _LARGEST_GAP_STEPS = 3.0
@@ -83,9 +83,10 @@ def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
 
 
 def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
-    """Return whether two arcs are the halves of one circle with the same fields and direction.
+    """Return whether two arcs are the two halves of one test.
 
-    Together they must cover the circle without a large gap.
+    Both arcs must be half circles with the same direction of travel and the same fields, such as
+    force and plane. Together, the two arcs must cover the circle without a large gap.
     """
     if not (first.is_half_circle and second.is_half_circle):
         return False

@@ -18,7 +18,7 @@ _ANY_MARK = re.compile(r"[;|\t]|\.(?=\s)|,(?!\d)")
 
 
 def divide_line(text: str) -> list[str]:
-    """Return the parts of a line between semicolons, bars, tabs, full stops and commas."""
+    """Return the parts into which semicolons, ``|``, tabs, full stops and commas divide a line."""
     return _ANY_MARK.split(text)
 
 
@@ -26,7 +26,7 @@ def statements_of_line(text: str, is_mixed: Callable[[str], bool]) -> Iterator[s
     """Yield the statements of a line. If possible, each statement is about one subject.
 
     A line about one subject is a single statement. A line about several subjects is divided at
-    semicolons, bars, tabs and full stops. Parts that still are about several subjects are also
+    semicolons, ``|``, tabs and full stops. A part that is still about several subjects is also
     divided at commas.
 
     Parameters

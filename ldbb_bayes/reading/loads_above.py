@@ -28,15 +28,15 @@ _FEWEST_COLUMNS = 3
 
 
 def with_loads_in_header(sheet: Sheet) -> Sheet:
-    """Return a sheet in which the loads from the line above the header are put into the header.
+    """Return a sheet in which loads from a line above the header are added to the header.
 
-    Loads are forces and pressures. The line of loads must state a load, such as ``100 N``, for each
-    column except the first. If the first cell of this line names force or pressure with a unit, the
-    other cells may be numbers without units. For example, the header ``Deviation [um]`` below 100 N
-    is changed to ``100 N Deviation [um]``. Lines next to the line of loads may state a name, a
-    plane or a direction for each column; their words are put into the header, too. In these lines,
-    a text in merged cells belongs to all columns below. The headers of further columns of angles
-    are left as they are. A sheet without a line of loads is returned unchanged.
+    Loads are forces and pressures. For example, the header ``Deviation [um]`` below the cell 100 N
+    is changed to ``100 N Deviation [um]``. The line of loads must state a load for each column
+    except the first. If the first cell of this line names force or pressure with a unit, the other
+    cells may be numbers without units. Lines next to the line of loads may state a name, a plane or
+    a direction for each column; these words are added to the header, too. In all of these lines, a
+    text in merged cells applies to all columns below. The headers of columns of angles are not
+    changed. A sheet without a line of loads is returned unchanged.
     """
     header = first_header(sheet.rows)
     if not header or len(sheet.rows[header].cells) < _FEWEST_COLUMNS:
@@ -67,11 +67,11 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
 
 
 def _columns_named(names: Sequence[str]) -> list[bool]:
-    """Return, for each column, whether the texts above the header belong to its name.
+    """Return, for each column, whether the texts above its header are added to the header.
 
-    They do not belong to columns of angles and to columns without a name. If there are several
-    columns of angles, and the names of other columns are those of readings, they belong to these
-    columns only.
+    The texts are not added to headers of angles and to empty headers. If there are several columns
+    of angles, and equally many columns of readings, the texts are added only to the headers of the
+    readings.
     """
     angles = [has_role(unit_of(name).name, "angle") for name in names]
     readings = [has_role(unit_of(name).name, "reading") for name in names]
@@ -86,10 +86,10 @@ def _lines_of_columns(
     """Return, for each line that describes the columns below, one text for each column.
 
     The texts are loads, names, planes or directions. The lines stand directly above the header, and
-    one of them must state loads; if none does, the list is empty. The line of loads comes first, so
-    that no number of a name stands in front of a load. The first column has no text.
-    ``rows`` are the rows above the header, and ``width`` is the number of cells of the header.
-    ``merged_lines`` are the numbers of the lines with merged cells.
+    one of them must state loads; if none does, the list is empty. The line of loads is the first in
+    the list, because a number at the end of a name must not precede a load. The first column has no
+    text. ``rows`` are the rows above the header, and ``width`` is the number of cells of the
+    header. ``merged_lines`` are the numbers of the lines with merged cells.
     """
     lines: list[list[str]] = []
     line_of_loads: list[str] = []
@@ -112,9 +112,9 @@ def _lines_of_columns(
 def _words_of_columns(cells: Sequence[str], is_merged: bool) -> list[str]:
     """Return the names, planes or directions in a line, one for each cell except the first.
 
-    In a line of names without merged cells (``is_merged``), all names must differ, and the first
-    cell must be empty. The result is an empty list if the line is no line of names, planes or
-    directions.
+    ``is_merged`` states whether the line has merged cells. In a line of names without merged cells,
+    all names must differ, and the first cell must be empty. The result is an empty list if the line
+    does not consist of names, planes or directions.
     """
     words = list(cells[1:])
     if not all(words):

@@ -80,7 +80,7 @@ def may_be_diameter(header: str) -> bool:
 
 
 def leaves_length_open(text: str) -> bool:
-    """Return whether a line names a diameter and may, but need not, be about the readings.
+    """Return whether a line names a diameter that may, but need not, be what readings measure.
 
     An example is ``Mode: diameter``.
     """

@@ -24,16 +24,17 @@ _REMOVED = re.compile(_WORDS["removed"], re.IGNORECASE)
 _CONTAINED = re.compile(_WORDS["contained"], re.IGNORECASE)
 # Regular expression for a negation.
 _NOT = re.compile(_WORDS["negation"], re.IGNORECASE)
-# Regular expression for words that may say what was done with the deflection, but whose meaning is
-# not clear. A text with such a word and a word for the mount is not understood.
+# Regular expression for words that may say what was done about the deflection, but in a way that
+# this package does not understand. A statement with such a word and a word for the mount is
+# reported as an error.
 _DONE = re.compile(_WORDS["done"], re.IGNORECASE)
-# Two regular expressions. The first is for words for a deflection, the second for words which say
-# that the deflection is in the readings.
+# Regular expressions for words for a deflection, and for words which say that something is in the
+# readings.
 _DEFLECTION = re.compile(_WORDS["deflection"], re.IGNORECASE)
 _IN_READINGS = re.compile(_WORDS["in_readings"], re.IGNORECASE)
 # Regular expression for words for raw readings.
 _RAW = re.compile(_WORDS["raw"], re.IGNORECASE)
-# Regular expression for further words that a statement may contain without a change of its meaning.
+# Regular expression for further words, which do not change the meaning of a statement.
 _BESIDE = re.compile(_WORDS["beside"], re.IGNORECASE)
 # An error message shows at most this number of characters of a line.
 _LINE_SHOWN = 80
@@ -63,7 +64,7 @@ def mount_state(statement: str) -> str:
 
 
 def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> None:
-    """Raise an `InputError` for an unclear line about the mount's deflection in the readings.
+    """Raise an `InputError` if a line on the mount's deflection in the readings is ambiguous.
 
     Parameters
     ----------
@@ -84,10 +85,11 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
 
 
 def unread_mount(lines: Iterable[tuple[int | str, str]]) -> str:
-    """Return a note on the first line that mentions the mount's deflection or raw data.
+    """Return a note on the first line about the mount's deflection or raw data.
 
-    Such a line is not understood. An example is ``Mount deflection 2.33 µm/bar``. The note is empty
-    if there is no such line, or if an earlier line clearly says whether the readings are raw.
+    The note says that the line was not understood. An example of such a line is ``Mount deflection
+    2.33 µm/bar``. The note is empty if there is no such line, or if an earlier line clearly says
+    whether the readings are raw.
     """
     for line, text in lines:
         for statement in divide_line(text[:LONGEST_TEXT]):
@@ -100,7 +102,7 @@ def unread_mount(lines: Iterable[tuple[int | str, str]]) -> str:
 
 
 def _is_open(statement: str) -> bool:
-    """Return whether a statement about the deflection of the mount is not understood."""
+    """Return whether a statement is about the mount's deflection, but is not understood."""
     if _MOUNT.search(statement) is None or mount_state(statement):
         return False
     if _DONE.search(statement):

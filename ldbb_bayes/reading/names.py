@@ -52,16 +52,16 @@ _RADIUS_AFTER_R = re.compile(
     r"(?:[ _]?mm)?(?![a-zA-Z\d.,])(?![ _](?:N|kN|daN|lbf|kgf|bar|psi)(?![^\W_]))"
 )
 # Regular expression for a length in a name that may be the radius or the diameter of the circle.
-# The length is a number in mm, or a number behind a letter or word for a radius, diameter, length
-# or bar.
+# The length is a number in mm, or a number after a letter or word for a radius, diameter, length or
+# bar.
 _LENGTH_IN_NAME = re.compile(
     r"(?<![\d.,])(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?[ _\-]?mm(?![/\w])"
     r"|(?<![^\W_])(?:[RrDdLØø]|[Bb]ar|[Dd]ia(?:meter)?|[Dd]urchmesser|[Rr]ad(?:ius)?)[ _=\-]?"
     r"(?:0\.\d+[ _]?m(?![^\W_])"
     r"|(?:[5-9]\d|[1-9]\d\d)(?![.\d])(?![ _]?(?:k?N|daN|lbf|kgf|bar|psi)(?![^\W_])))"
 )
-# Regular expression for the place in a name at which a word begins with a capital, as in
-# "anglesCW".
+# Regular expression for the place in a name at which a new word begins with a capital letter, as
+# before CW in "anglesCW".
 _CAPITAL_WITHIN = re.compile(r"(?<=[a-z])(?=[A-Z])")
 # Regular expression for a plane in a name, by its letters or by the word of G-code that selects it.
 _PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ|G1[789](?!\d))(?![a-zA-Z])")

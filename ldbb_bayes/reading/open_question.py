@@ -1,4 +1,4 @@
-"""Error for files that do not state a fact for which there are only a few possibilities."""
+"""Error for a missing fact with only a few possible values, of which the user must choose one."""
 
 from __future__ import annotations
 

@@ -27,21 +27,21 @@ LONGEST_OVERVIEW = 1000
 
 @dataclass
 class OverviewLines:
-    """Lines of sheets without a table of readings: lines on all tests, and cells on one test."""
+    """Contents of sheets without a table of readings: lines on all tests, and cells on one test."""
 
-    #: place (line number and sheet) and text of each line that concerns all tests
+    #: place (line number and sheet) and text of each line that applies to all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
-    #: place (line number and sheet) and text of each cell that concerns the one test, from the rows
-    #: of this test in lists of tests; the text is "header: cell"
+    #: place (line number and sheet) and text of each cell in the rows that lists of tests hold for
+    #: one particular test; the text is "header: cell"
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
 
 
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:
-    """Return the lines of sheets that concern all tests, and the cells that concern one test.
+    """Return the lines of sheets that apply to all tests, and the cells that describe one test.
 
-    ``names`` are the possible spellings of the name of this one test. Lines outside lists of tests
-    concern all tests. In a list of tests, a row concerns the one test if a cell of the row is among
-    ``names``. Each cell of such a row is returned as ``header: cell``.
+    ``names`` are the possible spellings of the name of this test. Lines outside lists of tests
+    apply to all tests. A row in a list of tests describes the test if one of its cells is among
+    ``names``. Each cell of the row is returned as ``header: cell``.
     """
     lines = OverviewLines()
     wanted = {_without_blanks(name) for name in names}
@@ -56,7 +56,7 @@ def _add_lines_of(sheet: Sheet, wanted: set[str], lines: OverviewLines) -> None:
     ``wanted`` are the possible spellings of the name of the test, without blanks.
     """
     header: list[str] = []
-    words: list[str] = []  # last row of words, which may head a list of unknown quantities
+    words: list[str] = []  # last row of words, which may be the header of an unknown list
     for row in sheet.rows[:LONGEST_OVERVIEW]:
         place = f"{row.line} of {sheet.place}"
         cells = sheet.cells_as_written(row)
@@ -78,9 +78,9 @@ def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
     """Return whether a row in a list of tests describes the wanted test.
 
     The row describes the test if a cell of the row is among ``wanted``, the possible spellings of
-    the name of the test. But if the row starts with a label such as ``Operator:``, a name after the
-    label is the value of the label, and not the name of the test. ``filled`` are the cells of the
-    row that are not empty.
+    the name of the test. There is one exception: after a label such as ``Operator:`` in the first
+    cell, a name is not the name of the test. ``filled`` are the cells of the row that are not
+    empty.
     """
     named = wanted & {_without_blanks(cell) for cell in filled}
     if not named:
@@ -121,8 +121,8 @@ def _has_label(cell: str) -> bool:
 def _heads_a_list(filled: Sequence[str]) -> bool:
     """Return whether a row is the header of a list of tests.
 
-    A row with a label and a value, such as ``Radius | 100 mm``, is no header. A row of two cells is
-    no header either if the second cell is a statement, such as ``positive reading: bar shorter``.
+    A row with a label and a value, such as ``Radius | 100 mm``, is not a header. Nor is a row of
+    two cells whose second cell is a statement, such as ``positive reading: bar shorter``.
     ``filled`` are the cells of the row that are not empty.
     """
     if _is_statement(filled) or not names_columns(filled):

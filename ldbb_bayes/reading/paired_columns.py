@@ -21,7 +21,7 @@ __all__ = ["split_pairs"]
 # Smallest number of columns that each of several tables beside each other has: one column of angles
 # and one column of readings.
 _FEWEST_COLUMNS = 2
-# Smallest gap [deg] in the angles of a table that is only a part of a circle.
+# A table may hold only a part of a circle if its angles have a gap of at least this size [deg].
 _SMALLEST_GAP_DEG = 60.0
 
 
@@ -55,7 +55,7 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
 
 
 def _angles_of(table: Sheet) -> list[float]:
-    """Return the different numbers in the first column of a table, in rising order."""
+    """Return the different numbers in the first column of a table, in ascending order."""
     angles = set()
     for row in table.rows:
         angle = number_in_text(row.cells[0]) if looks_like_number(row.cells[0]) else None
@@ -67,8 +67,9 @@ def _angles_of(table: Sheet) -> list[float]:
 def _check_whole_circles(sheet: Sheet, angles_of_tables: Sequence[Sequence[float]]) -> None:
     """Raise an `InputError` if the tables beside each other are parts of one circle.
 
-    They are parts if no two tables have an angle in common, and if the angles of each table have a
-    gap. ``angles_of_tables`` are the angles of each table in rising order, as written.
+    The tables are parts of one circle if no two tables have an angle in common, and if the angles
+    of each table have a gap of at least 60°. ``angles_of_tables`` are the numbers in the angle
+    column of each table, in ascending order.
     """
     n_angles = sum(len(angles) for angles in angles_of_tables)
     n_different = len({angle for angles in angles_of_tables for angle in angles})
@@ -89,9 +90,10 @@ def _check_whole_circles(sheet: Sheet, angles_of_tables: Sequence[Sequence[float
 
 
 def _with_last_gap(names: Sequence[str]) -> list[str]:
-    """Return the headers of all columns, with the empty columns that the last table lacks.
+    """Return the headers of all columns, with empty headers added after the last table.
 
-    Empty columns may stand between the tables. Files do not always have them behind the last table.
+    Empty columns may separate the tables. Files often lack these columns after the last table. They
+    are added so that all tables have the same number of columns.
     """
     padded = list(names)
     starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
@@ -123,7 +125,7 @@ def _width_of_tables(names: Sequence[str]) -> int:
 def _columns_of(sheet: Sheet, header: int, columns: range, title: str) -> Sheet:
     """Return the table in the given columns of a sheet as a separate sheet with a title.
 
-    ``header`` is the index of the row of names. The rows above this row are kept in every table.
+    ``header`` is the index of the row of headers. The rows above this row are kept in every table.
     """
     rows = list(sheet.rows[:header])
     for row in sheet.rows[header:]:
@@ -146,7 +148,8 @@ def _columns_of(sheet: Sheet, header: int, columns: range, title: str) -> Sheet:
 def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
     """Return whether a table has all columns that the layout states by name.
 
-    Return False if the layout states a column by its number. Names may differ in capitals.
+    Return False if the layout states a column by its number. Upper and lower case are not
+    distinguished.
     """
     names = {comparable(header) for header in headers}
     for reference in layout.columns.values():

@@ -1,8 +1,8 @@
 """Placeholders: numbers such as -999 that stand in a file in place of a missing number.
 
 An instrument writes a placeholder if it has lost its signal. A placeholder consists of nines, is
-the largest number of a type of integers, or is at least 1e10. It is also far away from all other
-numbers of its column.
+the limit of an integer type, or is at least 1e10 in absolute value. It is also far away from all
+other numbers of its column.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ __all__ = ["placeholders_in"]
 
 # Regular expression for a number of at least three nines, such as -999, 99.99 or -9.999.
 _NINES = re.compile(r"[+\-−–]?(?=(?:[.,]?9){3})9+(?:[.,]9*0*)?")
-# Digits of the largest and smallest numbers of types of integers, such as 32767 for integers of 16
-# bits with sign. In a placeholder, a decimal mark may stand between these digits.
+# Digits of the largest and smallest numbers of integer types, such as 32767 for signed 16-bit
+# integers. In a placeholder, a decimal mark may stand between these digits.
 _LIMITS_OF_INTEGERS = {
     "32767",
     "32768",
@@ -36,14 +36,14 @@ _LIMITS_OF_INTEGERS = {
 # A number whose absolute value is at least this large is a placeholder if it is far away from the
 # other numbers, because readings and angles are never so large.
 _LARGEST_NUMBER = 1e10
-# A number can be a placeholder only if it is far away from the other numbers of its column. It is
-# far away if its difference from their median is more than this factor times the largest difference
-# of the other numbers from this median.
+# A number is a placeholder only if it is far away from the other numbers of its column: its
+# distance from their median must exceed this factor times the largest distance of the other numbers
+# from their median.
 _FAR = 5.0
 # This factor replaces ``_FAR`` for a number that appears several times in the column, as
 # placeholders often do.
 _FAR_IF_REPEATED = 1.5
-# Placeholders are searched only in a column in which at least this many numbers do not have the
+# A column is searched for placeholders only if at least this many of its numbers do not have the
 # form of a placeholder.
 _FEWEST_NUMBERS = 3
 
@@ -72,7 +72,7 @@ def placeholders_in(cells: Sequence[str], numbers: Array) -> NDArray[np.bool_]:
 
 
 def _is_like_placeholder(cell: str) -> bool:
-    """Return whether a cell has the form of a placeholder: nines, or the limit of an integer."""
+    """Return whether a cell looks like a placeholder: nines, or the limit of an integer type."""
     text = cell.strip()
     if _NINES.fullmatch(text):
         return True

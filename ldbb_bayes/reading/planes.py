@@ -30,7 +30,7 @@ PLANE_OF_SWAPPED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
 # Regular expression for the two letters of a plane. A mark may stand between the letters, and a
 # word for plane may follow them.
 _TWO_AXES = re.compile(r"(?P<first>[XYZ])[-/ ,;+_]?(?P<second>[XYZ])(?:[- ]?(?:PLANE|EBENE))?")
-# Regular expression for the label "plane" in several languages, with the text behind the label.
+# Regular expression for the label "plane" in several languages, with the text after the label.
 _LABELLED = re.compile(WORDS["planes"]["labelled"], re.IGNORECASE)
 # A note shows at most this number of characters of a line.
 _LENGTH_SHOWN = 60
@@ -123,7 +123,8 @@ def _swapped_error(place: str, plane: str, source: str) -> InputError:
 def unread_plane(lines: Sequence[tuple[int | str, str]]) -> str:
     """Return a note on the first line that has a label for the plane, but no known plane.
 
-    The note is empty if there is no such line. ``lines`` are numbers (or places) and texts.
+    The note is empty if there is no such line. ``lines`` holds the number (or place) and the text
+    of each line.
     """
     for line, content in lines:
         match = _LABELLED.search(content[:LONGEST_TEXT])

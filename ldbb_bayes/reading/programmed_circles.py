@@ -28,16 +28,16 @@ _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
 _CENTRE = re.compile(rf"(?<![A-Za-z])[IJK]\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
 # Regular expression for the radius of an arc.
 _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
-# Regular expression for a word after which the coordinates of centres are counted from the zero
-# point of the programme.
+# Regular expression for the word G90.1, after which the coordinates of centres are counted from the
+# zero point of the programme.
 _ABSOLUTE_CENTRE = re.compile(r"(?<![A-Za-z\d])G90\.1(?!\d)", re.IGNORECASE)
-# Regular expression for a word after which lengths are in inches.
+# Regular expression for the words G20 and G70, after which lengths are in inches.
 _INCHES = re.compile(r"(?<![A-Za-z\d])G(?:20|70)(?![\d.])", re.IGNORECASE)
 # Regular expression for the sense of an arc in programmes for Heidenhain controls. The radius of
 # such an arc is in other blocks.
 _ARC_AROUND_POLE = re.compile(r"(?<![A-Za-z])DR\s?[+\-](?!\d)")
 _MM_PER_INCH = 25.4
-# Senses of the words G2 and G3.
+# Directions of travel that the words G2 and G3 select; the keys are the digits of these words.
 _SENSES = {"2": "CW", "3": "CCW"}
 
 
@@ -56,7 +56,7 @@ def programs_arc(text: str) -> bool:
 
 
 def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedArc]:
-    """Return the arcs that lines of text program, in their order.
+    """Return the arcs that G-code in lines of text programs, in the order of the lines.
 
     Parameters
     ----------
@@ -84,9 +84,10 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
 def _radius_in(block: str, is_absolute: bool) -> float | None:
     """Return the radius that a block of G-code states; None if the block states no radius.
 
-    The radius is in the unit of the block. It is stated as such, or follows from the coordinates of
-    the centre, counted from the start of the arc. If ``is_absolute`` is true, these coordinates are
-    counted from the zero point of the programme, and the radius does not follow from them.
+    The radius is in the unit of the block. The block states the radius itself, or the coordinates
+    of the centre, from which the radius is computed. This is possible only if the coordinates are
+    counted from the start of the arc. If ``is_absolute`` is true, they are counted from the zero
+    point of the programme, and the result is None.
     """
     stated = _RADIUS.search(block)
     if stated is not None:

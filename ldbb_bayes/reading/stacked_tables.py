@@ -162,9 +162,9 @@ def _is_of_page(row: Row, lines_above_first: Sequence[Row]) -> bool:
 def _without_titles(sheet: Sheet, lines: Sequence[Row], first: Sequence[Row]) -> list[Row]:
     """Return the lines above a repeated header without the titles that pages of a table repeat.
 
-    A title differs from a line above the first table only by numbers, as ``Test 7, page 2`` from
-    ``Test 7, page 1``, or by a word such as "continued". A line that states a field other than a
-    time is no title.
+    A title differs from a line above the first table only in its numbers or by a word such as
+    "continued". For example, ``Test 7, page 2`` repeats the title ``Test 7, page 1``. A line that
+    states a field other than a time is not a title.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def _without_titles(sheet: Sheet, lines: Sequence[Row], first: Sequence[Row]) ->
 
 
 def _without_numbers(text: str) -> str:
-    """Return the words of a line in small letters, without words such as "continued"."""
+    """Return the words of a line in lower case, without numbers and words such as "continued"."""
     words = re.findall(r"[^\W\d_]+", comparable(text))
     return " ".join(word for word in words if not _CONTINUED.fullmatch(word))
 

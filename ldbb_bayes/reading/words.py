@@ -1,4 +1,4 @@
-"""Words and units that foreign files use, in English, German and other languages.
+"""Words and units that files of readings use, in English, German and other languages.
 
 The words themselves are in the file ``words.toml``.
 """
@@ -32,15 +32,15 @@ LONGEST_TEXT = 300
 # Number of characters that are examined at the beginning of a column's header; all further
 # characters are ignored.
 LONGEST_NAME = 200
-# Longest unit [characters]; a longer text is no unit.
+# Longest text that can be a unit [characters].
 _LONGEST_UNIT = 40
-# Regular expression for a unit with a factor. An example is 0.1 µm, if the readings are numbers of
-# digital steps (counts) of 0.1 µm.
+# Regular expression for a unit with a factor. An example is 0.1 µm, the unit of readings in counts
+# (digital steps) of 0.1 µm.
 _SCALED_UNIT = re.compile(
     r"(?P<inverse>1/)?(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
 )
 
-# Content of ``words.toml``: words and units that foreign files use.
+# Content of ``words.toml``: words and units that files of readings use.
 WORDS: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "words.toml").read_text(encoding="utf-8")
 )
@@ -76,9 +76,9 @@ def comparable(text: str) -> str:
 def _unit_sizes() -> dict[str, dict[str, float]]:
     """Return a dict with the sizes of all known units for each role of a column.
 
-    The keys are roles; each value is a dict whose keys are the names of the units of this role. A
-    size is stated in the unit that this package uses for the role. For readings this is µm, so that
-    mm has the size 1000.
+    The keys are roles, such as reading. Each value is a dict whose keys are names of units, and
+    whose values are the sizes of these units in the unit that this package uses for the role. This
+    package uses µm for readings; therefore, the size of mm is 1000.
     """
     sizes: dict[str, dict[str, float]] = {}
     for role, units in WORDS["units"].items():
@@ -99,17 +99,17 @@ def _units_by_word() -> dict[str, str]:
     return units_by_word
 
 
-# Sizes of all known units. The keys are roles of columns (such as reading); each value is a mapping
-# from the names of units to their sizes in the unit that this package uses for the role. For
-# readings this is µm, so that mm has the size 1000.
+# Sizes of all known units. The keys are roles of columns, such as reading. Each value is a mapping
+# from the names of units to their sizes in the unit that this package uses for the role. This
+# package uses µm for readings; therefore, the size of mm is 1000.
 UNITS: Mapping[str, Mapping[str, float]] = _unit_sizes()
 _UNITS_BY_WORD = _units_by_word()
 
 
 def unit_named(text: str) -> str:
-    """Return the name that this package uses for the unit that a text names.
+    """Return this package's name for the unit in a text, such as "um" for "µm".
 
-    Return an empty text if the text names no known unit.
+    The result is an empty text if the text is not a known unit.
     """
     if len(text) > _LONGEST_UNIT:
         return ""
