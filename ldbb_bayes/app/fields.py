@@ -35,6 +35,7 @@ __all__ = [
     "read_files",
     "report_settings",
     "source_from",
+    "typed_value",
 ]
 
 FILES = "campaign"  # subfolder of a session (one browser tab) for the files that the user added
@@ -133,12 +134,29 @@ FIELDS: Mapping[str, Field] = _all_fields()
 # ---- conversion of texts typed on the browser page
 
 
-def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
+def typed_value(field_option: Option, name: str, text: str, folder: Path) -> Any:
     """Return the value of an option from the text typed on the page.
 
-    The result is the value that Typer, the library that reads the command line, would return.
-    ``name`` is the name of the option. ``folder`` is the folder of the session (one browser tab),
-    which contains the files that the user added.
+    Parameters
+    ----------
+    field_option
+        The option.
+    name
+        Name of the option.
+    text
+        Text typed on the page.
+    folder
+        Folder of the session (one browser tab), which contains the files that the user added.
+
+    Returns
+    -------
+    object
+        The value that Typer, the library that reads the command line, would return.
+
+    Raises
+    ------
+    InputError
+        If the text cannot be read.
     """
     typed = _type_read(field_option)
     flag = field_option.flag(name)
@@ -238,7 +256,7 @@ def _argument(
         text = choices.get(name, "").strip() if name in FIELDS else ""
         typed[name] = field_option.default
         if text:
-            typed[name] = _value(field_option, name, text, folder)
+            typed[name] = typed_value(field_option, name, text, folder)
     return group(make, **options).take_from(typed)
 
 

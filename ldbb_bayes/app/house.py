@@ -1,33 +1,32 @@
-"""Start and end of the sessions (browser tabs) of the server, and the fits of the sessions."""
+"""Start and end of the sessions (browser tabs) of the server, and their computations."""
 
 from __future__ import annotations
 
 import asyncio
-import json
-import os
 import secrets
 import shutil
-import sys
 import time
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+from ldbb_bayes.app.computation import Computation
 from ldbb_bayes.app.desk import Desk
 from ldbb_bayes.app.fields import FILES, RESULT
-from ldbb_bayes.app.session import JOB, Session, kill_process
+from ldbb_bayes.app.session import Session
 from ldbb_bayes.app.templates import Templates
-from ldbb_bayes.app.worker import CHOICES_NAME, OUTCOME_NAME
-from ldbb_bayes.parallel import ONE_THREAD
 
 __all__ = ["House"]
 
 MOST_SESSIONS = 32  # largest number of sessions (browser tabs) at the same time
 LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
-# A fit is stopped if its page has sent no request for this time [s] and another fit is waiting. The
-# page of the waiting fit must have sent a request within this time.
+# A computation is stopped if its page has sent no request for this time [s] and another computation
+# of its kind is waiting. The page of the waiting one must have sent a request within this time.
 ABANDONED_S = 150.0
-_FIT = "from ldbb_bayes.app.worker import main; main()"
+
+
+def _one_of_each_kind() -> dict[str, asyncio.Semaphore]:
+    return {"fit": asyncio.Semaphore(1), "search": asyncio.Semaphore(1)}
 
 
 @dataclass(eq=False)
@@ -39,8 +38,9 @@ class House:
     templates: Templates = field(default_factory=Templates)  #: Templates of the browser page.
     #: Sessions; the keys are `Session.key`.
     sessions: dict[str, Session] = field(default_factory=dict)
-    #: Lock that lets only one fit run at a time, because a fit uses all cores.
-    turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
+    #: Locks that let only one fit run at a time, because a fit uses all cores, and only one search
+    #: for the cheapest campaign. The keys are fit and search.
+    turns: dict[str, asyncio.Semaphore] = field(default_factory=_one_of_each_kind)
 
     def begin(self, language: str) -> Session | None:
         """Return a new session for a browser tab; None if there are already 32 sessions.
@@ -62,7 +62,7 @@ class House:
         shutil.rmtree(session.folder, ignore_errors=True)
 
     async def look_after(self) -> None:
-        """End sessions that nobody uses any more, delete their files, and stop abandoned fits.
+        """End sessions that nobody uses, delete their files, and stop abandoned computations.
 
         These steps are repeated every second until the task is cancelled.
         """
@@ -71,81 +71,95 @@ class House:
             for session in list(self.sessions.values()):
                 if session.is_over:
                     self.end(session)
-            self._stop_abandoned_fits()
+            for kind in self.turns:
+                self._stop_abandoned(kind)
             for folder in self.folder.iterdir():
                 # A computation may have written files after the end of its session: delete them.
                 if folder.name not in self.sessions:
                     shutil.rmtree(folder, ignore_errors=True)
 
-    def _stop_abandoned_fits(self) -> None:
-        """Stop each fit whose page sends no more requests, if the fit of another page is waiting.
+    def _stop_abandoned(self, kind: str) -> None:
+        """Stop each computation of a silent page, if the computation of another page is waiting.
 
-        Fits are stopped only if the page of the waiting fit has sent a request within the last 150
-        seconds.
+        A page is silent if it has sent no request within the last 150 seconds. Computations are
+        stopped only if the page of the waiting computation is not silent. ``kind`` is the kind of
+        computation: fit or search.
         """
         abandoned = []
         is_awaited = False
         for session in self.sessions.values():
+            computation = session.computations[kind]
             silence_s = time.monotonic() - session.last_request_s
             is_silent = silence_s > ABANDONED_S
-            if session.process is not None and is_silent:
+            if computation.process is not None and is_silent:
                 abandoned.append(session)
-            if session.process is None and session.running and not is_silent:
+            if computation.process is None and computation.running and not is_silent:
                 is_awaited = True
         if not is_awaited:
             return
         for session in abandoned:
-            session.stop()
-            session.outcome = session.refusal("gave_way")
+            computation = session.computations[kind]
+            computation.stop()
+            computation.outcome = session.refusal(f"{kind}_gave_way")
 
     async def fit(self, session: Session) -> None:
         """Write the report of a session (one browser tab) in a separate process.
 
         The process reads a copy of the session's files. An earlier report is replaced only after
-        the new report is complete. The outcome of the session is then stored: the result of the
-        fit, or a refusal.
+        the new report is complete. The outcome of the fit is then stored: its result, or a refusal.
         """
-        job = session.folder / JOB
+        fit = session.fit
         try:
-            async with self.turn:
+            async with self.turns[fit.kind]:
                 edition = session.edition
-                shutil.rmtree(job, ignore_errors=True)
-                await asyncio.to_thread(shutil.copytree, session.folder / FILES, job / FILES)
-                choices = json.dumps(session.said())
-                (job / CHOICES_NAME).write_text(choices, encoding="utf-8")
-                session.process = await _start_fit(job)
-                await session.process.wait()
-            session.outcome = session.refusal("fit_died")
-            with suppress(OSError, ValueError):
-                session.outcome = json.loads((job / OUTCOME_NAME).read_text(encoding="utf-8"))
-            if "unexpected" in session.outcome:
-                error = session.outcome["unexpected"]
-                session.outcome = session.refusal("unexpected", error=error)
-            if "refused" not in session.outcome:
+                shutil.rmtree(fit.folder, ignore_errors=True)
+                files = session.folder / FILES
+                await asyncio.to_thread(shutil.copytree, files, fit.folder / FILES)
+                outcome = await fit.compute(session.said())
+            fit.outcome = _result_or_refusal(session, fit, outcome)
+            if "refused" not in fit.outcome:
+                session.forget_search()
                 shutil.rmtree(session.folder / RESULT, ignore_errors=True)
-                (job / RESULT).rename(session.folder / RESULT)
+                (fit.folder / RESULT).rename(session.folder / RESULT)
                 session.fitted = edition
                 session.asked = {}
         except OSError as error:
-            reason = error.strerror or "a file could not be copied"
-            session.outcome = session.refusal("unexpected", error=reason)
-        finally:
-            kill_process(session.process)
-            session.process = None
+            fit.outcome = _refusal_of_files(session, error)
+
+    async def search(self, session: Session) -> None:
+        """Search for the cheapest campaign that reaches the goals of a session, in a process.
+
+        The session is one browser tab. The process reads a copy of the campaign of the session's
+        report. The outcome of the search is then stored: its result, or a refusal.
+        """
+        search = session.search
+        try:
+            async with self.turns[search.kind]:
+                shutil.rmtree(search.folder, ignore_errors=True)
+                campaign = Path(RESULT) / "campaign"
+                copy = search.folder / campaign
+                await asyncio.to_thread(shutil.copytree, session.folder / campaign, copy)
+                outcome = await search.compute(session.searched)
+            search.outcome = _result_or_refusal(session, search, outcome)
+        except OSError as error:
+            search.outcome = _refusal_of_files(session, error)
 
 
-async def _start_fit(job: Path) -> asyncio.subprocess.Process:
-    nowhere = asyncio.subprocess.DEVNULL
-    return await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-P",
-        "-c",
-        _FIT,
-        str(job),
-        str(os.getpid()),
-        stdin=nowhere,
-        stdout=nowhere,
-        stderr=nowhere,
-        env={**os.environ, **ONE_THREAD},
-        start_new_session=True,
-    )
+def _result_or_refusal(
+    session: Session, computation: Computation, outcome: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the outcome of a computation; if it has no result, the reason for that.
+
+    ``outcome`` is what the process of the computation wrote; it is empty if the process has ended
+    without writing anything.
+    """
+    if not outcome:
+        return session.refusal(f"{computation.kind}_died")
+    if "unexpected" in outcome:
+        return session.refusal("unexpected", error=outcome["unexpected"])
+    return outcome
+
+
+def _refusal_of_files(session: Session, error: OSError) -> dict[str, Any]:
+    """Return the refusal for files of a session that could not be copied."""
+    return session.refusal("unexpected", error=error.strerror or "a file could not be copied")

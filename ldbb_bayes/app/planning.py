@@ -24,7 +24,7 @@ from ldbb_bayes.campaign.campaign import Direction
 from ldbb_bayes.errors import require
 from ldbb_bayes.results import Array
 
-__all__ = ["PLAN", "forecast", "plan"]
+__all__ = ["PLAN", "changes_between", "forecast", "pilot_row", "plan", "test_row"]
 
 PLAN = "plan"  # subfolder of a session (one browser tab) for the plan of the next tests
 _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
@@ -388,16 +388,11 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     settings_json = _test_settings(settings)
     planned = _planned_tests(report, settings_json)
     expected = _expected_uncertainties(report, settings_json, fine=bool(settings.get("fine", True)))
-    turns = 0
-    radius_changes = 0
-    for test, following in pairwise(planned.plan.tests):
-        turns += test.work_ball_deg != following.work_ball_deg
-        turns += test.tool_ball_deg != following.tool_ball_deg
-        radius_changes += test.radius_mm != following.radius_mm
+    changes = changes_between(planned.plan.tests)
     minutes = (
         costs["minutes"] * len(planned.plan.tests)
-        + costs["turn_minutes"] * turns
-        + costs["radius_minutes"] * radius_changes
+        + costs["turn_minutes"] * changes["turns"]
+        + costs["radius_minutes"] * changes["changes"]
     )
     stated: dict[str, Any] = {
         **planned.sliders,
@@ -414,12 +409,11 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
         "settle": expected["settle"],
         "asked": stated,
         "best": bool(settings.get("best")),
-        "turns": turns,
-        "changes": radius_changes,
+        **changes,
         "minutes": round(minutes),
         "cost": round(minutes / 60.0 * costs["hourly"]),
-        "pilot": _pilot_row(pilot),
-        "tests": [_test_row(test, pilot) for test in planned.plan.tests],
+        "pilot": pilot_row(pilot),
+        "tests": [test_row(test, pilot) for test in planned.plan.tests],
     }
 
 
@@ -466,7 +460,44 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     return {"rows": rows, "settle": settle}
 
 
-def _test_row(test: lb.CircularTest, pilot: lb.Campaign) -> dict[str, Any]:
+def changes_between(tests: Sequence[lb.CircularTest]) -> dict[str, int]:
+    """Return how often the balls are turned, and how often the radius is changed, between tests.
+
+    Parameters
+    ----------
+    tests
+        Tests in the order in which they are run.
+
+    Returns
+    -------
+    dict
+        ``turns``, the number of turns of the work ball and of the tool ball; and ``changes``, the
+        number of changes of the radius.
+    """
+    turns = 0
+    radius_changes = 0
+    for test, following in pairwise(tests):
+        turns += test.work_ball_deg != following.work_ball_deg
+        turns += test.tool_ball_deg != following.tool_ball_deg
+        radius_changes += test.radius_mm != following.radius_mm
+    return {"turns": turns, "changes": radius_changes}
+
+
+def test_row(test: lb.CircularTest, pilot: lb.Campaign) -> dict[str, Any]:
+    """Return the settings of a test as texts, for the operator.
+
+    Parameters
+    ----------
+    test
+        The test.
+    pilot
+        Campaign whose force law gives the pressure of the test.
+
+    Returns
+    -------
+    dict
+        Force, pressure, plane, direction, radius and angles of both balls.
+    """
     force = float(test.force_N or 0.0)
     return {
         "force": f"{force:.4g}",
@@ -490,7 +521,20 @@ _PILOT_LABELS = (
 )
 
 
-def _pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
+def pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
+    """Return what an operator's sheet states of the machine and the instrument.
+
+    Parameters
+    ----------
+    pilot
+        Campaign on which a plan is based.
+
+    Returns
+    -------
+    dict
+        Texts, such as the name of the campaign and the feed; also the lowest and the highest force
+        [N] and the number of tests.
+    """
     row: dict[str, Any] = {name: getattr(pilot, name) or "" for name in _PILOT_LABELS}
     row["feed"] = ""
     if pilot.feed_mm_per_min is not None:

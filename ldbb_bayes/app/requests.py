@@ -1,6 +1,6 @@
 """Answers to the HTTP requests of a browser page that has a session.
 
-A session is one browser tab with its files, its typed entries and its fit.
+A session is one browser tab with its files, its typed entries and its computations.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
 
 import ldbb_bayes as lb
+from ldbb_bayes.app.cheapest import CHEAPEST, passages_shown, wrong_entry
+from ldbb_bayes.app.computation import Computation
 from ldbb_bayes.app.fields import FIELDS, FILES, RESULT
+from ldbb_bayes.app.goal_fields import goal_texts
 from ldbb_bayes.app.house import House
 from ldbb_bayes.app.planning import PLAN, forecast, plan
 from ldbb_bayes.app.session import Session
@@ -98,6 +101,9 @@ async def _show_section(house: House, session: Session, request: Request) -> Res
         values["found"] = await house.desk.ask(effects_of_certificates, session, session.said())
     elif name == "plan":
         values["found"] = await house.desk.ask(forecast, session, session.asked)
+        values["passages"] = passages_shown(session.search.outcome, session.language)
+    elif name == "cheapest":
+        values["passages"] = passages_shown(session.search.outcome, session.language)
     elif name not in ("files", "fit", "sheets"):
         return refused(session.word("nothing"), 404)
     section = house.templates.show(f"{name}.html.j2", session.language, session=session, **values)
@@ -263,17 +269,21 @@ def _is_entry(text: object) -> bool:
 
 
 async def _fit(house: House, session: Session, request: Request) -> Response:
-    if not session.running:
-        session.outcome = {}
-        session.task = asyncio.create_task(house.fit(session))
+    if not session.fit.running:
+        session.fit.outcome = {}
+        session.fit.task = asyncio.create_task(house.fit(session))
     return JSONResponse(session.state())
 
 
 async def _cancel_fit(house: House, session: Session, request: Request) -> Response:
-    if session.running and session.task is not None:
-        session.stop()
-        await asyncio.wait([session.task])
-        session.outcome = {"cancelled": True}
+    return await _cancel(session, session.fit)
+
+
+async def _cancel(session: Session, computation: Computation) -> Response:
+    if computation.running and computation.task is not None:
+        computation.stop()
+        await asyncio.wait([computation.task])
+        computation.outcome = {"cancelled": True}
     return JSONResponse(session.state())
 
 
@@ -290,6 +300,59 @@ async def _show_forecast(house: House, session: Session, request: Request) -> Re
         session.asked = sent
     section = house.templates.show("forecast.html.j2", session.language, found=expected)
     return HTMLResponse(section)
+
+
+# ---- the search for the cheapest campaign
+
+
+async def _search(house: House, session: Session, request: Request) -> Response:
+    """Start a search for the cheapest campaign that reaches the goals typed on the page.
+
+    The request contains the texts of the entry fields for goals and costs. If one of them cannot be
+    used, the response states the reason, and which entry field it is.
+    """
+    sent = await _read_json(request)
+    if sent is None:
+        return refused(session.word("form"), 422)
+    if session.search.running:
+        return refused(session.word("searching"), 409)
+    if session.fit.running:
+        return refused(session.word("fitting"), 409)
+    refusal = session.refusal("no_goal")
+    if goal_texts(sent):
+        refusal = await house.desk.ask(wrong_entry, session, sent)
+    if session.search.running:  # another request was quicker
+        return refused(session.word("searching"), 409)
+    session.searched = sent
+    session.search.outcome = refusal
+    if "refused" in refusal:
+        return JSONResponse({"refused": refusal["refused"], "wrong": refusal.get("wrong", "")})
+    session.search.task = asyncio.create_task(house.search(session))
+    return JSONResponse(session.state())
+
+
+async def _stop_search(house: House, session: Session, request: Request) -> Response:
+    return await _cancel(session, session.search)
+
+
+async def _send_cheapest(house: House, session: Session, request: Request) -> Response:
+    """Return the operator's sheet of a campaign that was found, or a ZIP archive of its files.
+
+    The URL path states the number of the campaign, where 1 is the cheapest, and html or zip.
+    """
+    number = request.path_params["number"]
+    kind = request.path_params["kind"]
+    outcome = session.search.outcome
+    campaigns = outcome.get("campaigns", ())
+    if not 1 <= number <= len(campaigns) or kind not in ("html", "zip"):
+        return refused(session.word("nothing"), 404)
+    if kind == "html":
+        planned = {**campaigns[number - 1], "pilot": outcome["pilot"]}
+        return HTMLResponse(
+            house.templates.show("operator.html.j2", session.language, found=planned)
+        )
+    folder = session.search.folder / CHEAPEST / str(number)
+    return await _send_zipped(folder, f"cheapest-{number}.zip")
 
 
 # ---- results of a fit
@@ -362,5 +425,8 @@ ROUTES: tuple[tuple[str, str, Answer], ...] = (
     ("POST", "/cancel", _cancel_fit),
     ("POST", "/leave", _leave),
     ("POST", "/plan", _show_forecast),
+    ("POST", "/search", _search),
+    ("POST", "/stop", _stop_search),
+    ("GET", "/result/cheapest-{number:int}.{kind}", _send_cheapest),
     ("GET", "/result/{name}", _send_result),
 )

@@ -1,25 +1,23 @@
-"""A session of the page: one browser tab with its files, its entries and its fit."""
+"""A session of the page: one browser tab with its files, its entries and its computations."""
 
 from __future__ import annotations
 
 import asyncio
-import json
-import os
 import re
-import signal
+import shutil
 import time
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ldbb_bayes.app.computation import Computation
 from ldbb_bayes.app.fields import FIELDS, FILES, TOML
 from ldbb_bayes.app.templates import words_of_page
-from ldbb_bayes.app.worker import PROGRESS_NAME
 
-__all__ = ["JOB", "Session", "kill_process"]
+__all__ = ["Session"]
 
-JOB = "job"  # subfolder of a session (one browser tab) in which its report is made
+_JOB = "job"  # subfolder of a session (one browser tab) in which its report is made
+_SEARCH = "search"  # subfolder of a session for the search for the cheapest campaign
 # Times without a request after which a session ends [s]. ``CLOSED_S`` applies after the session's
 # browser tabs were closed, and is long enough to reload the page. ``UNOPENED_S`` applies if no tab
 # was ever opened. ``SILENT_S`` applies while a tab is open, and is long because tabs in the
@@ -31,7 +29,7 @@ SILENT_S = 3600.0
 
 @dataclass(eq=False)
 class Session:
-    """One session: a browser tab with its folder of files, its typed entries and its fit."""
+    """One session: a browser tab with its files, its typed entries and its computations."""
 
     key: str  #: Random text that identifies the session in URL paths.
     folder: Path  #: Folder of the session's files.
@@ -47,13 +45,8 @@ class Session:
     fitted: int = -1
     #: Values of the page's sliders, which describe the plan of the next tests.
     asked: dict[str, Any] = field(default_factory=dict)
-    #: Outcome of the session's last fit: the report's alerts and its sentence on whether the
-    #: numbers can be used, or the reason for a refusal.
-    outcome: dict[str, Any] = field(default_factory=dict)
-    #: Task that makes the session's report, or waits for its turn; None before the first fit.
-    task: asyncio.Task[None] | None = None
-    #: Process that makes the session's report; None while no fit is running.
-    process: asyncio.subprocess.Process | None = None
+    #: Texts of the goals and costs with which the cheapest campaign was last searched for.
+    searched: dict[str, Any] = field(default_factory=dict)
     #: Time of the last request from the session's page, on the monotonic clock [s].
     last_request_s: float = field(default_factory=time.monotonic)
     #: Identifiers of the browser tabs that show the session; None before the first request.
@@ -65,6 +58,21 @@ class Session:
     names: dict[str, str] = field(default_factory=dict)
     #: Lock that lets only one file be added at a time, so that the limit on the total size holds.
     adding: asyncio.Lock = field(default_factory=asyncio.Lock)
+    #: The fit. Its outcome is the report's alerts and its sentence on whether the numbers can be
+    #: used, or the reason for a refusal.
+    fit: Computation = field(init=False)
+    #: The search for the cheapest campaign. Its outcome is what the page shows, or the reason for a
+    #: refusal.
+    search: Computation = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.fit = Computation("fit", self.folder / _JOB)
+        self.search = Computation("search", self.folder / _SEARCH)
+
+    @property
+    def computations(self) -> dict[str, Computation]:
+        """The computations of the session; the keys are their kinds: fit and search."""
+        return {self.fit.kind: self.fit, self.search.kind: self.search}
 
     @property
     def is_over(self) -> bool:
@@ -90,11 +98,6 @@ class Session:
     def certificates(self) -> list[str]:
         """Names of the added files with the ending .xml, which may be calibration certificates."""
         return [name for name in self.held if name.lower().endswith(".xml")]
-
-    @property
-    def running(self) -> bool:
-        """Whether a fit of the session is running or waits for its turn."""
-        return self.task is not None and not self.task.done()
 
     def drop(self, name: str = "*") -> None:
         """Delete one file that the user added, or all added files if the name is ``*``."""
@@ -126,27 +129,20 @@ class Session:
         """Return a dictionary that describes the session; the page requests it repeatedly.
 
         The dictionary states the number of files, whether a fit is running, and the progress and
-        the outcome of the fit. ``edition`` is the number of changes that the user has made so far,
-        and ``fitted`` the number of changes when the report was made.
+        the outcome of the fit. ``searching`` states whether a search for the cheapest campaign is
+        running, and ``search_progress`` how far it is. ``edition`` is the number of changes that
+        the user has made so far, and ``fitted`` the number of changes when the report was made.
         """
         return {
             "files": len(self.held),
             "edition": self.edition,
             "fitted": self.fitted,
-            "running": self.running,
-            "progress": self._progress(),
-            "outcome": self.outcome,
+            "running": self.fit.running,
+            "progress": self.fit.progress,
+            "outcome": self.fit.outcome,
+            "searching": self.search.running,
+            "search_progress": self.search.progress,
         }
-
-    def _progress(self) -> dict[str, Any]:
-        if self.process is None:
-            return {"share": 0.0, "step": "waiting", "of": 0}
-        if self.running:
-            with suppress(OSError, ValueError):
-                path = self.folder / JOB / PROGRESS_NAME
-                progress: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-                return progress
-        return {"share": 0.0, "step": "start", "of": 0}
 
     def word(self, key: str, **values: object) -> str:
         """Return the text of a refusal in the language of the session.
@@ -170,10 +166,15 @@ class Session:
         return {**self.choices, "language": self.language}
 
     def stop(self) -> None:
-        """Stop the fit of the session at once, and end all processes of the fit."""
-        if self.task is not None:
-            self.task.cancel()
-        kill_process(self.process)
+        """Stop the computations of the session at once, and end all their processes."""
+        for computation in self.computations.values():
+            computation.stop()
+
+    def forget_search(self) -> None:
+        """Stop the search for the cheapest campaign, and delete what an earlier search found."""
+        self.search.stop()
+        self.search.outcome = {}
+        shutil.rmtree(self.search.folder, ignore_errors=True)
 
 
 class _ImportOrder(NamedTuple):
@@ -194,21 +195,3 @@ def _import_order(path: Path) -> _ImportOrder:
         if piece.isdigit():
             pieces[k] = int(piece)
     return _ImportOrder(not path.suffix, path.suffix, pieces)
-
-
-def kill_process(process: asyncio.subprocess.Process | None) -> None:
-    """End a process and the processes that it started.
-
-    Parameters
-    ----------
-    process
-        Process to end. All processes of its group are ended too; on Windows, only the process
-        itself is ended. Nothing is done if the process is None or has already ended.
-    """
-    if process is None or process.returncode is not None:
-        return
-    with suppress(ProcessLookupError, PermissionError):
-        if hasattr(os, "killpg"):
-            os.killpg(process.pid, signal.SIGKILL)
-        else:
-            process.kill()

@@ -11,6 +11,7 @@ from typing import Any
 
 import jinja2
 
+from ldbb_bayes.app.cheapest import COST_FIELDS
 from ldbb_bayes.app.fields import FIELDS
 from ldbb_bayes.files import LARGEST_TABLE_BYTES
 from ldbb_bayes.report.message_translation import in_language
@@ -99,6 +100,7 @@ class Templates:
             w=words_of_page(language),
             language=language,
             fields=FIELDS,
+            cost_fields=COST_FIELDS,
             most={"files": MOST_FILES, "bytes": LARGEST_FILE},
             **values,
         )

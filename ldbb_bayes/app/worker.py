@@ -1,4 +1,4 @@
-"""Functions that the server runs in separate processes: they answer a request, or write a report.
+"""Functions that the server runs in separate processes: they answer requests, fit and search.
 
 A session is one browser tab of ``ldbb-bayes app``.
 """
@@ -13,9 +13,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ldbb_bayes.app.cheapest import find_cheapest_campaigns
 from ldbb_bayes.app.fields import RESULT, linear_model, report_settings, source_from
 from ldbb_bayes.app.understanding import refusal
 from ldbb_bayes.cli.file_reports import STEPS, report_files
@@ -26,8 +28,8 @@ from ldbb_bayes.files import write_whole
 __all__ = ["CHOICES_NAME", "OUTCOME_NAME", "PROGRESS_NAME", "answer", "main", "warm"]
 
 CHOICES_NAME = "said.json"  # name of the file with the texts that the user typed on the page
-PROGRESS_NAME = "progress.json"  # name of the file with the progress of a fit
-OUTCOME_NAME = "outcome.json"  # name of the file with the outcome of a fit: a result or a refusal
+PROGRESS_NAME = "progress.json"  # name of the file with the progress
+OUTCOME_NAME = "outcome.json"  # name of the file with the outcome: a result or a refusal
 _LONGEST_MESSAGE = 300
 _LOOK_AT_PARENT_S = 1.0  # time between two checks of whether the server's process still runs [s]
 
@@ -60,18 +62,19 @@ def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) ->
 
 
 def main() -> None:
-    """Write the report of a session; a process that the server starts runs this function.
+    """Fit or search for a session; a process that the server starts runs this function.
 
-    The two arguments of the process are a folder and the id of the server's process. The folder
-    holds a copy of the session's files. The report, the progress (``progress.json``) and the
-    outcome (``outcome.json``) are written into the same folder.
+    The three arguments of the process are a folder, the id of the server's process and the kind of
+    computation: fit or search. The folder holds a copy of the session's files. The results, the
+    progress (``progress.json``) and the outcome (``outcome.json``) are written into the same
+    folder.
     """
     job = Path(sys.argv[1])
     parent = int(sys.argv[2])
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     choices = json.loads((job / CHOICES_NAME).read_text(encoding="utf-8"))
     try:
-        outcome = answer(_report, str(job), choices)
+        outcome = answer(_COMPUTATIONS[sys.argv[3]], str(job), choices)
     except Exception as error:  # noqa: BLE001, the page shows any error
         message = f"{type(error).__name__}: {error}"
         outcome = {"unexpected": message[:_LONGEST_MESSAGE]}
@@ -103,6 +106,15 @@ def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
+def _search(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
+    begin = steps_of(partial(_write_progress, folder), search=1.0)
+    return find_cheapest_campaigns(folder, asked, begin("search"))
+
+
+# Functions that fit or search; the keys are the kinds of computation.
+_COMPUTATIONS: Mapping[str, Callable[..., dict[str, Any]]] = {"fit": _report, "search": _search}
+
+
 @contextmanager
 def _steps_in_file(folder: Path) -> Iterator[Begin]:
     """Yield a function that must be called whenever a step in making a report begins.
@@ -111,9 +123,9 @@ def _steps_in_file(folder: Path) -> Iterator[Begin]:
     another function, which writes the progress of this step to the file ``progress.json`` in
     ``folder``.
     """
+    yield steps_of(partial(_write_progress, folder), **STEPS)
 
-    def update(share: float, step: str, done: int, total: int) -> None:
-        progress = {"share": share, "step": step, "done": done, "of": total}
-        write_whole(folder / PROGRESS_NAME, json.dumps(progress).encode())
 
-    yield steps_of(update, **STEPS)
+def _write_progress(folder: Path, share: float, step: str, done: int, total: int) -> None:
+    progress = {"share": share, "step": step, "done": done, "of": total}
+    write_whole(folder / PROGRESS_NAME, json.dumps(progress).encode())

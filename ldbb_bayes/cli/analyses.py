@@ -14,11 +14,17 @@ from ldbb_bayes.campaign.folder import pilot_of_plan, write_campaign_into
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_from
 from ldbb_bayes.cli.atlases import ATLAS_FILES, write_atlases
+from ldbb_bayes.cli.design_options import COST_OPTIONS, DESIGN_OPTIONS
+from ldbb_bayes.cli.goal_designs import (
+    GOAL_FILES,
+    files_of_goal_design,
+    find_for_goals,
+    running_order,
+)
 from ldbb_bayes.cli.options import EXIT_MISSED, Kind, command, group, options_of
 from ldbb_bayes.cli.output import drawing
 from ldbb_bayes.cli.progress import counting_progress
-from ldbb_bayes.cli.ranges import read_clockings, read_range
-from ldbb_bayes.cli.values import names_in, numbers_in, pairs_in
+from ldbb_bayes.cli.values import pairs_in
 from ldbb_bayes.errors import require
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.parallel import executor_named
@@ -164,63 +170,12 @@ def compare(
         raise typer.Exit(EXIT_MISSED)
 
 
-# ---- options of the command design
-
-
-def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
-    paths = pairs_in(entries, flag, "NAME=PATH")
-    return {name: lb.read_campaign(Path(path)) for name, path in paths.items()}
-
-
-def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
-    """Return the directions of travel that a typed string lists, such as CW.
-
-    The string ``both`` means CW and CCW. ``flag`` is the flag of the option; it is not used.
-    """
-    if entry.strip().lower() == "both":
-        return ("CW", "CCW")
-    return names_in(entry)
-
-
-def _read_prices(entry: str, flag: str) -> dict[str, float]:
-    """Return the prices of certificates that a string states, such as ``balls G10=300,bar=150``.
-
-    The keys of the result are the names of the certificates. ``flag`` names the option in error
-    messages.
-    """
-    prices = {}
-    for name, text in pairs_in(names_in(entry), flag, "NAME=PRICE").items():
-        prices[name.strip()] = numbers_in(text, flag)[0]
-    return prices
-
-
-_DESIGN_OPTIONS = group(
-    **options_of(
-        "design",
-        range=Kind(str, read_range),
-        clockings=Kind(str, read_clockings),
-        designs=Kind(list[str], _read_designs),
-        directions=Kind(str, _read_directions),
-        prices=Kind(str, _read_prices),
-    )
-)
-# Options of the command design that state machine times (in minutes or hours) and the price of an
-# hour. They are permitted only with --goal.
-_COST_OPTIONS = (
-    "minutes_per_circle",
-    "minutes_per_setup",
-    "minutes_per_clocking",
-    "price_per_hour",
-    "hours",
-)
-
-
 @command
 def design(
     source: arguments.GivenReadings,
     model: arguments.ChosenModel,
     output: arguments.OutputOptions,
-    settings: Annotated[dict[str, Any], _DESIGN_OPTIONS],
+    settings: Annotated[dict[str, Any], group(**DESIGN_OPTIONS)],
 ) -> None:
     """Find the best tests to run next, and say how good they are and what they will show.
 
@@ -235,7 +190,7 @@ def design(
     if "goals" in settings:
         _design_for_goals(source, model, output, settings)
         return
-    for name in (*_COST_OPTIONS, "certificates", "probability"):
+    for name in (*COST_OPTIONS, "certificates", "probability"):
         require(
             name not in settings,
             f"--{name.replace('_', '-')} must go with --goal, got none. Give for example --goal"
@@ -269,7 +224,7 @@ def design(
         (
             *_assumptions_of(source),
             *_with_remarks(parts_of(result), campaign),
-            f"Run in this order: {_running_order(plan)}",
+            f"Run in this order: {running_order(plan)}",
         ),
         contents,
         {"expected_widths": drawing("expected_widths", result)},
@@ -292,59 +247,22 @@ def _design_for_goals(
     the names of the options. The campaign is written as a plan. Exit with code 1 if a goal is not
     reached.
     """
-    # The import is here and not at the top of the file, because the imported modules load SciPy,
-    # which takes a long time.
-    from ldbb_bayes.analysis.design import Costs
-    from ldbb_bayes.model.specification import model_to_toml
-
-    output.check("campaign.toml", "model.toml", "goals.json", *pilot_of_plan(output.out))
-    costs = {name: settings.pop(name) for name in _COST_OPTIONS if name in settings}
-    result = lb.design(model, source.campaign, costs=Costs(**costs), **settings)
-    record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}
-    contents: dict[str, Any] = {"goals.json": record}
+    output.check(*GOAL_FILES, *pilot_of_plan(output.out))
+    with counting_progress(output.quiet, "steps of the search") as progress:
+        result = find_for_goals(model, source.campaign, settings, progress)
+    files = files_of_goal_design(result, settings["seed"])
     passages = [*_assumptions_of(source), *_with_remarks(parts_of(result), source.campaign)]
-    write_more = None
     if result.plans:
-        plan = result.plan()
-        contents["model.toml"] = model_to_toml(result.best.model)
-        passages.append(f"Run in this order: {_running_order(plan)}")
-        write_more = partial(write_campaign_into, plan)
+        passages.append(f"Run in this order: {running_order(result.plan())}")
     output.deliver(
-        record,
+        files.record,
         tuple(passages),
-        contents,
-        write_more=write_more,
+        files.contents,
+        write_more=files.write_more,
         note=", a plan; model.toml is for its analysis (fit --model)",
     )
     if not result.all_reached:
         raise typer.Exit(EXIT_MISSED)
-
-
-def _running_order(plan: lb.Campaign) -> str:
-    """Return one string with the names of a plan's tests, in the order in which to run them.
-
-    The direction, the radius and the angles of the balls are stated in brackets after each name. A
-    setting that is the same in all tests is left out.
-    """
-    settings_by_test = []
-    for test in plan.tests:
-        settings_by_test.append(
-            (
-                test.direction or "–",
-                f"{test.radius_mm:g} mm",
-                f"balls {test.work_ball_deg:g}/{test.tool_ball_deg:g}°",
-            )
-        )
-    values_by_setting = list(zip(*settings_by_test, strict=True))
-    varied = [k for k, values in enumerate(values_by_setting) if len(set(values)) > 1]
-
-    entries = []
-    for test, settings in zip(plan.tests, settings_by_test, strict=True):
-        entry = test.name
-        if varied:
-            entry += f" ({', '.join(settings[k] for k in varied)})"
-        entries.append(entry)
-    return ", ".join(entries)
 
 
 # ---- check of the credible intervals by simulation

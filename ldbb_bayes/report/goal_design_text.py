@@ -25,7 +25,7 @@ def _passages_of_goal_design(result: GoalDesign) -> tuple[Passage, ...]:
     """
     passages: list[Passage] = [_goals_table(result)]
     if result.plans:
-        passages += [_tests_table(result.best), _plans_table(result)]
+        passages += [_tests_table(result.best), _plans_table(result), _forecasts_table(result)]
     if result.customary:
         passages.append(_customary_table(result))
     return (*passages, *wording.goal_design_sentences(result))
@@ -103,6 +103,33 @@ def _plans_table(result: GoalDesign) -> Table:
     )
     return Table.of(
         "The cheapest campaigns", heads, rows, text=("certificates to buy", "all goals met")
+    )
+
+
+def _forecasts_table(result: GoalDesign) -> Table:
+    """Return a table of the goals after each of the cheapest campaigns.
+
+    For each campaign and goal, the table states the U (k = 2) that is expected, a limit for U on
+    nine in ten of the machines that are possible, and the share of these machines on which the goal
+    is met.
+    """
+    rows = []
+    for number, plan in enumerate(result.plans, start=1):
+        for name, forecast in plan.goals.items():
+            factor, unit = display_unit(forecast.unit)
+            rows.append(
+                (
+                    f"{number}",
+                    display_name(name),
+                    two_digits(forecast.U, factor),
+                    two_digits(forecast.likely_U, factor),
+                    unit,
+                    wording.probability_words(forecast.probability),
+                )
+            )
+    heads = ("campaign", "of", "U expected", "nine in ten at most", "unit", "goal met")
+    return Table.of(
+        "The goals after each of them, the cheapest first", heads, rows, text=("of", "unit")
     )
 
 

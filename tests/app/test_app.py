@@ -9,6 +9,7 @@ import io
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -789,15 +790,127 @@ def test_a_fit_gives_way_only_to_a_page_that_is_there(
     waiting = pages.begin("en")
     assert fitting is not None
     assert waiting is not None
-    fitting.process = cast(Any, SimpleNamespace(returncode=0))
-    waiting.task = cast(Any, SimpleNamespace(done=lambda: False))
+    fitting.fit.process = cast(Any, SimpleNamespace(returncode=0))
+    waiting.fit.task = cast(Any, SimpleNamespace(done=lambda: False))
     fitting.last_request_s -= 10.0
     waiting.last_request_s -= 10.0
-    pages._stop_abandoned_fits()
-    assert fitting.outcome == {}
+    pages._stop_abandoned("fit")
+    assert fitting.fit.outcome == {}
     waiting.last_request_s = time.monotonic()
-    pages._stop_abandoned_fits()
-    assert "another fit was waiting" in fitting.outcome["refused"]
+    pages._stop_abandoned("fit")
+    assert "another fit was waiting" in fitting.fit.outcome["refused"]
+
+
+# ---- the search for the cheapest campaign
+
+GOALS = {"goal_E_C0YX": "40 urad"}
+
+
+def with_fit(house: tuple[Tab, Path], tab: Tab, fitted: Path) -> Tab:
+    """A session with the results of a fit, as far as a search needs them."""
+    folder = house[1] / tab.base.split("/")[-2]
+    shutil.copytree(fitted / fields.RESULT, folder / fields.RESULT)
+    return tab
+
+
+def test_a_search_without_a_goal_says_what_to_type(
+    house: tuple[Tab, Path], tab: Tab, fitted: Path
+) -> None:
+    with_fit(house, tab, fitted)
+    status, answer = tab.ask("POST", "search", {"goal_C_XXX": " "})
+    assert status == 200
+    assert "No goal is stated yet" in json.loads(answer)["refused"]
+
+
+def test_a_goal_that_cannot_be_read_is_refused_before_the_search(
+    house: tuple[Tab, Path], tab: Tab, fitted: Path
+) -> None:
+    with_fit(house, tab, fitted)
+    answer = json.loads(tab.ask("POST", "search", {"goal_C_XXX": "5"})[1])
+    assert answer["wrong"] == "goal_C_XXX"
+    assert "must be a number with its unit" in tab.ask("GET", "part/cheapest")[1]
+    assert not tab.state()["searching"]
+
+
+@pytest.mark.slow
+def test_a_goal_that_no_circles_reach_is_explained_on_the_page(
+    house: tuple[Tab, Path], tab: Tab, fitted: Path
+) -> None:
+    with_fit(house, tab, fitted)
+    tab.ask("POST", "search", {"goal_E_XX1": "1e-6 ppm"})
+    until(lambda: not tab.state()["searching"])
+    assert "no number of circles brings U below" in tab.ask("GET", "part/cheapest")[1]
+    assert tab.ask("GET", "result/cheapest-1.zip")[0] == 404
+
+
+def test_a_second_search_of_a_page_is_refused(
+    house: tuple[Tab, Path], tab: Tab, fitted: Path
+) -> None:
+    with_fit(house, tab, fitted)
+    tab.ask("POST", "search", GOALS)
+    status, answer = tab.ask("POST", "search", GOALS)
+    assert status == 409
+    assert "A search is running already" in answer
+    tab.ask("POST", "stop")
+
+
+def test_a_search_that_is_stopped_ends_its_process(
+    house: tuple[Tab, Path], tab: Tab, fitted: Path
+) -> None:
+    with_fit(house, tab, fitted)
+    tab.ask("POST", "search", GOALS)
+    until(lambda: processes("ldbb_bayes.app.worker"))
+    tab.ask("POST", "stop")
+    until(lambda: not processes("ldbb_bayes.app.worker"), 10)
+    assert "Stopped." in tab.ask("GET", "part/cheapest")[1]
+
+
+def test_a_search_of_another_page_waits_for_its_turn(
+    house: tuple[Tab, Path], tab: Tab, fitted: Path
+) -> None:
+    other = with_fit(house, house[0].opened(), fitted)
+    with_fit(house, tab, fitted).ask("POST", "search", GOALS)
+    (first,) = until(lambda: processes("ldbb_bayes.app.worker"))
+    other.ask("POST", "search", GOALS)
+    assert other.state()["search_progress"]["step"] == "waiting"
+    assert processes("ldbb_bayes.app.worker") == [first]
+    tab.ask("POST", "stop")
+    until(lambda: processes("ldbb_bayes.app.worker") not in ([], [first]))
+    other.ask("POST", "stop")
+    other.ask("POST", "leave?tab=1")
+
+
+def test_a_closed_tab_ends_its_search(house: tuple[Tab, Path], fitted: Path) -> None:
+    closed = with_fit(house, house[0].opened(), fitted)
+    closed.ask("POST", "search", GOALS)
+    until(lambda: processes("ldbb_bayes.app.worker"))
+    closed.ask("POST", "leave?tab=1")
+    until(lambda: not processes("ldbb_bayes.app.worker"), 10)
+
+
+def test_a_new_fit_forgets_what_a_search_found(tmp_path: Path) -> None:
+    session = Session("key", tmp_path, "en")
+    (session.search.folder / "cheapest").mkdir(parents=True)
+    session.search.outcome = {"passages": []}
+    session.forget_search()
+    assert session.search.outcome == {}
+    assert not session.search.folder.exists()
+
+
+def test_a_search_of_a_silent_page_gives_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ldbb_bayes.app.house.ABANDONED_S", 1.0)
+    pages = House(tmp_path, cast(Desk, None))
+    searching = pages.begin("en")
+    waiting = pages.begin("en")
+    assert searching is not None
+    assert waiting is not None
+    searching.search.process = cast(Any, SimpleNamespace(returncode=0))
+    waiting.search.task = cast(Any, SimpleNamespace(done=lambda: False))
+    searching.last_request_s -= 10.0
+    pages._stop_abandoned("search")
+    assert "another search was waiting" in searching.search.outcome["refused"]
 
 
 def processes(word: str) -> list[int]:

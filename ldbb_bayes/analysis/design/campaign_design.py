@@ -9,7 +9,7 @@ be whole. The efficiency of a design compares its criterion with the criterion f
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Annotated, Any, overload
@@ -352,6 +352,7 @@ def design(
     costs: Costs | None = None,
     certificates: Mapping[str, float] = MappingProxyType({}),
     probability: float = 0.9,
+    progress: Callable[[int, int], None] | None = None,
 ) -> GoalDesign: ...
 
 
@@ -375,6 +376,7 @@ def design(
     costs: Costs | None = None,
     certificates: Mapping[str, float] = MappingProxyType({}),
     probability: float = 0.9,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Design | GoalDesign:
     """Return the best tests to run next or, with goals, the cheapest campaigns for these goals.
 
@@ -440,6 +442,10 @@ def design(
         With goals: minimum share of the possible machines on which all goals are to be met.
         Possible machines are drawn from the posterior given the pilot's readings, or from the prior
         if the pilot is a plan.
+    progress : callable, optional
+        With goals: function that is called with the number of steps done and the number of all
+        steps. The steps are to find each of three campaigns, to forecast each of them, and to
+        compare them with two campaigns as they are usually run.
 
     Returns
     -------
@@ -489,6 +495,7 @@ def design(
             directions=directions,
             augment=augment,
             seed=seed,
+            progress=progress,
         )
     require(
         costs is None and not certificates,

@@ -12,7 +12,7 @@ far.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -165,6 +165,8 @@ def find_cheapest(
     costs: Costs,
     probability: float,
     number: int,
+    *,
+    on_campaign: Callable[[], object],
 ) -> CheapestCampaigns:
     """Return the cheapest campaigns that reach all goals, one of each family.
 
@@ -184,6 +186,8 @@ def find_cheapest(
         Minimum share of the possible machines on which all goals must be met.
     number
         Largest number of campaigns to return.
+    on_campaign
+        Function that is called whenever one more campaign is found.
 
     Returns
     -------
@@ -211,23 +215,27 @@ def find_cheapest(
             follows = campaign is None
             if campaign is not None:
                 found.append(campaign)
+                on_campaign()
             progress.circles += 1
         if follows and progress.circles <= _MOST_CIRCLES:
             price = progress.family.lowest_price(costs, progress.circles)
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
     found.sort(key=lambda campaign: campaign.price(costs))
     if found:
-        found += _with_more_circles(found[0], number - len(found), costs)
+        found += _with_more_circles(found[0], number - len(found), costs, on_campaign)
     found.sort(key=lambda campaign: campaign.price(costs))
     nearest = None if search.is_reachable else search.nearest
     return CheapestCampaigns(tuple(found), nearest)
 
 
-def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> list[FoundCampaign]:
+def _with_more_circles(
+    campaign: FoundCampaign, number: int, costs: Costs, on_campaign: Callable[[], object]
+) -> list[FoundCampaign]:
     """Return the best campaigns that have 1, 2, …, ``number`` circles more than ``campaign``.
 
     They belong to the family of ``campaign``, and meet the goals on more of the possible machines.
-    Campaigns that exceed the longest machine time are left out.
+    Campaigns that exceed the longest machine time are left out. ``on_campaign`` is called whenever
+    a campaign is found.
     """
     longer = []
     for added in range(1, number + 1):
@@ -235,6 +243,7 @@ def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> li
         tests = campaign.family.tests_of(counts)
         if costs.fits(campaign.family.minutes(costs, tests)):
             longer.append(judge_plan(campaign.family, tests))
+            on_campaign()
     return longer
 
 

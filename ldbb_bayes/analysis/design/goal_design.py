@@ -9,7 +9,7 @@ possible machines.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -61,6 +61,8 @@ _DIRECTIONS: tuple[Direction, ...] = ("CW", "CCW")
 _FORCE_LEVELS = 5
 # Largest number of campaigns in the result: the cheapest campaign, and the two next cheapest.
 _SHOWN = 3
+# Number of customary campaigns with which the cheapest campaign is compared.
+_CUSTOMARY = 2
 
 
 @dataclass(frozen=True)
@@ -241,6 +243,7 @@ def design_for_goals(
     directions: Sequence[Direction] = (),
     augment: bool = False,
     seed: int = 1,
+    progress: Callable[[int, int], None] | None = None,
 ) -> GoalDesign:
     """Return the cheapest campaigns that reach goals.
 
@@ -271,7 +274,26 @@ def design_for_goals(
     )
     known = _what_is_known(space, goals)
     needed = {name: goal for name, goal in goals.items() if not known[name].met_by_pilot}
-    return _describe(space, known, needed, costs, offers, probability)
+    return _describe(space, known, needed, costs, offers, probability, _Steps(progress))
+
+
+@dataclass
+class _Steps:
+    """Steps of the search and of the forecasts that are done, out of all steps."""
+
+    #: function that is called with the number of steps done and the number of all steps
+    progress: Callable[[int, int], None] | None
+    done: int = 0
+
+    def finish_one(self) -> None:
+        """Count one more step as done."""
+        self.finish(self.done + 1)
+
+    def finish(self, done: int) -> None:
+        """Count the first ``done`` steps as done."""
+        self.done = done
+        if self.progress is not None:
+            self.progress(done, 2 * _SHOWN + _CUSTOMARY)
 
 
 def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
@@ -322,6 +344,7 @@ def _describe(
     costs: Costs,
     offers: Sequence[CertificateOffer],
     probability: float,
+    steps: _Steps,
 ) -> GoalDesign:
     """Return the design for the goals that the pilot's readings do not meet.
 
@@ -329,8 +352,9 @@ def _describe(
     and uncertainties of their parameters. The keys of both dictionaries are the names of the
     parameters. ``space`` holds the circles to choose from, and ``offers`` are the certificates that
     could be bought. ``probability`` is the minimum share of the possible machines on which all
-    goals are to be met.
+    goals are to be met. ``steps`` counts the steps that are done.
     """
+    steps.finish(0)
     plans: tuple[GoalPlan, ...] = ()
     customary: tuple[CustomaryPlan, ...] = ()
     obstacles: dict[str, Obstacle] = {}
@@ -347,10 +371,12 @@ def _describe(
         if reachable:
             narrowed = replace(space, parameters=tuple(reachable))
             families = tuple(families_of(narrowed, sets, reachable, states))
-            found = find_cheapest(families, reachable, costs, probability, _SHOWN)
-            plans = tuple(_plan_of(campaign, reachable, costs) for campaign in found.campaigns)
+            found = find_cheapest(
+                families, reachable, costs, probability, _SHOWN, on_campaign=steps.finish_one
+            )
+            plans = _plans_of(found.campaigns, reachable, costs, steps)
             if plans:
-                customary = _customary_plans(found.campaigns[0], reachable, costs)
+                customary = _customary_plans(found.campaigns[0], reachable, costs, steps)
             elif found.nearest is not None:
                 near_misses = _near_misses(found.nearest, reachable, costs, probability)
     return GoalDesign(
@@ -415,6 +441,18 @@ def _near_misses(
     return near_misses
 
 
+def _plans_of(
+    campaigns: Sequence[FoundCampaign], goals: Mapping[str, Goal], costs: Costs, steps: _Steps
+) -> tuple[GoalPlan, ...]:
+    """Return campaigns with their costs and forecasts. ``steps`` counts the steps done."""
+    steps.finish(_SHOWN)
+    plans = []
+    for campaign in campaigns:
+        plans.append(_plan_of(campaign, goals, costs))
+        steps.finish_one()
+    return tuple(plans)
+
+
 def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:
     """Return a campaign with its costs and with the forecast for every goal."""
     family = campaign.family
@@ -445,15 +483,16 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
 
 
 def _customary_plans(
-    best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs
+    best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs, steps: _Steps
 ) -> tuple[CustomaryPlan, ...]:
     """Return campaigns as they are usually run, each beside the best campaign of the same size.
 
     Campaigns of the same size have the same number of circles. The campaigns as they are usually
     run have only the certificates that the instrument already has. All their circles have the first
     radius of the family of ``best``, the cheapest campaign. The best campaigns belong to this
-    family, too.
+    family, too. ``steps`` counts the steps that are done.
     """
+    steps.finish(2 * _SHOWN)
     family = best.family
     uncertified = CampaignFamily(family.space, (), goals, family.states)
     space = family.space
@@ -476,4 +515,5 @@ def _customary_plans(
         plans.append(
             CustomaryPlan(name, _plan_of(customary, goals, costs), _plan_of(ours, goals, costs))
         )
+        steps.finish_one()
     return tuple(plans)

@@ -5,7 +5,7 @@ const at = (id) => document.getElementById(id);
 const words = document.body.dataset;
 const tab = `tab=${crypto.randomUUID()}`;
 const SLEEPING_MS = 20000, WORKING_MS = 400, RESTING_MS = 400, READ_MS = 5000, LARGEST = Number(words.mostBytes);
-let state = { edition: -1, fitted: -1, running: false }, timer = 0, telling = 0, drawing = null, wanted = null, resting = 0, chosen = false, sending = false, looking = Promise.resolve(), understanding = Promise.resolve(), typed = false, blocked = false;
+let state = { edition: -1, fitted: -1, running: false, searching: false }, timer = 0, telling = 0, drawing = null, wanted = null, resting = 0, chosen = false, sending = false, looking = Promise.resolve(), understanding = Promise.resolve(), typed = false, blocked = false;
 
 // What is over need not be read for ever.
 function tell(text) {
@@ -49,6 +49,7 @@ async function show(name) {
   }
   if (focused && document.activeElement === document.body) at(focused)?.focus();
   if (name === "fit" && at("start")) at("start").disabled = blocked;
+  if (name === "plan" || name === "cheapest") lockSearch();
   if (name === "sheets") fitFrame();
   if (name === "worth") placeEffects();
 }
@@ -83,7 +84,7 @@ async function lookOnce() {
   try {
     await drawChanges();
   } finally {
-    timer = setTimeout(look, state.running ? WORKING_MS : SLEEPING_MS);
+    timer = setTimeout(look, state.running || state.searching ? WORKING_MS : SLEEPING_MS);
   }
 }
 
@@ -93,9 +94,11 @@ async function drawChanges() {
   const changed = found.edition !== before.edition, finished = before.running && !found.running;
   if (changed) await show("files");
   if (changed || found.running !== before.running) await show("fit");
-  if (found.running) drawProgress(found.progress);
+  if (found.running) drawProgress("bar", "step", found.progress);
   if (finished || changed) await show("sheets");
   if (finished || found.fitted !== before.fitted) await show("plan");
+  else if (found.searching !== before.searching) await showSearch();
+  if (found.searching) drawProgress("search-bar", "search-step", found.search_progress);
   if (finished) {
     tell(found.outcome.state ? words.ready : "");
     if (document.activeElement === document.body) (at("fit-part").querySelector("[role=alert]") ?? at("start"))?.focus();
@@ -124,11 +127,54 @@ async function understand() {
   tell(refused ? "" : words.ready);
 }
 
-function drawProgress(progress) {
-  const bar = at("bar");
+// One search at a time: its button waits for it.
+function lockSearch() {
+  if (at("search")) at("search").disabled = state.searching;
+}
+
+// A search has begun or ended; what it says takes the focus where its own button had it.
+async function showSearch() {
+  if (!at("cheapest-part")) return;
+  await show("cheapest");
+  tell(state.searching ? words.working : words.ready);
+  if (document.activeElement !== document.body) return;
+  const place = at("cheapest-part");
+  (place.querySelector("[role=alert]") ?? at("cheapest-found") ?? at("stop") ?? at("search"))?.focus();
+}
+
+// What was typed as goals and costs; the sliders are not part of it, but whether the tests already run count is.
+async function search() {
+  const asked = Object.fromEntries(new FormData(at("costs")));
+  for (const own of at("sliders").elements) if (own.name.startsWith("goal_")) asked[own.name] = own.value;
+  asked.augment = at("plan-augment").checked;
+  for (const own of document.querySelectorAll(".goals [aria-invalid]")) {
+    own.removeAttribute("aria-invalid");
+    own.removeAttribute("aria-describedby");
+  }
+  tell(words.working);
+  const answer = await say("search", asked);
+  if (!answer.ok) return tell(await reason(answer));
+  const found = await answer.json();
+  if (found.refused) await showRefusedSearch(found.wrong);
+  else await look();
+}
+
+async function showRefusedSearch(name) {
+  await show("cheapest");
+  tell("");
+  const wrong = name && at(`plan-${name}`);
+  if (wrong) {
+    wrong.setAttribute("aria-invalid", "true");
+    wrong.setAttribute("aria-describedby", "search-why");
+  }
+  at("cheapest-part").querySelector("[role=alert]")?.focus();
+}
+
+function drawProgress(name, nameOfStep, progress) {
+  const bar = at(name);
   if (!bar) return;
   bar.value = progress.share;
-  at("step").textContent = bar.dataset[progress.step] + (progress.of ? ` ${progress.done}/${progress.of}` : "");
+  at(nameOfStep).textContent = bar.dataset[progress.step] + (progress.of ? ` ${progress.done}/${progress.of}` : "");
 }
 
 async function send(files) {
@@ -222,6 +268,10 @@ document.addEventListener("click", async (event) => {
     await say({ example: "example", cancel: "cancel", start: "fit" }[own.id]);
     await look();
     at({ example: "start", cancel: "start", start: "cancel" }[own.id])?.focus();
+  } else if (own.id === "stop") {
+    await say("stop");
+    await look();
+    at("search")?.focus();
   } else if (own.id === "best") {
     own.setAttribute("aria-busy", "true");
     tell(words.working);
@@ -235,6 +285,7 @@ document.addEventListener("click", async (event) => {
 
 document.addEventListener("submit", async (event) => {
   event.preventDefault();
+  if (event.target.id === "costs" && !state.searching) await search();
   if (event.target.id !== "form") return;
   typed = true;
   await said();

@@ -1,0 +1,250 @@
+"""Search for the cheapest campaign that reaches the goals typed on the browser page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.design import Costs, GoalDesign, GoalPlan
+from ldbb_bayes.analysis.design.certificate_offers import offers_in
+from ldbb_bayes.analysis.design.goals import goals_in
+from ldbb_bayes.app.fields import RESULT, linear_model, typed_value
+from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts
+from ldbb_bayes.app.planning import changes_between, pilot_row, test_row
+from ldbb_bayes.app.understanding import refusal
+from ldbb_bayes.cli.design_options import COST_OPTIONS, DESIGN_OPTIONS
+from ldbb_bayes.cli.goal_designs import files_of_goal_design, find_for_goals
+from ldbb_bayes.cli.output import write_files
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.report.passage_translation import passages_in_language
+from ldbb_bayes.results import Passage, Table, parts_of
+
+__all__ = [
+    "CHEAPEST",
+    "COST_FIELDS",
+    "CostField",
+    "find_cheapest_campaigns",
+    "passages_shown",
+    "wrong_entry",
+]
+
+# Subfolder of a search's folder. It has one folder, named 1, 2 or 3, for each campaign found.
+CHEAPEST = "cheapest"
+# Name of the option of the command ``design`` that states the prices of certificates.
+_CERTIFICATES = "certificates"
+
+
+class CostField(NamedTuple):
+    """One entry field for costs, which sets one option of ``ldbb-bayes design``."""
+
+    name: str  #: Name of the option, such as ``minutes_per_circle``.
+    default: str  #: Default of the option as text; empty if there is none.
+    is_number: bool  #: Whether the value of the option is a number.
+
+
+def _cost_fields() -> tuple[CostField, ...]:
+    """Return the entry fields for costs. Their defaults are those of the command ``design``."""
+    costs = Costs()
+    fields = []
+    for name in COST_OPTIONS:
+        value = getattr(costs, name)
+        fields.append(CostField(name, "" if value is None else f"{value:g}", is_number=True))
+    return (*fields, CostField(_CERTIFICATES, "", is_number=False))
+
+
+COST_FIELDS = _cost_fields()
+
+
+# ---- texts typed on the page
+
+
+def _option_value(name: str, asked: Mapping[str, Any], folder: Path) -> Any:
+    """Return the value of an option from the text typed on the page; None for an empty text.
+
+    The value is the one that the command ``design`` reads from the same text. ``name`` is the name
+    of the option, and ``folder`` the folder of the session (one browser tab).
+    """
+    option = DESIGN_OPTIONS[name]
+    text = str(asked.get(name, "")).strip()
+    if not text:
+        return None
+    return option.read(typed_value(option, name, text, folder), name)
+
+
+def _costs_of(asked: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the values of the options for costs that were typed; the keys are their names."""
+    values = {}
+    for field in COST_FIELDS:
+        value = _option_value(field.name, asked, folder)
+        if value is not None:
+            values[field.name] = value
+    return values
+
+
+def wrong_entry(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the first entry that cannot be used to search for the cheapest campaign.
+
+    Parameters
+    ----------
+    folder
+        Folder of the session (one browser tab).
+    asked
+        Texts typed on the page; the keys are the names of the entry fields.
+
+    Returns
+    -------
+    dict
+        ``refused``, the reason, and ``wrong``, the name of the entry field. The dictionary is empty
+        if all entries can be used.
+
+    Raises
+    ------
+    InputError
+        If there is no fit yet.
+    """
+    campaign = folder / RESULT / "campaign"
+    require(campaign.is_dir(), "a plan must follow a fit, got none yet. Fit first.")
+    bound = linear_model().bind(lb.read_campaign(campaign))
+    name = ""
+    try:
+        for parameter, text in goal_texts(asked).items():
+            name = GOAL_PREFIX + parameter
+            goals_in(bound, {parameter: text})
+        for field in COST_FIELDS:
+            name = field.name
+            _check_cost(name, _option_value(name, asked, folder))
+    except InputError as error:
+        return {"refused": refusal(error, folder), "wrong": name}
+    return {}
+
+
+def _check_cost(name: str, value: Any) -> None:
+    """Raise an `InputError` if the value of an option for costs cannot be used.
+
+    ``name`` is the name of the option. For the value None, nothing is checked.
+    """
+    if value is None:
+        return
+    if name == _CERTIFICATES:
+        offers_in(value)
+    else:
+        Costs(**{name: value})
+
+
+# ---- the search
+
+
+def find_cheapest_campaigns(
+    folder: Path, asked: Mapping[str, Any], progress: Callable[[int, int], None] | None
+) -> dict[str, Any]:
+    """Find the cheapest campaigns that reach the goals, and write the files of these campaigns.
+
+    The search is that of the command ``design`` with ``--goal``, and so are the files.
+
+    Parameters
+    ----------
+    folder
+        Folder of the search. Its subfolder ``result/campaign`` has the campaign that the search
+        starts from. The files of the campaigns found are written into its subfolder ``cheapest``.
+    asked
+        Texts typed on the page; the keys are the names of the entry fields.
+    progress
+        Function that is called with the number of steps done and the number of all steps.
+
+    Returns
+    -------
+    dict
+        ``passages``, the tables and sentences that the command prints; ``pilot``, what the
+        operator's sheets state of machine and instrument; and ``campaigns``, the circles of each
+        campaign in the order in which to run them, with their cost.
+
+    Raises
+    ------
+    InputError
+        If a goal or a cost cannot be used.
+    """
+    pilot = lb.read_campaign(folder / RESULT / "campaign")
+    seed = DESIGN_OPTIONS["seed"].default
+    settings = {
+        "goals": goal_texts(asked),
+        "augment": bool(asked.get("augment")),
+        "seed": seed,
+        **_costs_of(asked, folder),
+    }
+    result = find_for_goals(linear_model(), pilot, settings, progress)
+    campaigns = []
+    for number, plan in enumerate(result.plans, start=1):
+        _write_campaign(folder / CHEAPEST / str(number), result, seed, number)
+        campaigns.append(_campaign_row(plan, pilot))
+    return {
+        "passages": [_passage_record(passage) for passage in parts_of(result)],
+        "pilot": pilot_row(pilot),
+        "campaigns": campaigns,
+    }
+
+
+def _write_campaign(folder: Path, result: GoalDesign, seed: int, number: int) -> None:
+    """Write the files of campaign ``number``, counted from the cheapest, into a new folder."""
+    files = files_of_goal_design(result, seed, number)
+    folder.mkdir(parents=True)
+    write_files(folder, files.contents)
+    if files.write_more is not None:
+        files.write_more(folder)
+
+
+def _campaign_row(plan: GoalPlan, pilot: lb.Campaign) -> dict[str, Any]:
+    """Return the circles of a campaign in the order in which to run them, and its cost."""
+    tests = plan.plan().tests
+    return {
+        **changes_between(tests),
+        "circles": plan.circles,
+        "minutes": plan.minutes,
+        "price": plan.price,
+        "certificates": list(plan.certificates),
+        "tests": [test_row(test, pilot) for test in tests],
+    }
+
+
+# ---- tables and sentences as JSON, and in the language of the page
+
+
+def _passage_record(passage: Passage) -> dict[str, Any]:
+    if isinstance(passage, Table):
+        return {"table": asdict(passage)}
+    return {"text": passage}
+
+
+def _passage_from(record: Mapping[str, Any]) -> Passage:
+    if "text" in record:
+        return str(record["text"])
+    table = record["table"]
+    return Table(
+        table["caption"],
+        tuple(table["heads"]),
+        tuple(table["numeric"]),
+        tuple(tuple(row) for row in table["rows"]),
+    )
+
+
+def passages_shown(outcome: Mapping[str, Any], language: str) -> Sequence[Passage]:
+    """Return the tables and sentences of a search, in the language of the page.
+
+    Parameters
+    ----------
+    outcome
+        Result of `find_cheapest_campaigns`, a refusal, or an empty dictionary.
+    language
+        Language of the page: en or de.
+
+    Returns
+    -------
+    sequence of Table or str
+        Empty if ``outcome`` is no result.
+    """
+    if "passages" not in outcome:
+        return ()
+    passages = [_passage_from(record) for record in outcome["passages"]]
+    return passages_in_language(passages, language, [outcome["pilot"]["name"]])

@@ -1,0 +1,110 @@
+"""A computation of a browser tab in a process of its own: its progress, its outcome and its end."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ldbb_bayes.app.worker import CHOICES_NAME, OUTCOME_NAME, PROGRESS_NAME
+from ldbb_bayes.parallel import ONE_THREAD
+
+__all__ = ["Computation"]
+
+_MAIN = "from ldbb_bayes.app.worker import main; main()"
+
+
+@dataclass(eq=False)
+class Computation:
+    """A fit, or a search for the cheapest campaign, in a process of its own."""
+
+    kind: str  #: Kind of computation: fit or search.
+    folder: Path  #: Folder in which the process of the computation reads and writes.
+    #: Result of the last computation, or the reason for a refusal; empty before the first.
+    outcome: dict[str, Any] = field(default_factory=dict)
+    #: Task that runs the computation, or waits for its turn; None before the first computation.
+    task: asyncio.Task[None] | None = None
+    #: Process of the computation; None while no computation is running.
+    process: asyncio.subprocess.Process | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether the computation is running or waits for its turn."""
+        return self.task is not None and not self.task.done()
+
+    @property
+    def progress(self) -> dict[str, Any]:
+        """Progress: the completed share, the name of the step, and the things done in this step."""
+        if self.process is None:
+            return {"share": 0.0, "step": "waiting", "of": 0}
+        if self.running:
+            with suppress(OSError, ValueError):
+                path = self.folder / PROGRESS_NAME
+                progress: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+                return progress
+        return {"share": 0.0, "step": "start", "of": 0}
+
+    async def compute(self, choices: dict[str, Any]) -> dict[str, Any]:
+        """Run the computation in a new process, and return what the process wrote.
+
+        Parameters
+        ----------
+        choices
+            What the user typed; the process reads it.
+
+        Returns
+        -------
+        dict
+            Result of the computation or a refusal; empty if the process ended without either.
+        """
+        (self.folder / CHOICES_NAME).write_text(json.dumps(choices), encoding="utf-8")
+        nowhere = asyncio.subprocess.DEVNULL
+        self.process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-P",
+            "-c",
+            _MAIN,
+            str(self.folder),
+            str(os.getpid()),
+            self.kind,
+            stdin=nowhere,
+            stdout=nowhere,
+            stderr=nowhere,
+            env={**os.environ, **ONE_THREAD},
+            start_new_session=True,
+        )
+        try:
+            await self.process.wait()
+        finally:
+            self._end_process()
+            self.process = None
+        outcome: dict[str, Any] = {}
+        with suppress(OSError, ValueError):
+            outcome = json.loads((self.folder / OUTCOME_NAME).read_text(encoding="utf-8"))
+        return outcome
+
+    def _end_process(self) -> None:
+        """End the process of the computation and the processes that it started.
+
+        On Windows, only the process itself is ended. Nothing is done if no process is running.
+        """
+        process = self.process
+        if process is None or process.returncode is not None:
+            return
+        with suppress(ProcessLookupError, PermissionError):
+            if hasattr(os, "killpg"):
+                os.killpg(process.pid, signal.SIGKILL)
+            else:
+                process.kill()
+
+    def stop(self) -> None:
+        """Stop the computation at once, and end all its processes."""
+        if self.task is not None:
+            self.task.cancel()
+        self._end_process()

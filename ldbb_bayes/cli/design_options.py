@@ -1,0 +1,60 @@
+"""Options of the command ``design``, and how their typed values are read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli.options import Kind, Option, options_of
+from ldbb_bayes.cli.ranges import read_clockings, read_range
+from ldbb_bayes.cli.values import names_in, numbers_in, pairs_in
+
+__all__ = ["COST_OPTIONS", "DESIGN_OPTIONS"]
+
+
+def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
+    paths = pairs_in(entries, flag, "NAME=PATH")
+    return {name: lb.read_campaign(Path(path)) for name, path in paths.items()}
+
+
+def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
+    """Return the directions of travel that a typed string lists, such as CW.
+
+    The string ``both`` means CW and CCW. ``flag`` is the flag of the option; it is not used.
+    """
+    if entry.strip().lower() == "both":
+        return ("CW", "CCW")
+    return names_in(entry)
+
+
+def _read_prices(entry: str, flag: str) -> dict[str, float]:
+    """Return the prices of certificates that a string states, such as ``balls G10=300,bar=150``.
+
+    The keys of the result are the names of the certificates. ``flag`` names the option in error
+    messages.
+    """
+    prices = {}
+    for name, text in pairs_in(names_in(entry), flag, "NAME=PRICE").items():
+        prices[name.strip()] = numbers_in(text, flag)[0]
+    return prices
+
+
+# Options of the command design; the keys are the names of the options.
+DESIGN_OPTIONS: Mapping[str, Option] = options_of(
+    "design",
+    range=Kind(str, read_range),
+    clockings=Kind(str, read_clockings),
+    designs=Kind(list[str], _read_designs),
+    directions=Kind(str, _read_directions),
+    prices=Kind(str, _read_prices),
+)
+# Options of the command design that state machine times (in minutes or hours) and the price of an
+# hour. They are permitted only with --goal.
+COST_OPTIONS = (
+    "minutes_per_circle",
+    "minutes_per_setup",
+    "minutes_per_clocking",
+    "price_per_hour",
+    "hours",
+)

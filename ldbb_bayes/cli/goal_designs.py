@@ -1,0 +1,145 @@
+"""The cheapest campaign that reaches goals: its search, its files, and its order of circles.
+
+The command ``design`` with ``--goal`` and the page in the browser share these functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import ldbb_bayes as lb
+from ldbb_bayes.campaign.folder import write_campaign_into
+from ldbb_bayes.cli.design_options import COST_OPTIONS
+
+if TYPE_CHECKING:
+    from ldbb_bayes.analysis.design import GoalDesign
+
+__all__ = [
+    "GOAL_FILES",
+    "GoalDesignFiles",
+    "files_of_goal_design",
+    "find_for_goals",
+    "running_order",
+]
+
+# Names of the files that are written for the cheapest campaign. A folder with the campaign from
+# which the search starts may be written too.
+GOAL_FILES = ("campaign.toml", "model.toml", "goals.json")
+
+
+class GoalDesignFiles(NamedTuple):
+    """What is written into the folder of the cheapest campaign that reaches goals."""
+
+    record: dict[str, Any]  #: the result as a JSON object, with sentences
+    contents: dict[str, Any]  #: contents of the files; the keys are the names of the files
+    #: function that writes the plan into a folder; None if no campaign was found
+    write_more: Callable[[Path], object] | None
+
+
+def find_for_goals(
+    model: lb.HybridModel,
+    pilot: lb.Campaign,
+    settings: Mapping[str, Any],
+    progress: Callable[[int, int], None] | None,
+) -> GoalDesign:
+    """Return the cheapest campaigns that reach goals.
+
+    Parameters
+    ----------
+    model
+        Model whose parameters have the goals.
+    pilot
+        Campaign or plan that the search starts from.
+    settings
+        Values of the options of the command ``design``, which include the goals; the keys are the
+        names of the options.
+    progress
+        Function that is called with the number of steps done and the number of all steps; None if
+        no progress is reported.
+
+    Returns
+    -------
+    GoalDesign
+
+    Raises
+    ------
+    InputError
+        If a goal, a cost or another option cannot be used.
+    """
+    # The import is here and not at the top of the file, because the imported module loads SciPy,
+    # which takes a long time.
+    from ldbb_bayes.analysis.design import Costs
+
+    others = dict(settings)
+    costs = {name: others.pop(name) for name in COST_OPTIONS if name in others}
+    return lb.design(model, pilot, costs=Costs(**costs), progress=progress, **others)
+
+
+def files_of_goal_design(result: GoalDesign, seed: int, number: int = 1) -> GoalDesignFiles:
+    """Return what is written into the folder of a campaign that reaches the goals.
+
+    Parameters
+    ----------
+    result
+        The cheapest campaigns that reach the goals.
+    seed
+        Seed of the random numbers with which they were found.
+    number
+        Number of the campaign: 1 for the cheapest, 2 and 3 for the next best.
+
+    Returns
+    -------
+    GoalDesignFiles
+        If no campaign was found, there is only the file with the result, ``goals.json``.
+    """
+    # The import is here and not at the top of the file, because the imported module loads SciPy,
+    # which takes a long time.
+    from ldbb_bayes.model.specification import model_to_toml
+
+    record = {"schema": 1, "seed": seed, **lb.report.with_words(result)}
+    contents: dict[str, Any] = {"goals.json": record}
+    write_more = None
+    if result.plans:
+        chosen = result.plans[number - 1]
+        contents["model.toml"] = model_to_toml(chosen.model)
+        write_more = partial(write_campaign_into, chosen.plan())
+    return GoalDesignFiles(record, contents, write_more)
+
+
+def running_order(plan: lb.Campaign) -> str:
+    """Return one string with the names of a plan's tests, in the order in which to run them.
+
+    The direction, the radius and the angles of the balls are stated in brackets after each name. A
+    setting that is the same in all tests is left out.
+
+    Parameters
+    ----------
+    plan
+        Campaign without readings.
+
+    Returns
+    -------
+    str
+    """
+    settings_by_test = []
+    for test in plan.tests:
+        settings_by_test.append(
+            (
+                test.direction or "–",
+                f"{test.radius_mm:g} mm",
+                f"balls {test.work_ball_deg:g}/{test.tool_ball_deg:g}°",
+            )
+        )
+    values_by_setting = list(zip(*settings_by_test, strict=True))
+    varied = [k for k, values in enumerate(values_by_setting) if len(set(values)) > 1]
+
+    entries = []
+    for test, settings in zip(plan.tests, settings_by_test, strict=True):
+        entry = test.name
+        if varied:
+            entry += f" ({', '.join(settings[k] for k in varied)})"
+        entries.append(entry)
+    return ", ".join(entries)

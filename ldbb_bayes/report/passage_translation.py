@@ -1,0 +1,67 @@
+"""Translation of the tables and sentences about the cheapest campaign for goals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import cast
+
+from ldbb_bayes.report.annex_translation import AnnexTranslation, catalogue_of
+from ldbb_bayes.report.sections import Section
+from ldbb_bayes.report.translation import words_of
+from ldbb_bayes.results import Passage
+
+__all__ = ["passages_in_language", "untranslated_texts"]
+
+_CATALOGUES = ("annex", "goal_design")
+
+
+def passages_in_language(
+    passages: Sequence[Passage], language: str, names: Iterable[str] = ()
+) -> tuple[Passage, ...]:
+    """Return tables and sentences about the cheapest campaign in another language.
+
+    The English texts are looked up in the catalogues templates/annex_<language>.toml and
+    templates/goal_design_<language>.toml. A text that is in neither stays in English.
+
+    Parameters
+    ----------
+    passages
+        Tables and sentences in English.
+    language
+        Code of the language, such as ``de``.
+    names
+        Names of campaigns and tests, which are not translated.
+
+    Returns
+    -------
+    tuple
+        The tables and sentences. If the language has no catalogues, such as English, they are
+        returned unchanged.
+    """
+    translation = _translation(language, names)
+    if translation is None:
+        return tuple(passages)
+    section = translation.section(Section("goal_design", "", tuple(passages)))
+    return cast("tuple[Passage, ...]", section.content)
+
+
+def untranslated_texts(
+    passages: Sequence[Passage], language: str, names: Iterable[str] = ()
+) -> set[str]:
+    """Return the English texts of tables and sentences that no catalogue of a language has.
+
+    The arguments are the same as those of `passages_in_language`.
+    """
+    translation = _translation(language, names)
+    if translation is None:
+        return set()
+    translation.section(Section("goal_design", "", tuple(passages)))
+    return translation.missing
+
+
+def _translation(language: str, names: Iterable[str]) -> AnnexTranslation | None:
+    catalogue = catalogue_of(language, *_CATALOGUES)
+    if catalogue is None:
+        return None
+    kept = frozenset(name for text in names for name in (text, repr(text)))
+    return AnnexTranslation(words_of(language), catalogue, kept)

@@ -1,0 +1,191 @@
+"""The search for the cheapest campaign on the page of ``ldbb-bayes app``: its numbers are those of
+the command, and what cannot be used is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from campaigns import Invoke
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.design import Costs, GoalDesign
+from ldbb_bayes.app import cheapest, fields, worker
+from ldbb_bayes.report.message_translation import in_language
+from ldbb_bayes.report.passage_translation import untranslated_texts
+from ldbb_bayes.results import parts_of
+
+# A goal that four circles reach, with costs unlike those of the command.
+ASKED = {
+    "goal_E_C0YX": "25 urad",
+    "minutes_per_circle": "4,5",
+    "minutes_per_setup": "20",
+    "certificates": "balls G10=300",
+}
+# A goal that no number of circles reaches.
+UNREACHED = {"goal_E_XX1": "1e-6 ppm"}
+
+
+def searched(folder: Path, asked: dict[str, Any], steps: list[int] | None = None) -> dict[str, Any]:
+    """Return what a search finds that starts from the recovered experiment."""
+    campaign = lb.read_campaign(lb.embedded_campaign())
+    lb.write_campaign(campaign, folder / fields.RESULT / "campaign")
+
+    def count(done: int, total: int) -> None:
+        if steps is not None:
+            steps.append(done)
+
+    return cheapest.find_cheapest_campaigns(folder, asked, count)
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session's folder with the campaign of a fit."""
+    folder = tmp_path_factory.mktemp("session")
+    campaign = lb.read_campaign(lb.embedded_campaign())
+    lb.write_campaign(campaign, folder / fields.RESULT / "campaign")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def search(tmp_path_factory: pytest.TempPathFactory, few_states: None) -> tuple[Path, Any, Any]:
+    """The folder of a search, what it found, and the steps that it reported."""
+    folder = tmp_path_factory.mktemp("search")
+    steps: list[int] = []
+    found = searched(folder, ASKED, steps)
+    return folder, found, steps
+
+
+# ---- the same as the command
+
+
+@pytest.fixture(scope="module")
+def unreached(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    return searched(tmp_path_factory.mktemp("unreached"), UNREACHED)
+
+
+@pytest.mark.slow
+def test_the_files_are_those_of_the_command_to_the_digit(
+    search: tuple[Path, Any, Any], tmp_path: Path, invoke: Invoke
+) -> None:
+    folder, _, _ = search
+    out = tmp_path / "out"
+    options = ("--minutes-per-circle", 4.5, "--minutes-per-setup", 20)
+    source = folder / fields.RESULT / "campaign"
+    goal = ("--goal", "E_C0YX=25urad", "--certificates", "balls G10=300")
+    code, _, _ = invoke("design", source, *goal, *options, "--out", out)
+    assert code == 0
+    written = folder / cheapest.CHEAPEST / "1"
+    names = sorted(path.relative_to(out) for path in out.rglob("*"))
+    assert names == sorted(path.relative_to(written) for path in written.rglob("*"))
+    for name in names:
+        if (out / name).is_file():
+            assert (written / name).read_bytes() == (out / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_the_page_shows_what_the_command_prints(search: tuple[Path, Any, Any]) -> None:
+    folder, found, _ = search
+    record = json.loads((folder / cheapest.CHEAPEST / "1" / "goals.json").read_text())
+    assert cheapest.passages_shown(found, "en") == parts_of(GoalDesign.from_dict(record))
+
+
+@pytest.mark.slow
+def test_each_campaign_has_its_circles_in_order_and_its_cost(search: tuple[Path, Any, Any]) -> None:
+    folder, found, _ = search
+    for number, campaign in enumerate(found["campaigns"], start=1):
+        plan = lb.read_campaign(folder / cheapest.CHEAPEST / str(number))
+        forces = [f"{float(test.force_N or 0.0):.4g}" for test in plan.tests]
+        assert [test["force"] for test in campaign["tests"]] == forces
+        assert campaign["minutes"] == 4.5 * len(forces) + 20 + 5 * (campaign["turns"] > 0)
+
+
+@pytest.mark.slow
+def test_every_step_of_the_search_is_reported(search: tuple[Path, Any, Any]) -> None:
+    _, _, steps = search
+    assert steps == sorted(steps)
+    assert steps[0] == 0
+    assert steps[-1] == 8
+
+
+@pytest.mark.slow
+def test_a_german_page_shows_no_english_of_a_search(search: tuple[Path, Any, Any]) -> None:
+    folder, _, _ = search
+    record = json.loads((folder / cheapest.CHEAPEST / "1" / "goals.json").read_text())
+    result = GoalDesign.from_dict(record)
+    assert untranslated_texts(parts_of(result), "de", [result.pilot]) == set()
+
+
+def test_a_goal_that_no_circles_reach_names_what_holds_it(unreached: dict[str, Any]) -> None:
+    text = " ".join(str(passage) for passage in cheapest.passages_shown(unreached, "en"))
+    assert unreached["campaigns"] == []
+    assert "no number of circles brings U below" in text
+    assert "Bar length holds it" in text
+
+
+def test_a_german_page_names_what_holds_a_goal(unreached: dict[str, Any]) -> None:
+    text = " ".join(str(passage) for passage in cheapest.passages_shown(unreached, "de"))
+    assert "Keine Zahl von Kreisen bringt U unter" in text
+    assert "Maßgebend: Gerätelänge" in text
+
+
+def test_the_campaign_of_a_search_has_no_files_if_no_goal_is_reached(tmp_path: Path) -> None:
+    searched(tmp_path, UNREACHED)
+    assert not (tmp_path / cheapest.CHEAPEST).exists()
+
+
+def test_the_costs_on_the_page_begin_with_those_of_the_command() -> None:
+    defaults = {field.name: field.default for field in cheapest.COST_FIELDS if field.default}
+    costs = Costs()
+    assert {name: float(text) for name, text in defaults.items()} == {
+        name: getattr(costs, name) for name in defaults
+    }
+    assert len(defaults) == 4
+
+
+# ---- entries that cannot be used
+
+WRONG: list[tuple[dict[str, str], str, str]] = [
+    ({"goal_C_XXX": "5"}, "goal_C_XXX", "must be a number with its unit"),
+    ({"goal_C_XXX": "120 %"}, "goal_C_XXX", "must be below 100 %"),
+    ({"goal_C_XXX": "-5 %"}, "goal_C_XXX", "must be an uncertainty above 0"),
+    ({"goal_E_XX1": "5 %"}, "goal_E_XX1", "must be an uncertainty with its unit"),
+    ({"goal_E_XX1": "5 nm/N"}, "goal_E_XX1", "Write it in µm/m"),
+    ({"minutes_per_circle": "x"}, "minutes_per_circle", "must be a number"),
+    ({"minutes_per_circle": "0"}, "minutes_per_circle", "must be above 0"),
+    ({"minutes_per_setup": "-1"}, "minutes_per_setup", "must be a number of at least 0"),
+    ({"price_per_hour": "0"}, "price_per_hour", "must be above 0"),
+    ({"hours": "0"}, "hours", "must be above 0"),
+    ({"certificates": "bar"}, "certificates", "must be NAME=PRICE"),
+    ({"certificates": "bar=x"}, "certificates", "must hold numbers"),
+    ({"certificates": "bar=-1"}, "certificates", "must be a number of at least 0"),
+    ({"certificates": "balls=5"}, "certificates", "must state the grade"),
+    ({"certificates": "balls G7=5"}, "certificates", "must be one of G3"),
+    ({"certificates": "mounts=5"}, "certificates", "certificate must be one of"),
+]
+
+
+@pytest.mark.parametrize(("asked", "name", "message"), WRONG)
+def test_an_entry_that_cannot_be_used_is_named(
+    fitted: Path, asked: dict[str, str], name: str, message: str
+) -> None:
+    refused = cheapest.wrong_entry(fitted, asked)
+    assert refused["wrong"] == name
+    assert message in refused["refused"]
+
+
+@pytest.mark.parametrize("asked", [asked for asked, _, _ in WRONG])
+def test_a_refused_entry_has_german_words(fitted: Path, asked: dict[str, str]) -> None:
+    message = cheapest.wrong_entry(fitted, asked)["refused"]
+    assert in_language(message, "de") is not None, message
+
+
+def test_entries_that_can_be_used_are_not_refused(fitted: Path) -> None:
+    assert cheapest.wrong_entry(fitted, ASKED) == {}
+
+
+def test_a_search_follows_a_fit(tmp_path: Path) -> None:
+    refused = worker.answer(cheapest.wrong_entry, str(tmp_path), ASKED)
+    assert "a plan must follow a fit" in refused["refused"]

@@ -1,0 +1,69 @@
+"""German words of the tables and sentences about the cheapest campaign for goals."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib.resources import files
+
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.passage_translation import passages_in_language, untranslated_texts
+from ldbb_bayes.results import Table
+
+TERMS = [type(term).__name__ for term in lb.HybridModel.default(1).nuisances]
+SENTENCES = [
+    "Met already by 'a pilot', so that nothing is needed: C_XXX and E_XX1.",
+    "Run 9 circles in 47 min, with balls of grade G10 and bar ± 1 µm certified: price 347.",
+    "All goals that can be reached are met on 98 % of the machines that the prior allows (90 %"
+    " were asked for).",
+    "No circle is needed.",
+    "No campaign within 1.5 h reaches the goals on 90 % of the machines. Allow more time, or offer"
+    " certificates.",
+    "No campaign of up to 40 circles reaches a goal.",
+    "No campaign of up to 40 circles reaches the goals on 90 % of the machines.",
+    "C_XXX: 40 circles leave U of up to 7.5 nm/N on nine in ten machines; the goal of 5.4 nm/N is"
+    " met on 33 % of them. Mount holds the largest share of what still more circles would leave"
+    " (64 %). With mount ± 2 % it would be less.",
+    "No certificate that is known here would help by a tenth. Ask for a larger U.",
+    "C_XXX: no number of circles brings U below 5.4 nm/N. Its prior holds it (64 % of what"
+    " remains). With all certificates together it would be 4.0 nm/N, which is enough.",
+    "Prior of E_C(0Y)X holds it (64 % of what remains).",
+]
+
+
+@pytest.mark.parametrize("text", SENTENCES)
+def test_every_sentence_on_the_cheapest_campaign_has_german_words(text: str) -> None:
+    assert untranslated_texts([text], "de", ["a pilot"]) == set()
+
+
+@pytest.mark.parametrize("certificate", CERTIFICATES)
+def test_every_certificate_has_german_words(certificate: str) -> None:
+    text = f"With {certificate} it would be 4.0 nm/N, which is not enough."
+    assert untranslated_texts([text], "de") == set()
+
+
+@pytest.mark.parametrize("term", TERMS)
+def test_every_effect_that_holds_a_goal_has_german_words(term: str) -> None:
+    text = f"{wording._holder_in_words(term)} holds it (64 % of what remains)."
+    assert untranslated_texts([text], "de") == set()
+
+
+def test_a_translation_has_the_places_of_its_text() -> None:
+    source = files("ldbb_bayes.report") / "templates" / "goal_design_de.toml"
+    for table in tomllib.loads(source.read_text(encoding="utf-8")).values():
+        for english, german in table.items():
+            assert set(re.findall(r"\{\w+\}", english)) == set(re.findall(r"\{\w+\}", german))
+
+
+def test_a_table_is_shown_with_the_decimal_mark_of_its_language() -> None:
+    table = Table.of("Goals", ("of", "U expected"), [("C_XXX", "7.5")])
+    expected = Table.of("Ziele", ("von", "U erwartet"), [("C_XXX", "7,5")])
+    assert passages_in_language([table], "de") == (expected,)
+
+
+def test_an_english_page_shows_the_passages_as_they_are() -> None:
+    assert passages_in_language(SENTENCES, "en") == tuple(SENTENCES)
