@@ -1,6 +1,6 @@
 """Import of foreign files, such as spreadsheets and exports of instruments, as campaigns.
 
-Foreign files are tables, in any format, that this package did not write.
+Foreign files are tables that were not written by this package. They may have any format.
 """
 
 import lazy_loader

@@ -1,7 +1,7 @@
-"""Axis at which the angles in a file begin, and sense in which these angles run.
+"""Convention of the angles in a file: axis at which angles are zero, and sense of counting.
 
-Both are read from texts: from the header of the column of angles, from lines above the table, and
-from names of files. An example is the header ``Angle from Y clockwise``.
+The axis and the sense are read from the header of the column of angles, from lines above the table,
+and from names of files. An example is the header ``Angle from Y clockwise``.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _ZERO = re.compile(
     r"(?![^\W_])",
     re.IGNORECASE,
 )
-# Regular expression for the name of an axis in front of the angle zero, as in "+Y = 0°".
+# Regular expression for the name of an axis before the angle zero, as in "+Y = 0°".
 _ZERO_BEHIND = re.compile(_WORDS["zero_behind"], re.IGNORECASE)
 # Regular expression for words which say that the sense of angles is reversed.
 _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
@@ -52,7 +52,7 @@ _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
 _START = re.compile(_WORDS["start"], re.IGNORECASE)
 # Regular expression for the name of an axis as a separate word, such as +X or x axis.
 _AXIS = re.compile(r"(?<![\w/])[+\-−]?(?:[XYZ][+\-−]?|[xyz](?=[ -]?(?:axis|achse)))(?![\w/])")
-# Regular expression for words for a direction that is no axis, such as north.
+# Regular expression for words for a direction that is not an axis, such as north.
 _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
 # Regular expression for the header of a column of angles that begins with a minus sign, such as
 # "-angle".
@@ -104,11 +104,11 @@ class _Words(NamedTuple):
 def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     """Return how the angles of a test in its file are converted to the angles of this package.
 
-    The user or the file may state this conversion. If the user states the sign or the offset of
-    angles, nothing else is used. If not, the axis at which angles begin, and the sense in which
-    they run, are those that the user states. An axis or a sense that the user does not state is
-    taken from the words of the file. If nothing is stated, angles are counted counter-clockwise
-    from the plane's first axis.
+    If the user states the sign or the offset of the angles, only these two values are used.
+    Otherwise, the conversion follows from the axis at which angles begin and the sense in which
+    they run. The axis is taken from the user's statement or else from words in the file, and so is
+    the sense. If nothing is stated, angles are counted counter-clockwise from the plane's first
+    axis.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
 
 
 def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
-    """Return whether a line that is not understood may say where angles begin or how they run."""
+    """Return whether a line seems to say where angles begin or how they run, but is not clear."""
     if statements_in([(line, text)]):
         return False
     if _START.search(text) and _AXIS.search(text):
@@ -196,7 +196,7 @@ def _convention_in_words(
 
 
 def _note_words(recording: Recording, words: list[_Words], convention: AngleConvention) -> None:
-    """Add a note on each statement in the file that is replaced by the user's sign and offset."""
+    """Add a note on each statement in the file that the user's sign and offset override."""
     for entry in words:
         value = f"sign {convention.sign}, offset {convention.offset_deg:g}°, as given"
         said = f"{entry.source} says {entry.zero} {entry.sense}".strip()
@@ -266,7 +266,7 @@ def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> 
 
     ``text`` is a header, a line or a name, and ``source`` its place in words, such as "line 3".
     ``is_header`` states whether it is the header of the column of angles: a minus sign in this
-    header means clockwise. Raise an error if the text is about angles, but not clear.
+    header means clockwise. Raise an error if the text is about angles, but ambiguous.
     """
     zero = _zero_in(text)
     layout = recording.layout
@@ -351,12 +351,12 @@ def _check_announced(recording: Recording, source: str, text: str) -> None:
 
 
 def _check_no_axis(recording: Recording, source: str, text: str) -> None:
-    """Raise an error if a text about angles may say where angles begin, but is not clear.
+    """Raise an error if a text about angles is ambiguous about the axis at which angles begin.
 
-    The text is not clear if it names a direction such as north instead of an axis. It is not clear
-    either if it names exactly one axis, because this function is called only for texts without a
-    word such as "from", which would show that angles begin at the axis. ``source`` is the place of
-    the text in words, such as "line 3".
+    The text is ambiguous if it names a direction such as north instead of an axis, or if it names
+    exactly one axis. This function is called only for texts without a word such as "from", which
+    would show that angles begin at the named axis. ``source`` is the place of the text in words,
+    such as "line 3".
     """
     if not any(words.search(text) for words in (_ANGLE, _ZERO_DEGREES, _COMPASS)):
         return

@@ -1,4 +1,4 @@
-"""Fields of a campaign: values that foreign files state, and values assumed for other fields."""
+"""Fields of a campaign: values that imported files state, and values assumed for other fields."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class _StatedValue(NamedTuple):
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
-    """Fill in the fields that the files state and no option states.
+    """Fill in the fields that are stated by the files, but not by an option.
 
     Files state fields in the lines above their tables; the names of files and sheets may state the
     plane. Planes and temperatures become fields of each test. All other fields become fields of the
@@ -175,7 +175,7 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 
 
 def _source_of_named_plane(recording: Recording) -> str:
-    """Return a text that names the source of a plane, if the name of the test states the plane.
+    """Return the source of a plane that the name of a test states, as a text for notes.
 
     The text is "its name". If the letters of the plane are swapped in the name, as in XZ, the text
     also says at which axis angles are assumed to begin, and towards which axis they run.
@@ -190,9 +190,9 @@ def _source_of_named_plane(recording: Recording) -> str:
 def _certain_value(recording: Recording, key: str) -> Any:
     """Return the value that the user or a column of the table states for a field of a test.
 
-    Return None if neither of them states the field. One field says whether readings are compensated
-    for the deflection of the mount; its value is returned as the text "compensated" or "raw".
-    ``key`` is the name of the field.
+    Return None if neither of them states the field. ``key`` is the name of the field. The value of
+    the field ``mount``, which says whether readings are compensated for the deflection of the
+    mount, is returned as the text "compensated" or "raw".
     """
     value = recording.stated.get(key)
     if not value:
@@ -242,11 +242,11 @@ def _note_contradictions(
 def _plane_of_column(recording: Recording, plane: str) -> str:
     """Return the plane that the user or a column states for a test.
 
-    ``plane`` is the plane that `_certain_value` returns. It is usually returned unchanged; the log
-    gets a note if the column and the option --plane state different planes. But if the letters of
-    the column's plane are swapped, as in XZ, and the option states the same plane by its usual
-    name, ZX, then ZX is stored and returned. Raise an `InputError` for an unknown plane in the
-    column.
+    ``plane`` is the plane that `_certain_value` returns. It is returned unchanged, with one
+    exception: if the letters of the column's plane are swapped, as in XZ, and the option --plane
+    states the same plane by its usual name, ZX, the usual name is stored and returned. If the
+    column and the option state different planes, a note is added to the log. Raise an `InputError`
+    for an unknown plane in the column.
     """
     option = recording.campaign.get("plane")
     column_plane = recording.fields.get("plane")
@@ -405,9 +405,10 @@ def note_assumed_fields(
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
     """Add notes on how the forces and pressures of the tests fit the default force law.
 
-    The law gives the force of the ball bar as a linear function of the pressure. A force that a
-    test states beside a pressure is noted if it differs by more than 5 % from the force of the law.
-    If tests state only a pressure, it is noted that their forces are computed with the law.
+    The law gives the force of the ball bar as a linear function of the pressure. For tests that
+    state both a force and a pressure, a note is added if the force that the law gives for the
+    pressure differs by more than 5 % from the stated force. For tests that state only a pressure, a
+    note says that their forces are computed with the law.
     """
     law = ForceLaw()
     options = "--force-slope, --force-offset"

@@ -1,4 +1,4 @@
-"""Units that stand behind the numbers in the cells of a table, as in ``12.5 µm``."""
+"""Units that stand after the numbers in the cells of a table, as in ``12.5 µm``."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ __all__ = ["UnitsOfCells", "number_in_cell", "split_units"]
 _NUMBER_AND_TEXT = re.compile(r"(?P<number>[+\-−–]?[\d.,]*\d(?:[eE][+\-]?\d+)?)\s*(?P<unit>\D.*)")
 
 
-# Units are removed from a row only if a neighbouring row shows that both belong to a table. A
-# neighbouring row of numbers without units shows this only if at least this number of rows in the
-# sheet have numbers with units.
+# A row of numbers with units belongs to a table if a neighbouring row also consists of numbers with
+# units. If at least this number of rows in the sheet have numbers with units, the neighbouring row
+# may also consist of numbers without units.
 _FEWEST_ROWS = 3
 
 
@@ -32,7 +32,7 @@ class UnitsOfCells(NamedTuple):
     """Rows of a sheet after the units were removed from the cells, and the removed units."""
 
     rows: list[Row]
-    #: removed units; each key is a pair of line number and index of the column
+    #: removed units; each key holds the line number and the column index of a cell
     units: Mapping[tuple[int, int], str]
 
 
@@ -58,7 +58,7 @@ def number_in_cell(cell: str, *, is_sexagesimal: bool = False) -> _NumberAndUnit
 
 
 def split_units(rows: Sequence[Row]) -> UnitsOfCells:
-    """Remove the units behind numbers from the rows of a sheet; return the rows and the units.
+    """Return the rows of a sheet without the units after their numbers, and the removed units.
 
     Only rows of a table are changed, and not a single row such as ``Force;36 N``. A row of a table
     consists of at least two numbers, and at least one of these numbers has a unit. The row directly

@@ -24,8 +24,7 @@ _PLANE_CELLS = {*PLANES, *PLANES_OF_G_CODE, *PLANE_OF_SWAPPED}
 # A column whose header has a word for plane is about the plane of the circles only if it has at
 # most this many different cells.
 _MOST_PLANES = 4
-# Cells that may mean a direction of travel, if the header of their column has a word for the
-# travel.
+# Cells that may mean a direction of travel if the header of their column has a word for travel.
 _SIGNS = {"1", "-1", "+1", "+", "-", "−1", "−"}
 # Regular expression for a word for the travel of the machine in the header of a column.
 _TRAVEL_WORD = re.compile(
@@ -48,7 +47,7 @@ def name_plane_column(
 
     A column without a role is the column of planes if every cell names a plane and the header has a
     word for plane, as in ``PlaneName``. The use of this column is noted. If the user states the
-    plane, the heading is returned unchanged; columns of other planes are noted.
+    plane, the heading is returned unchanged; a note is added if a column names other planes.
 
     Parameters
     ----------
@@ -64,8 +63,8 @@ def name_plane_column(
     Raises
     ------
     InputError
-        If a column holds planes, but its header has no word for plane; if several columns hold
-        planes; or if the header of a column has a word for plane, but some cells name no plane.
+        If columns hold planes, but the headers of none or of several of them have a word for plane;
+        or if the header of a column has a word for plane, but some cells name no plane.
     """
     if "plane" in heading.headers:
         return heading
@@ -148,9 +147,9 @@ def check_directions(
     """Raise an `InputError` for a column without a role that may hold directions of travel.
 
     The cells of such a column are words such as CW, or they are signs and the header has a word for
-    the travel of the machine. Nothing is raised if the user states directions, or if another column
-    has the role of direction. ``heading`` is the heading of the table, and ``cells`` holds the
-    cells of each column.
+    the travel of the machine. No error is raised if the user states directions, or if another
+    column has the role of direction. ``heading`` is the heading of the table, and ``cells`` holds
+    the cells of each column.
     """
     if "direction" in heading.roles or layout.direction is not None:
         return

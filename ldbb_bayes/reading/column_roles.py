@@ -1,4 +1,4 @@
-"""Roles and units of the columns of a foreign table, found from the headers of the columns.
+"""Roles and units of the columns of a table, determined from the headers of the columns.
 
 A role is what a column holds: angle, reading, time, force, pressure, direction or test.
 """
@@ -65,9 +65,11 @@ _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
 # number has one or two digits. Digits that begin with 10 are a factor and not the number of a
 # column.
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
-# Regular expression for a header in which R has written dots for brackets, as ``force..lbf.``.
+# Regular expression for a header in which the program R has replaced brackets by dots, such as
+# ``force..lbf.``.
 _DOTS_FOR_BRACKETS = re.compile(r"(?P<name>.*?\w)\.\.(?P<unit>[^\W\d_]+)\.")
-# Regular expression for a word before a word that is then no unit, as in "Angle of turn".
+# Regular expression for a word which shows that the next word is not a unit, such as "of" in "Angle
+# of turn".
 _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
 # Regular expression for the header of a column of temperatures.
 _TEMPERATURE = re.compile(WORDS["columns"]["temperature"], re.IGNORECASE)
@@ -109,7 +111,7 @@ def unit_of(header: str) -> Header:
 
 
 def _unit_between_dots(header: str) -> Header | None:
-    """Return name and unit of a header in which the program R has written dots for brackets.
+    """Return name and unit of a header in which the program R has replaced brackets by dots.
 
     An example is ``force..lbf.`` for ``force [lbf]``. Return None for any other header.
     """
@@ -131,7 +133,7 @@ def _contradicts(word: str, unit: str) -> bool:
 
 
 def _name_and_unit(header: str) -> Header:
-    """Return name and unit of a header. The unit may be in brackets or behind the name."""
+    """Return name and unit of a header. The unit may be in brackets or after the name."""
     header = header.strip().lstrip("#%").strip()
     if len(header) > LONGEST_NAME:
         return Header(header, "")
@@ -159,7 +161,7 @@ def _name_and_unit(header: str) -> Header:
 
 
 def _unit_before_remark(header: str, name: str) -> Header | None:
-    """Return name and unit of a header with a remark behind the unit: "Reading, µm (radial)".
+    """Return name and unit of a header with a remark after the unit: "Reading, µm (radial)".
 
     Return None for any other header. ``name`` is the header up to its first bracket.
     """
@@ -213,7 +215,7 @@ def _unit_at_end(header: str) -> Header:
     if comparable(match[2]) == "grad" and comparable(name).startswith("winkel"):
         unit = "deg"  # in German, Grad means degree
     if not unit and COUNT.fullmatch(comparable(match[2])) and has_role(name, "reading"):
-        return Header(name, match[2])  # a count, whose size must be known
+        return Header(name, match[2])  # the unit is a count; its size must be stated elsewhere
     if not unit:
         return Header(header, "")
     last_word = re.split(r"[\s_]+", name)[-1]
@@ -355,8 +357,8 @@ def find_columns(
 def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list[str]:
     """Return the headers, with an empty text for each column of units or of temperatures.
 
-    The headers ``theta_unit`` and ``T [°C]`` contain words for a role, but name another content.
-    ``units`` holds the unit of each column.
+    Headers such as ``theta_unit`` and ``T [°C]`` contain words for a role, but their columns do not
+    have this role. ``units`` holds the unit of each column.
     """
     names = list(headers)
     for column, header in enumerate(headers):

@@ -209,8 +209,9 @@ def _evidence_of_header(
 def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvidence]) -> str:
     """Return the unit that the header of a column states; empty if it states none.
 
-    A header that names degrees above cells with degrees, minutes and seconds states no unit: it
-    means the degrees in front of the minutes. ``evidence`` are the units of the cells.
+    If the cells hold degrees, minutes and seconds, the word for degrees in the header is ignored,
+    because it describes only the first of these three numbers. ``evidence`` are the units of the
+    cells.
     """
     unit = recording.heading.units[recording.heading.roles[role]]
     names_degrees = unit == "deg" or names_sexagesimal(unit)

@@ -1,4 +1,4 @@
-"""Location of the table in a foreign sheet: header, first row of numbers, and lines above.
+"""Location of the table in a sheet: header, first row of numbers, and lines above the table.
 
 A sheet is a text file or one sheet of a workbook.
 """
@@ -31,8 +31,8 @@ from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, comparable, sca
 
 __all__ = ["Heading", "NoTableError", "find_heading", "note_heading", "unused_columns"]
 
-# A table of numbers begins with this number of successive rows that have equally many cells. A
-# table at the end of the sheet may have fewer rows.
+# A table of numbers begins with this number of successive rows that have the same number of cells.
+# A table at the end of the sheet may have fewer rows.
 _BLOCK_ROWS = 9
 # Regular expression for a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
@@ -180,7 +180,7 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
     header_row
         Index of the row of names among the sheet's rows.
     first_block_row
-        Index of the first row of the block of numbers, which is below the header.
+        Index of the first row of numbers below the header.
     """
     names = _column_names(sheet, header_row, first_block_row)
     units = [unit_of(name).unit for name in names]
@@ -222,7 +222,7 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
         if column < len(units_below) and units_below[column]:
             below = units_below[column]
             if unit and _is_scaled(below):
-                unit = f"{unit} and {below}"  # an error is raised for it if the column is used
+                unit = f"{unit} and {below}"  # later code raises an error if the column is used
             else:
                 unit = unit_of(f"{header} [{below}]").unit
         units.append(unit)
@@ -250,11 +250,11 @@ def _scaled_units(headers: Sequence[str], units_below: Sequence[str]) -> dict[in
 def _find_block(sheet: Sheet, layout: Layout) -> int:
     """Return the index of the row of a sheet at which the numbers of its table begin.
 
-    The table begins at the first block of nine rows with equally many cells, where each row has at
-    least two numbers. A block at the end of the sheet may have only two to eight rows. A table with
-    so few rows is too short, but it is found nevertheless, so that later code can raise an error
-    that states the number of its readings. If the user states the line of the header, only rows
-    below this line are considered. Raise a `NoTableError` if no block begins within 1000 rows.
+    The table begins at the first nine successive rows that have the same number of cells and at
+    least two numbers each. At the end of the sheet, two to eight such rows are enough. A table with
+    so few rows is too short for a test, but it is accepted here, so that later code can raise an
+    error that states the number of its readings. If the user states the line of the header, only
+    rows below this line are considered. Raise a `NoTableError` if no table begins within 1000 rows.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0
@@ -279,10 +279,10 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
 
 
 def _is_block(sheet: Sheet, start: int) -> bool:
-    """Return whether a block of numbers begins at the row with the index ``start``.
+    """Return whether the numbers of a table begin at the row with the index ``start``.
 
-    A block consists of nine rows with equally many cells, where each row has at least two numbers.
-    At the end of the sheet, a block may have fewer rows.
+    They do if this row and the next eight rows have the same number of cells and at least two
+    numbers each. At the end of the sheet, fewer rows are enough.
     """
     width = len(sheet.rows[start].cells)
     if heads_loads(sheet.rows[start].cells):
@@ -305,9 +305,9 @@ def _middle_row(sheet: Sheet) -> str:
 def _first_row_without_header(sheet: Sheet, block: int) -> int:
     """Return the index of the first row of a table without a header.
 
-    ``block`` is the index of the row at which the block of numbers begins (see `_is_block`). A row
-    directly above the table also belongs to the table if it has equally many cells and at least one
-    of them is a number. Raise an `InputError` if rows further up hold numbers.
+    ``block`` is the index of the row at which the numbers of the table begin (see `_is_block`). A
+    row directly above the table also belongs to the table if it has the same number of cells and at
+    least one of them is a number. Raise an `InputError` if rows further up hold numbers.
     """
     rows = sheet.rows
     width = len(rows[block].cells)
@@ -393,7 +393,7 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
     cells_below = sheet.rows[block].cells
     width = len(cells_below)
     if len(names) == width - 1 and _number_rows(sheet.rows[block:]):
-        names.insert(0, "")  # the program R writes names of rows without a header above
+        names.insert(0, "")  # the program R writes row names in a column without a header
     while len(names) > width and not names[-1]:
         names.pop()
     if len(names) > width or any(cells_below[len(names) :]):
@@ -422,11 +422,11 @@ def _join_units(words: Sequence[str]) -> list[str]:
 
 
 def _row_of_units(cells: Sequence[str], separator: str) -> list[str]:
-    """Return the units in a row of cells below a header; an empty list if it is no row of units.
+    """Return the units in a row of cells below a header; an empty list if it is not a unit row.
 
-    An unknown unit is returned as it is written. A row with a load, such as 36 N, is no row of
-    units. ``separator`` is the separator of the cells. If this is a blank, a factor is joined to
-    the unit behind it.
+    An unknown unit is returned as it is written. A row with a load, such as 36 N, is not a row of
+    units. ``separator`` is the separator of the cells. If the separator is a blank, a factor is
+    joined to the unit after it.
     """
     if separator == " ":
         cells = _join_factors(cells)
@@ -441,7 +441,7 @@ def _row_of_units(cells: Sequence[str], separator: str) -> list[str]:
 
 
 def _join_factors(words: Sequence[str]) -> list[str]:
-    """Return the words of a row of units, with each factor joined to the unit behind it."""
+    """Return the words of a row of units, with each factor joined to the unit after it."""
     joined: list[str] = []
     for word in words:
         if joined and _FACTOR.fullmatch(joined[-1]) and not _FACTOR.fullmatch(word):
@@ -452,14 +452,14 @@ def _join_factors(words: Sequence[str]) -> list[str]:
 
 
 def _text_of_unit(cell: str) -> str:
-    """Return the text of a cell in a row of units without brackets and signs for remarks."""
+    """Return the text of a cell in a row of units without brackets and comment signs."""
     return cell.lstrip("#%").strip("[](){} ")
 
 
 def _unit_in_row(text: str) -> str:
     """Return the known unit in a cell of a row of units, with its factor; empty if there is none.
 
-    A text with a large number, such as 100 mm, is a length and no unit.
+    A text with a large number, such as 100 mm, is a length, not a unit.
     """
     unit = scaled_unit(text)
     factor, _, _ = unit.rpartition(" ")

@@ -1,8 +1,8 @@
 """Import of foreign files as a campaign.
 
-Foreign files are tables in any format that this package did not write, such as spreadsheets and
-exports of instruments. Values that the files do not state are assumed, and each assumption is
-noted.
+Foreign files are tables that were not written by this package, such as spreadsheets and exports of
+instruments. They may have any format. Values that the files do not state are assumed, and each
+assumption is noted.
 """
 
 from __future__ import annotations
@@ -223,7 +223,7 @@ def _select_tables(
 
 
 def _sheets_of_file(path: Path, layout: Layout, is_only_file: bool) -> list[Sheet]:
-    """Return the sheets of a file. If it is one of several, an error names leaving it out."""
+    """Return the sheets of a file; for one of several files, errors advise to leave it out."""
     try:
         return read_sheets(
             path, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets
@@ -298,10 +298,11 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
 
 
 def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
-    """Raise an error for a line that states a force law, and for an unclear line about the mount.
+    """Raise an error for a line that states a force law, or an ambiguous line about the mount.
 
-    No error is raised for a force law if an option states the force law, nor for the mount if an
-    option states the mount. ``campaign`` are the fields of the campaign that options state.
+    A line with a force law is accepted if an option states the force law. A line about the mount is
+    accepted if an option states whether readings contain the deflection of the mount. ``campaign``
+    are the fields of the campaign that options state.
     """
     for recording in recordings:
         for lines in (recording.heading.lines_above, recording.lines_of_all_tests):
@@ -343,7 +344,7 @@ def _measured_arc(recording: Recording) -> MeasuredArc:
 
 
 def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
-    """Return the circular tests of the arcs, in the order given.
+    """Return the circular tests of the arcs, in the same order.
 
     Two tests of different sheets may have the same name. If the sheet of the later test holds
     several tests, the name of this sheet is put in front of the name of the later test.
@@ -391,10 +392,10 @@ def _note_unused_entries(
 
 
 def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
-    """Add a note to the log for each force or pressure in a sheet without a table; it is not used.
+    """Add a note to the log for each force or pressure that cannot be assigned to a test.
 
-    ``lines`` are the lines of these sheets that are not part of a list of tests. Nothing shows to
-    which test a force or pressure in these lines belongs.
+    ``lines`` are the lines of sheets without a table, except the rows of lists of tests. Nothing
+    shows to which test a force or pressure in these lines belongs.
     """
     for key, statements in statements_in(lines).items():
         if key not in LOAD_ROLES:
