@@ -1,4 +1,4 @@
-"""Layout of foreign tables: separator, columns, units and other statements of the user.
+"""Layout of imported tables: what the user states about separator, columns, units and so on.
 
 A user states the layout in a TOML file or by command-line options; options take precedence.
 """
@@ -100,8 +100,9 @@ _Column = str | int | list[str | int]
 class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     """Layout of tables that are to be imported as a campaign.
 
-    The value of a field that is None or empty is determined from each file and noted. The roles of
-    columns are angle, reading, time, force, pressure, test (the name of the test) and direction.
+    If a field is None or empty, its value is determined from each file and noted as an assumption.
+    The roles of columns are angle, reading, time, force, pressure, test (the name of the test) and
+    direction.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Statements in the lines above a foreign table: numbers, names, dates and directions.
+"""Statements in the lines above a table: numbers, names, dates and directions.
 
 An example is the line ``Radius: 150 mm``, which states the field ``radius_mm``.
 """
@@ -78,7 +78,7 @@ class _Quantity(NamedTuple):
 
 
 def _expand_parts() -> dict[str, str]:
-    """Return a dict with parts of which regular expressions are composed; its keys are their names.
+    """Return a dict with parts of regular expressions; the keys are the names of the parts.
 
     The parts are in ``words.toml``. A part may contain the names of earlier parts; in the result,
     such a name is replaced by the regular expression of the earlier part.
@@ -114,13 +114,12 @@ _QUANTITIES = _quantities()
 # the beginning of a time, a date or a longer number.
 _WHOLE_NUMBER = rf"(?P<number>{NUMBER_IN_TEXT})(?![\d:/]|[.,]\d|[\-−]\d|\s\d{{3}}(?!\d))(?!')"
 # Regular expression for a unit that a line states before the number. The unit is a word after "in",
-# a text in brackets, or a symbol such as mm with a separator behind it.
+# a text in brackets, or a symbol such as mm, followed by a separator.
 _UNIT_BEFORE = (
     r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?:in\s+)?(?P<brackets>[^\])]*)[\])]"
     r"|(?P<cell_before>mm|cm|inch|in|N|kN|daN|bar|MPa|mm/min)(?=[;,|\t]|\s?[:=]))"
 )
-# Regular expression for the signs that may follow a number: a decimal mark without decimals, and a
-# tolerance.
+# Regular expression for what may follow a number: a decimal mark without decimals, and a tolerance.
 _TOLERANCE = rf"\.?(?:\s?(?:±|\+/?[-−])\s?{NUMBER_IN_TEXT})?"
 # Regular expression for the word that follows a number, in the same cell or in the next cell.
 _FOLLOWING = _TOLERANCE + r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
@@ -171,16 +170,16 @@ _BAR_AND_NUMBER = re.compile(
     r"(?![\d.,]|-\d)(?!\s?\w{3})",
     re.IGNORECASE,
 )
-# Regular expression for words for the ball bar. The word "ball" in these words does not name
-# another quantity.
+# Regular expression for words for the ball bar. Their part "ball" must not be mistaken for a word
+# for another quantity.
 _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
 # Fields of the loads of a test.
 _LOADS = ("force_N", "pressure_bar")
 # Fields of a test that a line states by one number, and never by a list of numbers.
 _FIELDS_OF_ONE_NUMBER = ("force_N", "pressure_bar", "radius_mm")
-# Regular expression for a further number behind a number. The further number may have a unit.
+# Regular expression for a further number after a number. The further number may have a unit.
 _FURTHER_NUMBER = rf"[\s;,|]+{NUMBER_IN_TEXT}(?:\s?[^\W\d_]+)?"
-# Regular expression for all further numbers behind a number, up to the end of the line.
+# Regular expression for all further numbers after a number, up to the end of the line.
 _FURTHER_NUMBERS = re.compile(rf"(?:\s?[^\W\d_]+)?(?:{_FURTHER_NUMBER})+[\s;,|]*")
 # Reason that a message gives if the value of a quantity is not known because the line has a list of
 # numbers.
@@ -239,14 +238,14 @@ def _numbers_stated(
 ) -> Iterator[tuple[str, LineStatement]]:
     """Yield each field whose value a line states by a number, and the statement of the line.
 
-    A line that states a law of force and pressure states neither a force nor a pressure. ``line``
-    is the number of the line, and ``is_extended`` says whether a line names an extension of the
-    bar.
+    A line that states the force as a function of the pressure states neither a force nor a
+    pressure. ``line`` is the number of the line, and ``is_extended`` says whether a line names an
+    extension of the bar.
     """
     is_law = states_force_law(text)
     for quantity in _QUANTITIES.values():
         if is_law and quantity.field in _LOADS:
-            continue  # the numbers are the terms of the law
+            continue  # the numbers are the constants of the force law
         for match in _pattern(quantity.words).finditer(text):
             statement = _length_with_extension(quantity, match, line, is_extended)
             if statement is None:
@@ -303,9 +302,9 @@ def _stated_number(
 ) -> LineStatement | None:
     """Return the number that a line states for a quantity, in the unit of the field.
 
-    The number is NaN if it can be read in two ways, such as 1,000. Return None if the number
-    belongs to another quantity, is part of a title, has a unit that is not permitted, or is too
-    large for computations.
+    The number is NaN if it can be read in two ways, such as 1,000, or if the line lists several
+    numbers where only one is allowed. Return None if the number belongs to another quantity, is
+    part of a title, has a unit that is not permitted, or is too large for computations.
 
     Parameters
     ----------
@@ -337,7 +336,7 @@ def _stated_number(
 
 
 def _unit_beside(quantity: _Quantity, match: re.Match[str]) -> str:
-    """Return the unit before or behind the number of a quantity; empty if the line states none."""
+    """Return the unit before or after the number of a quantity; empty if the line states none."""
     following: str = match["following"]
     if match["cell"] and _unit_among(following, quantity.units) is None:
         following = ""  # the next cell is not the unit of this number
@@ -364,11 +363,11 @@ def _lists_numbers(match: re.Match[str], units: Mapping[str, float]) -> bool:
 def _length_with_extension(
     quantity: _Quantity, match: re.Match[str], line: int | str, is_extended: bool
 ) -> LineStatement | None:
-    """Return the length of a bar including its extension [mm].
+    """Return the length of a bar plus the length of its extension [mm].
 
-    The length is that of the bar plus that of its extension. It is NaN if the lines name an
-    extension, but do not show whether the stated length includes this extension. Return None if the
-    quantity is not the radius, or if the bar has no extension.
+    The result is NaN if the lines name an extension, but do not show whether the stated length
+    includes this extension. Return None if the quantity is not the radius, or if the bar has no
+    extension.
 
     Parameters
     ----------
@@ -424,9 +423,9 @@ def _words_before_number(match: re.Match[str]) -> str:
 
 
 def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
-    """Return the key of ``units`` for the same unit as the text ``name``; None without such a key.
+    """Return the key of ``units`` that means the same unit as ``name``; None if there is none.
 
-    Capitals and the spelling of the unit may differ.
+    The key and ``name`` may differ in spelling, and in upper and lower case.
     """
     wanted = {name.casefold(), unit_named(name).casefold()}
     for unit in units:
@@ -506,7 +505,7 @@ def unknown_length(lines: Lines) -> str:
     """Return a note on the first line with a length that may be the radius of the circle.
 
     An example is ``Reach: 100 mm``. Such a line has one of the following: a length that is as large
-    as the radius of a circle, with its unit; a number behind a letter for radius or diameter; a
+    as the radius of a circle, with its unit; a number after a letter for radius or diameter; a
     number and words for a circle or bar; G-code for an arc. The note is empty if there is no such
     line, or if a line clearly states the radius.
     """
@@ -514,7 +513,7 @@ def unknown_length(lines: Lines) -> str:
     if "radius_mm" in statements or "programmed_radius_mm" in statements:
         return ""
     for line, content in lines:
-        # A unit in brackets before a number, as in "Circle [mm]: 100", is put behind the number.
+        # A unit in brackets before a number, as in "Circle [mm]: 100", is moved after the number.
         text = _UNIT_AND_NUMBER.sub(r"\2 \1", content[:LONGEST_TEXT])
         length = _possible_radius(text)
         if length:

@@ -1,4 +1,4 @@
-"""Loads in lines between tables below each other, such as ``Load step 2 of 5: 200 N``."""
+"""Loads in lines between the tables of a sheet, such as ``Load step 2 of 5: 200 N``."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from ldbb_bayes.reading.words import OTHER_QUANTITY, comparable
 
 __all__ = ["with_loads_between"]
 
-# Fewest successive rows of numbers that are a table.
+# Smallest number of successive rows of numbers that are taken to be a table.
 _FEWEST_ROWS = 9
-# Regular expression for the word for a step in the name of a step, which is no other quantity.
+# Regular expression for words for a load step, which must not be mistaken for another quantity.
 _STEP = re.compile(r"\b(?:load ?)?steps?\b", re.IGNORECASE)
-# Words with which the load of a line is stated.
+# Texts that are added to lines to state their loads; the keys are the kinds of load.
 _STATED = {"force_N": "Force: {value:.10g} N", "pressure_bar": "Pressure: {value:.10g} bar"}
 
 
 @dataclass
 class _Block:
-    """Rows of numbers below each other, and all rows between them and the rows of numbers above."""
+    """Successive rows of numbers, which are a table, and the rows above these numbers."""
 
-    heading: list[Row]  # rows above the numbers, from the end of the block above
-    numbers: list[Row]  # rows of numbers
+    heading: list[Row]  # rows between the numbers of the previous block and those of this block
+    numbers: list[Row]  # rows of numbers; empty for the rows after the last table
 
 
 def with_loads_between(sheet: Sheet) -> Sheet:
-    """Return a sheet in which the lines of loads between its tables are understood.
+    """Return a sheet in which each line of loads stands above the header of its table.
 
     The first table, and at least one further table, must stand below a line with one load (force or
-    pressure), such as ``Load step 2 of 5: 200 N``. In the result, such a line stands above the
-    header of its table, and states the load in words. If the header is not repeated below such a
-    line, the header of the first table is added. Any other sheet is returned unchanged.
+    pressure), such as ``Load step 2 of 5: 200 N``. In the result, a text such as ``Force: 200 N``
+    is added to each such line. If the header is not repeated below the line, the header of the
+    first table is added. Any other sheet is returned unchanged.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -67,7 +67,10 @@ def with_loads_between(sheet: Sheet) -> Sheet:
 
 
 def _blocks_of(sheet: Sheet) -> list[_Block]:
-    """Return the blocks of numbers of a sheet. The rows behind the last block form a block, too."""
+    """Return all rows of a sheet in blocks: the rows above each table, and its rows of numbers.
+
+    The rows after the last table form a block without numbers.
+    """
     blocks = [_Block([], [])]
     run: list[Row] = []
     for row in sheet.rows:
@@ -82,9 +85,10 @@ def _blocks_of(sheet: Sheet) -> list[_Block]:
 
 
 def _close_run(blocks: list[_Block], run: Sequence[Row]) -> None:
-    """Add successive rows of numbers to the last block, and begin a block if they are a table.
+    """Add successive rows of numbers to the last block.
 
-    Fewer rows than those of a table belong to the heading of the last block.
+    If there are enough rows for a table, they become the numbers of this block, and a new block is
+    begun. Otherwise, they become part of the heading of the last block.
     """
     if len(run) < _FEWEST_ROWS:
         blocks[-1].heading += run
@@ -94,7 +98,7 @@ def _close_run(blocks: list[_Block], run: Sequence[Row]) -> None:
 
 
 def _loads_in(sheet: Sheet, rows: Sequence[Row]) -> dict[int, NamedLoad]:
-    """Return the load that each row states which has exactly one load; the keys are the lines.
+    """Return a dict with the loads in rows that state exactly one load; the keys are the lines.
 
     Rows that name a column of angles or times, or another quantity such as a preload, are left out.
     """
@@ -116,10 +120,11 @@ def _heading_with_loads(
     loads: dict[int, NamedLoad],
     header_rows: Sequence[Row],
 ) -> list[Row]:
-    """Return the heading of a table with its lines of loads first and its header last.
+    """Return the rows above a table, with the lines of loads first.
 
-    ``heading`` are the rows above the table, ``loads`` the loads that they state, with their lines
-    as keys, and ``header_rows`` the rows of the header of the first table.
+    If the rows do not repeat the header of the first table, this header is added at the end.
+    ``heading`` are the rows above the table. ``loads`` holds the loads that these rows state; the
+    keys are the line numbers. ``header_rows`` are the rows of the header of the first table.
     """
     rows = []
     for row in heading:
@@ -133,9 +138,9 @@ def _heading_with_loads(
 
 
 def _with_load_in_words(sheet: Sheet, row: Row, load: NamedLoad) -> Row:
-    """Return a row of one cell with the text of a row, which states its load in words.
+    """Return a row of one cell: the text of a row, and a text such as ``Force: 200 N``.
 
-    A row that states its load in words already is returned with its text unchanged.
+    The second text is not added if the first already states the load so that it can be read.
     """
     text = sheet.text_of(sheet.cells_as_written(row))
     if load.key in statements_in([(row.line, text)]):

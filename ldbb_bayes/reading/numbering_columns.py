@@ -1,4 +1,4 @@
-"""Columns that number the circles together, such as ``run`` and ``pass`` in one table."""
+"""Columns whose cells together identify the circles of a table, such as ``run`` and ``pass``."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ _NUMBERS_CIRCLES = re.compile(
 def columns_that_number(
     headers: Sequence[str], cells: Sequence[Sequence[str]], conditions: Sequence[int]
 ) -> list[int]:
-    """Return the indices of the fewest columns, at most two, that number the circles of a table.
+    """Return the indices of one or two columns that identify the circles of a table.
 
-    They number the circles if the conditions of a circle, such as its force, are the same in all
-    rows with the same cells in these columns. Return an empty list if no such columns exist.
+    Columns identify the circles if all rows with the same cells in these columns also have the same
+    conditions, such as the force. Two columns are returned only if no single column identifies the
+    circles. Return an empty list if there are no such columns.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ def columns_that_number(
 def _are_settled(
     cells: Sequence[Sequence[str]], columns: Sequence[int], conditions: Sequence[int]
 ) -> bool:
-    """Return whether rows with equal cells in some columns have equal conditions."""
+    """Return whether rows with equal cells in ``columns`` also have equal ``conditions``."""
     n_rows = len(cells[0])
     conditions_by_label: dict[tuple[str, ...], tuple[str, ...]] = {}
     for row in range(n_rows):

@@ -44,29 +44,28 @@ _TURNED_HEADER = re.compile(_WORDS["header"])
 _TURNED_NAME = re.compile(r"(?<![^\W\d_])(?:invert\w*|negated?|reversed|flipped)", re.IGNORECASE)
 # Regular expression for a line that says what a sign of readings means.
 _MEANING = re.compile(_WORDS["meaning"], re.IGNORECASE)
-# Regular expression for the label "Sign" with a text behind it, such as "Sign: as drawn".
+# Regular expression for the label "Sign" with a text after it, such as "Sign: as drawn".
 _LABEL = re.compile(_WORDS["label"], re.IGNORECASE)
 # Regular expression for readings that a text calls positive or negative.
 _NAMED = re.compile(_WORDS["named"], re.IGNORECASE)
 # Regular expression for a word such as "means", which shows that a text defines something.
 _MEANS = re.compile(_WORDS["means"], re.IGNORECASE)
-# Two regular expressions for "in" or "out" beside a sign. The first is for these words behind the
-# sign, as in "+ = in", the second for these words in front of the sign.
+# Regular expressions for the words "in" and "out" after a sign, as in "+ = in", and before a sign.
 _IN_OR_OUT = re.compile(_WORDS["in_or_out"], re.IGNORECASE)
 _IN_OR_OUT_FIRST = re.compile(_WORDS["in_or_out_first"], re.IGNORECASE)
 # Regular expression for a text that defines the reading as nominal radius minus actual radius.
 _NOMINAL_LESS_ACTUAL = re.compile(_WORDS["nominal_less_actual"])
 # Regular expression for a text that defines the reading as actual radius minus nominal radius.
 _ACTUAL_LESS_NOMINAL = re.compile(_WORDS["actual_less_nominal"])
-# Regular expressions for a name of readings, such as "Shortening", that shows which bar has a
-# positive reading. The keys are the signs of readings.
+# Regular expressions for a name of readings, such as "Shortening", that shows whether readings are
+# positive for a longer or for a shorter bar. The keys are the signs of the readings.
 _NAMES_OF_SIGN = {
     -1: re.compile(_WORDS["shortening"], re.IGNORECASE),
     1: re.compile(_WORDS["lengthening"], re.IGNORECASE),
 }
 # Regular expression for words in front of the name of readings in a line, such as "Readings:".
 _NAME_LABEL = re.compile(_WORDS["name_label"], re.IGNORECASE)
-# Regular expression for a name that is not clear if it is all that a line says. A line
+# Regular expression for a name that is ambiguous if a line consists of this name alone: a line
 # "Compression" may be about the load.
 _UNCLEAR_ALONE = re.compile(_WORDS["unclear_alone"], re.IGNORECASE)
 # Regular expression for a header with a minus sign before the name of the reading.
@@ -101,7 +100,7 @@ def sign_of_readings(recording: Recording) -> int:
     Raises
     ------
     InputError
-        If the user states no sign, and words in the file contradict each other or are not clear.
+        If the user states no sign, and words in the file contradict each other or are ambiguous.
     """
     stated = recording.layout.sign
     sources = _stated_signs(recording)
@@ -129,7 +128,7 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
     The signs are the keys of the returned dict; each value is the first place that states the sign.
     The header is the header of the readings. The lines are the lines above the table and the lines
     that concern all tests. Raise an `OpenQuestionError` if the user states no sign and a text
-    states the sign in words that are not clear.
+    states the sign in ambiguous words.
     """
     header = recording.heading.headers[recording.heading.roles["reading"]]
     sources: dict[int, str] = {}
@@ -146,7 +145,7 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
         if words:
             sign = _sign_of(words)
         elif not _is_open(source, text):
-            if -1 not in sources:  # the note says that a longer bar is positive
+            if -1 not in sources:  # the note says that a longer bar has a positive reading
                 _note_unread(recording, source, text)
             continue
         if sign is not None:
@@ -181,9 +180,9 @@ def _sign_of_difference(text: str) -> int | None:
 def _sign_of_name(source: str, text: str) -> int | None:
     """Return the sign of readings that their name shows: −1 for ``Shortening [um]``.
 
-    The name is all that the text says: it is the header of the readings, or stands in a line,
-    alone or behind words such as "Readings:". ``source`` is the place of the text in words, such as
-    "line 3". The result is None if the text is not such a name.
+    The text is the header of the readings, or a line that consists of the name alone or of the name
+    after words such as "Readings:". The result is None for any other text. ``source`` is the place
+    of the text in words, such as "line 3".
     """
     words = LOAD_IN_NAME.sub("", _words_of_header(text))
     label = _NAME_LABEL.match(words)
@@ -211,7 +210,7 @@ def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:
 
 
 def _is_open(source: str, text: str) -> bool:
-    """Return whether a text is about the sign of readings, but does not make the sign clear.
+    """Return whether a text is about the sign of readings, but leaves the sign open.
 
     ``source`` is the place of the text in words, such as "line 3".
     """
@@ -337,7 +336,7 @@ def _has_sign_and_length(words: list[str]) -> bool:
 
 
 def _sign_of(words: list[str]) -> int | None:
-    """Return the sign of readings that the words of a text mean; None if the sign is not clear.
+    """Return the sign of readings that the words of a text mean; None if they are ambiguous.
 
     ``words`` are the kinds of the words. The first and the second word form a pair, such as
     positive and longer, and so do the third and the fourth word. Each pair means a sign, and all

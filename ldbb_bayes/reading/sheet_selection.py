@@ -1,4 +1,4 @@
-"""Selection of the sheets of foreign files that hold a table of angles and readings."""
+"""Selection of those sheets of imported files that hold a table of angles and readings."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class HeadedSheet(NamedTuple):
 
 @dataclass
 class SheetSelection:
-    """Sheets of foreign files, divided into sheets with and sheets without a table of readings."""
+    """Sheets of imported files, divided into sheets with and sheets without a table of readings."""
 
     tables: list[HeadedSheet] = field(default_factory=list)  #: sheets with a table of readings
     left_out: list[Sheet] = field(default_factory=list)  #: sheets without a table of readings
@@ -56,8 +56,8 @@ def select_sheets(
     """Return the sheets with a table of angles and readings, and the sheets that are left out.
 
     A sheet without such a table is left out in three cases: if it is one of several sheets in a
-    workbook, if the file was found by a pattern with ``*`` or ``?``, or if it is a text without
-    numbers beside files with tables. Each sheet that is left out is noted. An `InputError` is
+    workbook, if the file was found by a pattern with ``*`` or ``?``, or if it is a text with few
+    numbers and other files have tables. Each sheet that is left out is noted. An `InputError` is
     raised for any other sheet without a table. It is also raised if no file has a table.
 
     Parameters
@@ -120,8 +120,8 @@ def _companions(sheets: Sequence[Sheet], layout: Layout, optional: Collection[Pa
     Raises
     ------
     InputError
-        If another file beside the files with tables has numbers, but no table of readings. The step
-        that the message names is to leave this file out.
+        If a file has numbers, but no table of readings, while other files have such tables. The
+        message advises to leave this file out.
     """
     errors: dict[Path, InputError] = {}
     with_table: set[Path] = set()
@@ -235,15 +235,15 @@ def _is_complete(heading: Heading) -> bool:
 
 
 def _holds_readings(table: HeadedSheet, layout: Layout) -> bool:
-    """Return whether a table has all columns it needs, and the columns that the user states fit."""
+    """Return whether a table has all necessary columns, and stated columns hold the right data."""
     return _is_complete(table.heading) and _fits_stated_columns(table, layout)
 
 
 def _fits_stated_columns(table: HeadedSheet, layout: Layout) -> bool:
     """Return whether the columns that the user states hold angles and readings in this sheet.
 
-    The user may state columns by their numbers. In an overview, a column with such a number may
-    hold texts, or the forces or pressures of the tests.
+    The user may state columns by their numbers. In a list of tests, the column with the stated
+    number may hold texts, forces or pressures.
     """
     heading = table.heading
     rows = table.sheet.rows[heading.first_row : heading.first_row + _FIRST_ROWS]

@@ -1,4 +1,4 @@
-"""Functions that split foreign tables into tests, and convert the cells to numbers."""
+"""Functions that split imported tables into tests, and convert the cells to numbers."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 _NOT_SHARED = ("test", "direction", "reading")
 # Regular expression for a number at the beginning of a cell, as in "0.9 x 10 um".
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
-# The mark in the numbers of a column may be a decimal mark or may separate thousands. Which of the
-# two it is, is checked only if at least this many numbers of the column have a mark.
+# Commas or points in the numbers of a column may be decimal marks or separate thousands. Columns
+# are checked for this only if at least this many of their numbers have a comma or a point.
 _FEWEST_MARKED = 5
 # Fields of a test or campaign that a column may state if it has no role (angle, reading, …).
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
@@ -113,10 +113,10 @@ class _SheetColumns:
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
         """Return the cells of a column in some rows.
 
-        Each cell is returned with the unit that stood behind its number in the file. The function
-        is also used for a column of units: the cell "0.1 µm" of such a column is a unit with a
-        factor, which is returned in full. ``column`` and ``rows`` are the indices of the column and
-        of the rows.
+        Each cell is returned with the unit that stood after its number in the file. The function is
+        also used for a column of units: the cell "0.1 µm" of such a column is a unit with a factor,
+        which is returned in full. ``column`` and ``rows`` are the indices of the column and of the
+        rows.
         """
         texts = []
         for row in rows:
@@ -129,8 +129,8 @@ class _SheetColumns:
 
         In a row without a reading, a number may be missing: its cell is empty or holds a word such
         as NaN, and the result is NaN for this row. Raise an `InputError` for any other cell that is
-        no number. ``column`` is the index of the column from 0; ``role`` is the role of the column,
-        such as angle.
+        not a number. ``column`` is the index of the column from 0; ``role`` is the role of the
+        column, such as angle.
         """
         title = self.heading.column_title(role, column)
         place = self.sheet.place
@@ -294,7 +294,7 @@ def split_sheet(
     Raises
     ------
     InputError
-        If a cell is no number, or if a statement does not fit the tests.
+        If a cell is not a number, or if a statement does not fit the tests.
     """
     columns = _read_columns(sheet, heading, layout, campaign.get("plane"), log)
     shared_numbers = _shared_numbers(columns, layout)
@@ -468,7 +468,7 @@ def _without_placeholders(
         cells = [columns.cells[heading.roles[role]][row] for row in rows]
         for k in np.flatnonzero(placeholders_in(cells, numbers[role][rows])).tolist():
             left_out[rows[k]] = cells[k]
-    if len(left_out) == len(rows):  # no row is left that a later message could name
+    if len(left_out) == len(rows):  # keep the rows, so that later code can raise an error for them
         return list(rows)
     if left_out:
         shown = ", ".join(dict.fromkeys(left_out.values()))[:LONGEST_NAME]
@@ -497,7 +497,7 @@ def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
 def _cells_with_units(
     sheet: Sheet, lines: Sequence[int], cells: Sequence[Sequence[str]]
 ) -> list[list[str]]:
-    """Return the cells of each column; each cell has the unit that stood behind its number."""
+    """Return the cells of each column; each cell has the unit that stood after its number."""
     columns = []
     for column, texts in enumerate(cells):
         with_units = []
@@ -584,7 +584,7 @@ def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
 def _holds_quantities(row: Row, heading: Heading) -> bool:
     """Return whether every cell of a row begins with a number, as in ``0.9 x 10 um``.
 
-    Such a row belongs to the table and is no remark below it. Later code raises an error for the
+    Such a row belongs to the table and is not a remark below it. Later code raises an error for the
     units in this row.
     """
     if len(row.cells) != len(heading.headers):
@@ -599,11 +599,11 @@ def _has_number(row: Row) -> bool:
 def _decimal_mark_of(
     sheet: Sheet, cells: Sequence[tuple[int, str]], layout: Layout, log: AssumptionLog
 ) -> str | None:
-    """Return the decimal mark that the layout states, or else the mark found in the cells.
+    """Return the decimal mark that the layout states, or else the decimal mark of the cells.
 
-    Return None if the layout states no mark and no cell has one. A mark found in the cells is noted
-    as an assumption if it is a comma, or if it may just as well separate thousands. ``cells`` holds
-    the line number and the text of every cell with a number.
+    Return None if the layout states no mark and no cell has one. The decimal mark of the cells is
+    noted as an assumption if it is a comma, or if it may just as well separate thousands. ``cells``
+    holds the line number and the text of every cell with a number.
     """
     if layout.decimal is not None:
         _note_stated_mark(sheet, cells, layout.decimal, log)
@@ -627,7 +627,7 @@ def _decimal_mark_of(
 def _check_thousands(
     sheet: Sheet, lines: Sequence[int], cells: Sequence[str], decimal: str
 ) -> None:
-    """Raise an error for a column in which the decimal mark found may separate thousands.
+    """Raise an error for a column in which the assumed decimal mark may separate thousands.
 
     In such a column, three digits follow each mark and some numbers have no mark, for example
     22,658 and 106. If the mark were decimal, the numbers without a mark would have three zeros as
@@ -706,11 +706,11 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
 
 
 def _two_numbering_columns(columns: _SheetColumns, layout: Layout) -> list[int]:
-    """Return the indices of two columns that number the tests together: ``run`` and ``pass``.
+    """Return the indices of two columns that only together identify the tests: ``run``, ``pass``.
 
-    Two columns number the tests if the force, pressure or direction changes within the tests that
-    each of them alone would name. Return an empty list if they do not, or if the layout states the
-    column.
+    For each of the two columns alone, rows with the same cell differ in force, pressure or
+    direction. Rows with the same cells in both columns agree in these quantities. Return an empty
+    list if there are no such columns, or if the layout states the column that names the tests.
     """
     roles = columns.heading.roles
     conditions = [roles[role] for role in ("force", "pressure", "direction") if role in roles]
@@ -725,9 +725,9 @@ def _two_numbering_columns(columns: _SheetColumns, layout: Layout) -> list[int]:
 def _labels_of_two_columns(
     columns: _SheetColumns, numbering: Sequence[int], log: AssumptionLog
 ) -> list[str]:
-    """Return the name of the test of each row from two columns, and note these columns.
+    """Return, for each row, the name of its test, which is made from the cells of two columns.
 
-    ``numbering`` are the indices of the columns.
+    The use of these columns is noted. ``numbering`` are the indices of the columns.
     """
     names = [columns.heading.headers[column] for column in numbering]
     reason = "only both together name tests of one force"
@@ -814,8 +814,9 @@ def _note_unused_columns(
     """Add a note to the log on the columns of a table that are not used.
 
     A column without a role (angle, reading, …) is used only if it states a field, such as the
-    radius, for every test. ``rows_of_tests`` holds the indices of the rows of each test, and
-    ``numbering`` those of two columns that number the tests together.
+    radius, for every test. ``rows_of_tests`` holds the indices of the rows of each test.
+    ``numbering`` holds the indices of two columns that together identify the tests, if there are
+    such columns.
     """
     used = set()
     for column in range(len(columns.heading.headers)):

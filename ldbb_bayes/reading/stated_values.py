@@ -204,8 +204,8 @@ def loads_of(recording: Recording) -> dict[str, float]:
     Raises
     ------
     InputError
-        If neither is stated, if sources contradict each other, or if the values in the column of
-        forces or pressures differ too much.
+        If neither force nor pressure is stated, if sources contradict each other, or if the values
+        in the column of forces or pressures differ too much.
     """
     is_stated = any(recording.stated_value(key) is not None for key in LOAD_ROLES)
     loads = {}
@@ -304,10 +304,10 @@ def direction_of(recording: Recording) -> str | None:
 
     The first source that states a direction is used. The order is: the user, the column of
     directions, lines above the table and names of files, G-code in these lines, sheets without a
-    table. Raise an `InputError` if the source used states both directions, or if the column has a
-    word that means neither of them. G-code and sheets without a table are not used if they state
-    both directions. ``recording`` holds the rows of the test in its file, and all statements about
-    the test.
+    table. Raise an `InputError` if this source states both directions, or if the column has a word
+    that means neither of them. G-code and sheets without a table are not used if they state both
+    directions. ``recording`` holds the rows of the test in its file, and all statements about the
+    test.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

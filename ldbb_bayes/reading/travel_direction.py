@@ -61,7 +61,7 @@ _SIDES = {
 _TURNED = re.compile(f"{_WORDS['turned']}|{_WORDS['stated']}", re.IGNORECASE)
 # Regular expression for words which show that a line is about angles.
 _ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
-# Regular expression for words for the way the machine went, such as "run" or "measured".
+# Regular expression for words for the motion or the measurement, such as "run" or "measured".
 _TRAVEL = re.compile(_WORDS["travel"], re.IGNORECASE)
 # Regular expression for words, such as anticlockwise, that mean counter-clockwise.
 _COUNTER = re.compile(_WORDS["counter"], re.IGNORECASE)
@@ -121,8 +121,8 @@ def directions_stated(
 
     In a line, a direction is accepted if it follows a word such as "direction", if the line also
     has a word such as "run" or "measured", or if the line is nothing but the direction. The words
-    G2 and G3 are accepted anywhere in a line. They are not accepted in blocks of G-code that
-    program an arc, because not all of these arcs are the measured circle.
+    G2 and G3 are accepted anywhere in a line, except in blocks of G-code that program an arc,
+    because not all of these arcs are the measured circle.
 
     Parameters
     ----------

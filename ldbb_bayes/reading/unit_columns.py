@@ -1,4 +1,4 @@
-"""Columns of units in a foreign table: each cell is the unit of a number in the same row."""
+"""Columns of units in a table: each cell is the unit of a number in the same row."""
 
 from __future__ import annotations
 
@@ -53,10 +53,12 @@ def unit_columns(
 
 
 def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, int]:
-    """Return a dict with the column of units of each column that such a column is named after.
+    """Return a dict with the columns of units whose headers name the columns of numbers.
 
-    The columns ``theta`` and ``theta_unit`` belong together. If no column has the name, the units
-    belong to the columns with the same role, as those of ``angle unit`` to the column ``phi``.
+    The keys are the indices of the columns of numbers, and the values are the indices of the
+    columns of units. For example, the column ``theta_unit`` holds the units of the column
+    ``theta``. If no column has the name in the header, the units belong to the columns with the
+    same role: the units in the column ``angle unit`` belong to the column ``phi``.
     """
     pairs: dict[int, int] = {}
     for column, header in enumerate(headers):

@@ -71,7 +71,7 @@ _LARGEST_STEP_DEG = 45.0
 
 
 class _ReadingSize(NamedTuple):
-    """Size of readings whose unit is not stated, computed from the numbers in the files."""
+    """Magnitude of readings whose unit is not stated, computed from the numbers in the files."""
 
     largest: float  # largest absolute value of the readings
     change: float  # change of their median from the smallest force to the largest
@@ -142,11 +142,11 @@ def _may_be_distance(recording: Recording) -> bool:
 
 
 def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
-    """Assume the unit of the readings, µm or mm, if only one of the two fits their size.
+    """Assume the unit of the readings, µm or mm, if only one of the two units is possible.
 
-    The unit is recorded with its reason. Raise an `OpenQuestionError` if both units fit or neither
-    fits, if a line mentions a scale or another unit, or if the readings may be distances between
-    the balls. If all readings are zero, no unit is assumed.
+    The unit is recorded with its reason. Raise an `OpenQuestionError` if both units are possible or
+    neither is, if a line mentions a scale or another unit, or if the readings may be distances
+    between the balls. If all readings are zero, no unit is assumed.
     """
     size = _size_of(recordings, campaign)
     if size.largest == 0.0:
@@ -296,7 +296,7 @@ def _size_of(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> _R
 
 
 def _fits(size: _ReadingSize, um_per_unit: float) -> bool:
-    """Return whether readings of this size can be in a unit whose size is ``um_per_unit`` [µm]."""
+    """Return whether the readings can be in a unit of ``um_per_unit`` micrometres."""
     lightest, heaviest = size.forces_N
     largest_um = size.largest * um_per_unit
     if largest_um > _LARGEST_DEVIATION_UM or largest_um < _STIFFEST_UM_PER_N * heaviest:

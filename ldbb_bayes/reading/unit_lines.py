@@ -54,14 +54,14 @@ _STATED_IN = {
     for role, words in {"reading": "readings_in", "angle": "angles_in"}.items()
 }
 # Regular expression for a factor in front of a unit, such as 0.1 or 1/1000. A number that ends a
-# range, as in 0-360 deg, is no factor.
+# range, as in 0-360 deg, is not a factor.
 _FACTOR_IN_LIST = r"(?<![\w.\-–])(?<!\d,)(?P<factor>(?:1\s?/\s?)?\d+(?:[.,]\d+)?)\s*[x×*·]?\s*"
 # Regular expression for one unit, with or without a factor, in the part of a line that states
 # units.
 _UNIT = re.compile(rf"(?:{_FACTOR_IN_LIST})?(?P<unit>[^\s\d;,|:=()\[\]/][^\s;,|:=()\[\]/]*)")
 # Regular expression for the signs between the units of a list, such as "deg / mm".
 _BETWEEN_UNITS = re.compile(r"[\s;,|/()\[\]\-–#%]*")
-# Regular expression for the number of a revision, as in "rev 2", which is no unit of angle.
+# Regular expression for the number of a revision, as in "rev 2"; "rev" is then not a unit of angle.
 _REVISION = re.compile(_WORDS["revision"], re.IGNORECASE)
 # Largest factor of a unit of angle in a list. A larger number, as in 360 deg, is a range.
 _LARGEST_ANGLE_FACTOR = 10.0
@@ -73,8 +73,8 @@ _BARE_LINE = re.compile(
     r"(?P<unit>(?:[\d.,]+\s)?[^\s;|()\[\]]+)[\])\s;,|\t]*",
     re.IGNORECASE,
 )
-# Regular expression for a line that is nothing but a unit. The unit may be in brackets behind a
-# word for readings.
+# Regular expression for a line that is nothing but a unit. The unit may be in brackets after a word
+# for readings.
 _UNIT_ALONE = re.compile(
     rf"\W*(?:{_WORDS['bracketed']})\s*[\[(](?P<bracketed>[^\])]+)[\])]\W*|\W*"
     r"(?P<unit>(?:(?:0[.,]0*1|1/10+)\s?)?[^\W\d]+)\W*",
@@ -83,7 +83,7 @@ _UNIT_ALONE = re.compile(
 # Regular expression for the word "in" beside a sign, as in "+ = in". The word then means inward and
 # not inches.
 _SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*", re.IGNORECASE)
-# Regular expression for a unit that is stated for readings, but is no unit of length, such as V.
+# Regular expression for a unit that is stated for readings, but is not a unit of length: V, say.
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 # Regular expression for words which say that readings are multiplied or divided by a number.
 _MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)
@@ -97,8 +97,8 @@ _MENTIONED = re.compile(
 )
 # Regular expression for a number at the end of a text, as in "1/10".
 _NUMBER_AT_END = re.compile(r"\d\s?$")
-# Regular expression for a factor behind a unit at the end of a list or of one of its parts, as in
-# "µm/10".
+# Regular expression for a factor after a unit, as in "µm/10", at the end of a list of units or of
+# one of its entries.
 _FACTOR_BEHIND = re.compile(r"[^\W\d]\s?[/x×*·]\s?\d[\d.,]*\s*(?:$|[;,|)\]])")
 # Regular expression for a label in front of the units of a line.
 _LABEL_IN_FRONT = re.compile(rf"\W*(?:{_WORDS['label']})(?!\w)\s*[-–]?\s*", re.IGNORECASE)
@@ -197,9 +197,9 @@ def _units_of_list(text: str) -> dict[str, str]:
     """Return a dict with the units of a line that is nothing but a list of units.
 
     Examples are ``deg/0.1 µm`` and ``[°], [mm]``. The keys are ``angle_unit``, ``reading_unit`` and
-    so on. Two units with a slash between them are a list only if one is of angles or times and the
-    other of readings in this order; otherwise they may be a rate such as mm/min. The dict is empty
-    for any other line.
+    so on. The list must contain a unit of readings. Two units with a slash between them are taken
+    as a list only if one is a unit of angles or the first is a unit of time; otherwise they may be
+    a rate such as mm/min. The dict is empty for any other line.
     """
     if not _lists_units(text):
         return {}
@@ -253,8 +253,8 @@ def _unit_alone(text: str) -> str:
     """Return the unit of a line that only states the unit of readings, such as ``Readings [mm]``.
 
     Other examples are the lines ``mm`` and ``[mm]``. A unit with a factor that this package does
-    not read, as in ``x 10 um``, and a unit that is no length, such as V, are returned as written.
-    The result is empty for any other line.
+    not read, as in ``x 10 um``, and a unit that is not a unit of length, such as V, are returned as
+    written. The result is empty for any other line.
     """
     if has_factor(text):
         return text.strip()
@@ -343,8 +343,7 @@ def _role_of_label(label: str) -> str | None:
     """Return the role of a column whose unit a label announces, such as force for ``Force unit``.
 
     The result is an empty string for a label such as ``Units``, which announces the units of all
-    roles. The result is None if the label also contains a word that names neither a role nor a
-    unit.
+    roles. The result is None if the label contains any other word, or names several roles.
     """
     words = []
     for word in _LABEL_WORD.findall(comparable(label)):
@@ -384,9 +383,9 @@ def _units_of_roles(text: str, role: str) -> dict[str, str]:
 def _units_in(text: str) -> list[_ListedUnit]:
     """Return the known units in a text in the order of the text.
 
-    A number in front of a unit is its factor. It is no factor if the text also has the unit without
-    a number, as in "um (range 1000 um)", or if it is a large number in front of a unit of angle, as
-    in 360 deg.
+    A number in front of a unit is its factor, with two exceptions: the text also has the unit
+    without a number, as in "um (range 1000 um)", or the number is large and the unit is a unit of
+    angle, as in 360 deg.
     """
     matches = [match for match in _UNIT.finditer(text) if unit_named(match["unit"].strip("."))]
     plain = {unit_named(match["unit"].strip(".")) for match in matches if not match["factor"]}

@@ -1,8 +1,8 @@
 """Notes on conventions that files do not state, and on texts in files that are not used.
 
 If nothing states the sign of readings, the convention of angles or the direction of travel, the
-convention of this package is taken. The notes show this, so that a user who knows better can say
-so.
+convention of this package is assumed. The notes show these assumptions, so that the user can
+correct them.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from ldbb_bayes.reading.sheet import Sheet
 
 __all__ = ["note_unstated"]
 
-# At most this number of texts that are not used have a note each; a last note counts the others.
-# A note shows at most this number of characters of its text.
+# At most this number of unused texts get separate notes; one further note counts the others.
 _MOST_TEXTS = 6
+# A note shows at most this number of characters of a text.
 _TEXT_SHOWN = 60
-# Statements that are used only if a note cites their line.
+# Fields whose statements are used only if a note cites the line of the statement.
 _CITED_WHERE_USED = {"reading_scale"}
 # Regular expression for a letter; a text without a letter states nothing.
 _LETTER = re.compile(r"[^\W\d_]")
@@ -75,7 +75,7 @@ def _states_angles(layout: Layout) -> bool:
 
 
 def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> None:
-    """Add a note on each text above, below and beside the tables that nothing was taken from.
+    """Add a note on each text above, below or beside the tables from which nothing was taken.
 
     ``recordings`` are the tests in the files. There is no note on a text that states a field of
     a test or campaign, nor on a line that another note on the same file cites.
@@ -101,11 +101,11 @@ def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> N
 
 
 def _texts_outside(recording: Recording, last_line: int) -> Iterator[tuple[int | str, str]]:
-    """Yield the number (or place) and the text of lines that state no field of a test or campaign.
+    """Yield the number (or place) and the text of lines and cells outside the table of a test.
 
-    The lines are those above the table of a test and in sheets without a table, those below the
-    table, and the cells beside the table. ``last_line`` is the number of the last line of the
-    table.
+    Lines above the table, and lines of sheets without a table, are yielded only if they state no
+    field of a test or campaign. Lines below the table and cells beside it are always yielded.
+    ``last_line`` is the number of the last line of the table.
     """
     for line, text in (*recording.heading.lines_above, *recording.lines_of_all_tests):
         if not set(statements_in([(line, text)])) - _CITED_WHERE_USED:
