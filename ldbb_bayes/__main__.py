@@ -1,4 +1,4 @@
-"""Start of the program with ``python -m ldbb_bayes`` or with the command ``ldbb-bayes``."""
+"""Entry point of the program, for ``python -m ldbb_bayes`` and the command ``ldbb-bayes``."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ __all__ = ["run"]
 def run() -> None:
     """Load the commands of this program, and run the command that the user typed.
 
-    Ctrl-C at any time, also during loading, ends the program with one line of text and exit code
-    130.
+    If the user presses Ctrl-C, even while the commands are loaded, the program prints one line and
+    ends with exit code 130.
     """
     # Let BLAS (the linear algebra library behind NumPy) use one thread, which is faster than
     # several because the matrices are small. NumPy reads these variables when it is loaded.

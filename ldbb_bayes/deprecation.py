@@ -1,4 +1,4 @@
-"""Old public names of version 0.2, which still work until version 0.4, but give a warning."""
+"""Public names of version 0.2 that have changed; they give a warning until version 0.4."""
 
 from __future__ import annotations
 

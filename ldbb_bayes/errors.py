@@ -67,7 +67,7 @@ def check_probability(prob: object, name: str = "prob") -> None:
 
 
 def require_whole(name: str, number: object) -> None:
-    """Raise an `InputError` unless ``number`` is a whole number.
+    """Raise an `InputError` unless ``number`` is an integer.
 
     ``name`` is the name of the argument in the message.
     """
@@ -78,7 +78,7 @@ def require_whole(name: str, number: object) -> None:
 
 
 def check_seed(seed: object) -> None:
-    """Raise an `InputError` unless the seed of random draws is a whole number of at least zero."""
+    """Raise an `InputError` unless ``seed`` is an integer of at least zero."""
     require(
         isinstance(seed, SupportsIndex) and int(seed) >= 0,
         f"seed must be a whole number of at least 0, got {seed!r}. Give for example seed=1.",
@@ -87,7 +87,7 @@ def check_seed(seed: object) -> None:
 
 @contextmanager
 def placed(place: object) -> Iterator[None]:
-    """Put the place of a fault before the message of an `InputError` raised in the ``with`` block.
+    """Put the place of the fault first in the message of an `InputError` from the ``with`` block.
 
     The place is, for example, the name of the file that contains the fault.
     """
@@ -111,9 +111,9 @@ class _Similarity(NamedTuple):
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the known name that is most similar to ``name``, a name that is probably misspelt.
 
-    If several known names are equally similar, a name that consists of the same letters as ``name``
-    is preferred, and then the name with the longer first part that also occurs in ``name``. Capital
-    and small letters are not distinguished.
+    Of several equally similar names, a name with the same letters as ``name``, in any order, is
+    preferred. If there is none, the name whose first common substring with ``name`` is longest is
+    preferred. Capital and small letters are not distinguished.
     """
     lower_name = name.lower()
 
@@ -160,9 +160,9 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
-    """Return the question whether the most similar known name was meant.
+    """Return a question for the user: whether the most similar known name was meant.
 
-    The result is empty if the names have no letter in common.
+    The result is empty if that name and ``name`` have no letter in common.
     """
     candidate = nearest(name, known)
     if not set(name.casefold()) & set(candidate.casefold()):

@@ -129,9 +129,9 @@ else:
 def entries_of(source: Any) -> dict[str, Any]:
     """Return a dictionary with names and values of the displayed attributes of ``source``.
 
-    ``source`` is any object. Its displayed attributes are those that its class lists in ``shown``.
-    If the class lists none, they are all fields of a dataclass or pydantic model. For any other
-    object the dictionary is empty.
+    The class of ``source`` lists the displayed attributes in ``shown``. If the class does not list
+    any, and ``source`` is a dataclass or pydantic model, all its fields are displayed. If
+    ``source`` is any other object, the result is empty.
     """
     kind = type(source)
     names = getattr(kind, "shown", ())
@@ -145,9 +145,9 @@ def entries_of(source: Any) -> dict[str, Any]:
 def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
     """Return any value as one line of text with at most ``longest`` characters.
 
-    For arrays, tables and long collections, the text states only their size. An object is displayed
-    as the name of its class with its non-empty attributes. If the text is too long, attributes that
-    have their default values are left out, and if necessary also the last attributes.
+    For an array, a table or a long collection, the text states only the size. For an object, the
+    text is the class name and the attributes that are not empty. If this text is too long,
+    attributes with default values are left out first, then the last attributes.
     """
     kind = type(value).__name__
     if getattr(value, "shape", ()):
@@ -174,7 +174,7 @@ def _brief_collection(value: Any, longest: int) -> str:
 
 
 def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
-    """Return an object as one line of text: its class, with ``name=value`` for its attributes.
+    """Return an object as one line of text: the class name, and ``name=value`` for each attribute.
 
     ``entries`` holds the names and values of the displayed attributes; empty values are left out.
     If the line is longer than ``longest`` characters, attributes that have their default values are
@@ -214,7 +214,7 @@ class Shown:
     returns all tables and sentences, which notebooks show too.
     """
 
-    # Names of the attributes that are displayed; if empty, all fields of a dataclass are displayed.
+    # Names of the displayed attributes; if there are none, all fields of a dataclass are displayed.
     shown: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
@@ -302,9 +302,9 @@ _REGISTRATIONS: set[Callable[[], object]] = set()
 def register_when_displayed(register: Callable[[], object]) -> None:
     """Store a function, to be called later, that defines how results are displayed.
 
-    ``register`` is called without arguments when a result is displayed and the display of its class
-    is not defined yet. Thus a program loads the modules that display results only when it displays
-    a result.
+    The program calls ``register``, without arguments, when it is to display a result of a class for
+    which no display is defined yet. Modules that only serve to display results are therefore not
+    loaded before they are needed.
     """
     _REGISTRATIONS.add(register)
 
@@ -447,8 +447,8 @@ def read_result(
 def _reason_of(error: Exception) -> str:
     """Return the message of an error.
 
-    If the error is one of pydantic, the library that checks the content of files, return only the
-    first entry of its message.
+    If pydantic (the library that checks the content of files) raised the error, return only the
+    first entry of the error's message.
     """
     if not isinstance(error, ValidationError):
         return str(error)

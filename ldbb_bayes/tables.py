@@ -40,8 +40,9 @@ _TERMINAL_LINES = 24
 # Largest number of lines of a table that ``print`` shows with all columns. From a longer table,
 # ``print`` leaves out the columns that do not fit side by side.
 _SCREEN_LINES = 45
-# Limits for breaking the heads of columns into lines [characters]: the lines of a head are not made
-# narrower than the limit. The limits are tried in this order until the table fits.
+# Smallest widths of the heads of columns [characters]. Heads are broken into lines, but are not
+# made narrower than the first of these widths. As long as the table is too wide, the next width is
+# tried.
 _HEAD_WIDTHS = (12, 9, 7, 1)
 # Number of spaces between the columns of a displayed table.
 _GAP = 2
@@ -73,8 +74,9 @@ _ROUNDED_LIKE_U = frozenset(
 )
 # Names of columns that hold a standard uncertainty.
 _STANDARD_UNCERTAINTIES = ("sd", "u")
-# Names of columns that hold an estimate or its uncertainty. If a table is too wide, the cells of
-# some columns are moved to lines beneath their rows; the columns named here are moved last.
+# Names of columns that hold an estimate or its uncertainty. In a table that is too wide, the cells
+# of some columns are moved to lines beneath their rows. Cells of the columns named here are moved
+# only if moving the cells of all other columns is not enough.
 _ESTIMATE = frozenset(("mean", "sd", "ci_low", "ci_high", "difference"))
 # Names of columns whose texts can name the rows of a data frame. If the rows are only numbered, the
 # first column in this list that exists in the data frame is used, and its texts are displayed as
@@ -290,7 +292,7 @@ class _TextLayout:
     def _break_heads(self, least_width: int) -> None:
         """Break the heads of columns between words into lines, to make the columns narrower.
 
-        The lines of a head are not made narrower than ``least_width`` [characters].
+        No head is made narrower than ``least_width`` [characters].
         """
         for column in self._columns:
             words = _glued(self._heads[column]).split(" ")
@@ -366,7 +368,8 @@ def _cell(value: Any) -> str:
 class ReadableFrame(pd.DataFrame):
     """Data frame of pandas that is displayed as a `Table`.
 
-    If the table is longer than a screen, ``print`` leaves out columns and names them.
+    If the table is longer than a screen, ``print`` leaves out the columns that do not fit side by
+    side, and names these columns.
     """
 
     @property
@@ -388,9 +391,9 @@ def _for_print(frame: pd.DataFrame, *, all_rows: bool = False) -> pd.DataFrame:
     """Return a data frame as it is displayed, with substitutes for some of its rows.
 
     `with_rows_instead` states which rows are replaced and which rows are their substitutes. If
-    ``all_rows`` is true, the substitutes are added, and the replaced rows stay. A data frame that
-    has more or fewer rows than when `with_rows_instead` was called is an excerpt that a user chose;
-    it is returned unchanged.
+    ``all_rows`` is true, the substitutes are added, and the replaced rows stay. If the number of
+    rows has changed since `with_rows_instead` was called, the user has selected rows; the data
+    frame is then returned unchanged.
     """
     instead: _RowsInstead | None = frame.attrs.get("rows_instead")
     if instead is None or len(frame) != instead.length:
@@ -560,10 +563,11 @@ def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
 
 
 def _decimals_of(row: Mapping[Hashable, Any], factor: float) -> int | None:
-    """Return the number of decimals that gives a row's standard uncertainty two significant digits.
+    """Return the number of decimals with which a row's uncertainty has two significant digits.
 
-    ``row`` holds the cells of the row; the keys are the names of the columns. ``factor`` converts
-    the unit of the cells to the display unit. Return None for a row without a standard uncertainty.
+    The uncertainty is the standard uncertainty of the row. ``row`` holds the cells of the row; the
+    keys are the names of the columns. ``factor`` converts the unit of the cells to the display
+    unit. Return None for a row without a standard uncertainty.
     """
     for name in _STANDARD_UNCERTAINTIES:
         u = row.get(name)
@@ -575,9 +579,9 @@ def _decimals_of(row: Mapping[Hashable, Any], factor: float) -> int | None:
 def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:
     """Return a text as lines of at most ``width`` characters.
 
-    Lines are not broken between a number and its sign or unit, nor within words and file paths, and
-    a line with a very long word may therefore exceed the width. ``first`` is put in front of the
-    first line, and ``then`` in front of every further line.
+    Lines are not broken between a number and its sign or unit, within words, or within file paths.
+    A line with a very long word may therefore be longer than ``width``. ``first`` is put in front
+    of the first line, and ``then`` in front of every further line.
     """
     lines = textwrap.wrap(
         _glued(text),
@@ -593,7 +597,7 @@ def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]
 def _glued(text: str) -> str:
     """Return a text with no-break spaces wherever a line must not be broken.
 
-    Such places are between a number and its unit or sign, and within short brackets.
+    A line must not be broken between a number and its unit or sign, or within short brackets.
     """
     text = re.sub(_UNBREAKABLE, _NO_BREAK, text)
     return re.sub(_SHORT_BRACKETS, _without_breaks, text)

@@ -130,8 +130,7 @@ _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
 # If the lower limit of a compliance's credible interval is below this fraction of the compliance's
 # median, the compliance may be near zero. Its stiffness then has a lower limit, but no upper limit.
 _NEAR_ZERO_SHARE = 0.2
-# Smallest sort key that counts when items are ranked, as a fraction of the largest key; smaller
-# keys are treated as zero.
+# Items are ranked by a sort key. Keys below this fraction of the largest key are treated as zero.
 _ZERO_SHARE = 1e-12
 # A credible interval is treated as skewed if the distance between the mean and the middle of the
 # interval is above this fraction of half the interval's width.
@@ -220,9 +219,10 @@ def _ratio(match: re.Match[str] | None, text: str, subject: str) -> float:
 def setting_to_inside(name: str, value: Any, subject: str) -> Any:
     """Return a setting, stated as text with a unit, as a number in the unit of the setting's name.
 
-    For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A setting whose name has no unit
-    is a ratio: "10 %" is 0.1. For such a setting, a text that is not a number with a unit is
-    returned unchanged. A value that is not a text is always returned unchanged.
+    For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A setting whose name does not
+    end with a unit is a ratio: "10 %" is 0.1. For a setting that is a ratio, a text that is not a
+    number with a unit is returned unchanged. A value that is not a text is always returned
+    unchanged.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
 def _size_of(unit: str) -> _Size | None:
     """Return the conversion of a unit to mm, N and rad, with its powers of length and force.
 
-    Return None for a text that is no unit.
+    Return None if ``unit`` is not the name of a unit.
     """
     text = re.sub(r"\(([^()]*)\)", _as_quotients, unit.strip())
     text = re.sub(r"\s+per\s+", "/", text.replace("μ", "µ").replace("²", "^2"))
@@ -478,8 +478,8 @@ def stiffness(median: float, interval: tuple[float, float]) -> str:
     """Return a stiffness [N/µm] with its credible interval as text, from a compliance [mm/N].
 
     ``median`` is the median of the compliance, and ``interval`` its credible interval. If the lower
-    limit of the compliance is below a fifth of its median or not positive, the text states only a
-    lower limit of the stiffness. If the upper limit of the compliance is not positive, the text is
+    limit of the interval is not positive, or is below a fifth of the median, the text states only a
+    lower limit of the stiffness. If the upper limit of the interval is not positive, the text is
     empty.
     """
     low, high = interval

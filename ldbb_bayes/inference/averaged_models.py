@@ -1,8 +1,8 @@
-"""Draws of a posterior that is averaged over models, separated by model.
+"""Posterior draws of an average over several models, split into the draws of each model.
 
 Every draw of an averaged posterior comes from one of the models. The share of draws that come from
-a model estimates the posterior probability of this model. In these draws, the parameters that the
-model lacks are zero; all other parameters differ from zero.
+a model estimates the posterior probability of this model. In the draws of a model, the parameters
+that this model lacks are zero, and all its other parameters differ from zero.
 """
 
 from __future__ import annotations
@@ -29,11 +29,10 @@ class AveragedModel:
     The average has p parameters: all parameters that occur in at least one of the averaged models.
     """
 
-    #: number of the model's draws divided by the number of all draws; this share is about the
-    #: posterior probability of the model
+    #: share of this model among all draws, which estimates the posterior probability of the model
     probability: float
     bound: BoundModel  #: the model, applied to the campaign
-    #: index of each of the model's parameters among the p parameters of the average
+    #: indices of this model's parameters in the list of the p parameters of the average
     places: NDArray[np.intp]
     #: draws of all p parameters of the average, shape (n, p); parameters that the model lacks are
     #: zero
@@ -44,20 +43,20 @@ class AveragedModel:
 
     @cached_property
     def mean(self) -> Array:
-        """Mean of the p parameters under this model, shape (p,)."""
+        """Mean of the p parameters over the draws of this model, shape (p,)."""
         return np.asarray(self.beta.mean(axis=0))
 
     @cached_property
     def sd(self) -> Array:
-        """Standard deviation of the p parameters under this model, shape (p,)."""
+        """Standard deviation of the p parameters over the draws of this model, shape (p,)."""
         return np.asarray(self.beta.std(axis=0))
 
 
 def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
     """Return the models over which a posterior is averaged, each with the draws that come from it.
 
-    The list has one item if the posterior is not an average. Models from which no draw comes are
-    left out.
+    The list has one item if the posterior is of a single model. Averaged models without any draw
+    are left out.
 
     In the average, a parameter has the mean Σ p_m mean_m and the variance Σ p_m (var_m + (mean_m −
     mean)²). p_m is the share of model m among the draws; mean_m and var_m are mean and variance of
@@ -90,7 +89,7 @@ def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
 def _bound_of_model(
     largest: BoundModel, places: NDArray[np.intp], rivals: Sequence[str]
 ) -> BoundModel:
-    """Return one of the models over which a posterior is averaged, applied to the campaign.
+    """Return one of several averaged models, applied to the campaign.
 
     ``largest`` is the model with the parameters of all averaged models. ``places`` holds, for each
     parameter of the returned model, its index among the parameters of ``largest``. ``rivals`` are

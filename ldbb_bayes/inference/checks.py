@@ -87,7 +87,7 @@ class CheckKind(StrEnum):
     """Property of a test's readings that a posterior predictive check examines."""
 
     ORDER = "order"  #: residual of the readings at one Fourier order, 0 to 12
-    NOISE = "noise"  #: scatter of the readings that Fourier orders 0 to 12 do not explain
+    NOISE = "noise"  #: scatter of the readings about a fit of the Fourier orders 0 to 12
     #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
     #: readings
     AUTOCORRELATION = "autocorrelation"
@@ -97,7 +97,7 @@ class CheckKind(StrEnum):
 class Check:
     """One posterior predictive check of the readings of one test against the model.
 
-    A small p-value means that the model hardly ever predicts such readings.
+    A small p-value means that readings like those measured are improbable under the model.
     """
 
     kind: CheckKind
@@ -114,9 +114,10 @@ class TestChecks(Result):
     The residual is the measured circle minus the effects of the machine and of shared nuisances.
     Shared nuisances are effects that are modelled but not of interest and that are common to
     several tests, such as ball form. ``orders_p`` holds a p-value for each Fourier order: the
-    probability, averaged over the posterior, that a new circle has a larger residual at this order
-    than the measured circle. The p-values ``noise_p`` and ``autocorrelation_p`` are two-sided.
-    ``autocorrelation`` and these two p-values are None if the test has at most 25 readings.
+    probability, averaged over the posterior, that the residual of a new circle at this order is
+    larger than the residual of the measured circle. The p-values ``noise_p`` and
+    ``autocorrelation_p`` are two-sided. ``autocorrelation`` and these two p-values are None if the
+    test has at most 25 readings.
     """
 
     __test__ = False
@@ -132,7 +133,7 @@ class TestChecks(Result):
     autocorrelation_p: float | None  #: p-value of ``autocorrelation`` under white noise
 
     def of(self, test: str) -> list[Check]:
-        """Return a list with one `Check` for each p-value of the test with the name ``test``."""
+        """Return one `Check` for each p-value in this object; ``test`` is the name of the test."""
         checks = [Check(CheckKind.ORDER, test, p, order) for order, p in self.orders_p.items()]
         if self.noise_p is not None:
             checks.append(Check(CheckKind.NOISE, test, self.noise_p))
@@ -167,7 +168,7 @@ def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
 def effects_of_failures(
     bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
 ) -> tuple[dict[str, float], float]:
-    """Return the effects of failing checks on parameters and on their credible intervals.
+    """Return how much the failing checks may change the parameters and their credible intervals.
 
     A check fails if its p-value, multiplied by the number of checks, is below 1 %. The result is a
     tuple of two items:
@@ -216,8 +217,8 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
     """Return the largest relative widening of intervals if some tests are noisier than modelled.
 
-    The intervals are the credible intervals of the parameters. A result of 0.1 means that the width
-    of an interval increases by 10 %. ``tests`` are the names of the noisier tests. Their noise
+    The intervals are the credible intervals of the parameters. A result of 0.1 means that the most
+    affected interval becomes 10 % wider. ``tests`` are the names of the noisier tests. Their noise
     variance is estimated from their readings at the Fourier orders 13 to 16, but is at least the
     noise variance σ² of the model. The noise variance of all other tests is σ². The wider intervals
     are computed with σ² replaced by the mean noise variance of all tests. ``phi``, shape (h,), is
@@ -274,15 +275,15 @@ def _waves_beyond(test: CircularTest) -> Array:
 
 
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
-    """Return p-values of the machine axes along which the circles' centre shifts with force.
+    """Return the machine axes along which the centre of the circles shifts with force.
 
     The shift that the parameters ``beta``, shape (p,), explain is first subtracted from the
     centres. The centre along an axis is a Fourier coefficient of order 1. For each plane and each
     of its two axes, Student's t-test of the slope of the centre over force gives a p-value. Only
     planes with at least four tests and at least three different forces are checked. An axis is
     reported if its smallest p-value in any plane, multiplied by the number of all p-values
-    (Bonferroni), is below 1 %. The keys of the result are the reported axes; the values are the
-    smallest p-values of these axes. ``bound`` is the model, applied to its campaign.
+    (Bonferroni), is below 1 %. The keys of the result are the reported axes, and the values are
+    their smallest p-values. ``bound`` is the model, applied to its campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
@@ -348,10 +349,10 @@ def check_predictions(
 def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) -> dict[int, float]:
     """Return the posterior predictive p-values of test r; the keys are the Fourier orders 0 to 12.
 
-    The residual is the part of the readings that the machine and the shared nuisances (effects that
-    are modelled but not of interest, such as ball form) do not explain. The residual is compared
-    with the scatter that is expected from the noise of the readings and from effects that act on
-    one test only.
+    The residual is the readings minus the predicted effects of the machine and of shared nuisances
+    (effects that are modelled but not of interest, such as ball form). The p-value compares the
+    residual with the scatter that the model expects from noise and from effects that act on this
+    test only.
 
     Parameters
     ----------
@@ -384,7 +385,7 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
 
 
 class _Scatter(NamedTuple):
-    """Covariance C S² Cᵀ of k residuals, whose scatter comes from v independent sources.
+    """Covariance matrix C S² Cᵀ of k residuals, which scatter because of v independent sources.
 
     C, shape (k, v), holds the effects of the sources on the residuals. S is the diagonal matrix of
     the standard deviations of the sources; each posterior draw has its own S.
@@ -396,10 +397,10 @@ class _Scatter(NamedTuple):
 
 
 def _mean_tail_probability(residual: Array, scatter: _Scatter) -> float:
-    """Return a p-value of k residuals: the mean over posterior draws of P(χ² ≥ rᵀ V⁻¹ r).
+    """Return the p-value of k residuals: P(χ² ≥ rᵀ V⁻¹ r), averaged over the posterior draws.
 
-    r holds the residuals of a draw, a row of ``residual`` of shape (draws, k). V is the covariance
-    that ``scatter`` gives for this draw, and χ² has k degrees of freedom.
+    For each draw, the vector r is a row of ``residual``, shape (draws, k), and V is the covariance
+    matrix that ``scatter`` describes. χ² has k degrees of freedom.
     """
     columns = scatter.columns
     covariance = np.einsum("iv,jv,wv->wij", columns, columns, scatter.sd**2)

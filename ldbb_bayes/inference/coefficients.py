@@ -6,9 +6,9 @@ scales of the noise and of other effects. y are the readings. Nuisances are effe
 modelled but not of interest: shared nuisances are common to several tests, private nuisances belong
 to a single circle. There are three kinds of prediction:
 
-- machine: the effects H β of the parameters, where the matrix H holds the change of every circle
-  per unit of each parameter. The nominal deflection of the work ball's mount is added, unless the
-  readings are already compensated for this deflection;
+- machine: the effects H β of the parameters. The matrix H holds the change of every circle per unit
+  of each parameter. If the readings are not compensated for the nominal deflection of the work
+  ball's mount, this deflection is added;
 - shared: the machine plus the effects of ball form, bar length, deflection of the mount, and force
   error. The quality of a fit (root-mean-square residual and fitness, Eq. 34-35 of the paper) is
   computed from this prediction;
@@ -73,7 +73,7 @@ class ModelDraws(NamedTuple):
 
 
 class PrivateTerm(NamedTuple):
-    """An effect on one circle only; its v coefficients are independent between circles."""
+    """Effect on a single circle; its v coefficients are independent of those of other circles."""
 
     #: change of the readings' 25 Fourier coefficients (orders 0 to 12) [mm] per unit of each of the
     #: effect's v coefficients, shape (25, v)
@@ -119,8 +119,8 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
     """Return the Fourier coefficients that the machine's parameters predict for each circle [mm].
 
     ``beta``, shape (draws, p), are draws of the p parameters (compliances, their changes with
-    force, geometric errors). The nominal deflection of the work ball's mount is included, unless
-    the readings are compensated for this deflection. The result holds Fourier coefficients of the
+    force, geometric errors). If the readings are not compensated for the nominal deflection of the
+    work ball's mount, this deflection is included. The result holds Fourier coefficients of the
     orders 0 to 12, shape (draws, tests, 25). ``bound`` is the model, applied to its campaign.
     """
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
@@ -221,7 +221,7 @@ def elastic_draws(
 def elastic_draws_with(
     shared: Array, draws: ModelDraws, circles: Sequence[int], force_N: Array
 ) -> ElasticDraws:
-    """Return the same as `elastic_draws`, from known coefficients of the shared nuisances.
+    """Return the same as `elastic_draws`, for given coefficients of the shared nuisances.
 
     Shared nuisances are effects that are modelled but not of interest and that are common to
     several tests. ``shared``, shape (draws, q), holds q coefficients of these nuisances for each
@@ -268,7 +268,7 @@ def _names_of_shared(bound: BoundModel) -> list[str]:
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
-    """Return the Fourier coefficients that draws predict for each measured circle [mm].
+    """Return the Fourier coefficients that posterior draws predict for each measured circle [mm].
 
     The prediction has no random scatter. It includes the effects of the machine, of ball form, of
     bar length, of the deflection of the mount, and of force error. Nuisances are effects that are

@@ -2,8 +2,8 @@
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. Truncation restricts β to
-compliances that are not negative. Free coordinates are the hyper-parameters φ transformed to be
-unbounded, mostly ln(φ − lower bound).
+compliances that are not negative. Free coordinates are unbounded coordinates of the
+hyper-parameters φ, mostly ln(φ − lower bound).
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ def conditional_draws(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return one random draw of the p parameters for each of w values of the hyper-parameters.
 
-    The draws are from the exact density of the parameters (compliances, their changes with force,
-    geometric errors) given the readings and the hyper-parameters (scales of the noise and of other
-    effects).
+    The parameters are compliances, their changes with force, and geometric errors. They are drawn
+    from their density given the readings and the hyper-parameters (scales of the noise and of other
+    effects). ``exact`` of the result states for which draws this is not so.
 
     Parameters
     ----------
@@ -45,9 +45,8 @@ def conditional_draws(
         bound).
     rng : Generator
         Generator of random numbers.
-    truncated : bool, optional
-        If True, no compliance is negative in a draw. Default: True if the model does not allow
-        negative compliances.
+    truncated : bool, optional Whether the density is restricted to compliances that are not
+        negative. Default: True if the model does not allow negative compliances.
 
     Returns
     -------
@@ -63,8 +62,8 @@ def conditional_draws(
     exact = np.ones(len(free), dtype=bool)
     nodes, node_of_row = np.unique(free, axis=0, return_inverse=True)
     node_of_row = node_of_row.ravel()
-    # Many rows of ``free`` (values of the hyper-parameters) may be equal. The density of the
-    # parameters is then computed only once for each distinct row.
+    # Rows of ``free`` (values of the hyper-parameters) may be equal. If at most half of the rows
+    # are distinct, the density of the parameters is computed only once for each distinct row.
     conditional_of_nodes = None
     if 2 * len(nodes) <= len(free):
         conditional_of_nodes = bound.given(bound.hyper_prior.phi(nodes))[1]
@@ -112,7 +111,7 @@ def draw_parameters_given(
 
 
 def no_physical_draw() -> InputError:
-    """Return the error to raise if no posterior draw without negative compliances is found."""
+    """Return the error for a posterior in which no draw without negative compliances was found."""
     return InputError(
         "the posterior must leave room where no compliance is negative, got no draw that falls"
         " there. The readings contradict non-negative compliance: check signs, mount compensation"

@@ -1,4 +1,4 @@
-"""Proposal for importance sampling in which means and widths depend on other coordinates.
+"""Proposal density whose mean and width along a coordinate depend on other coordinates.
 
 A proposal is the density from which points are drawn. The points are values of the
 hyper-parameters, the scales of the noise and of other effects. If a scale that is common to all
@@ -6,8 +6,8 @@ circles is near zero, the readings determine the other scales less well, and the
 other scales are wider. A correlation cannot express such a change of width. In the proposal, mean
 and width of a coordinate therefore depend on other coordinates. Let u be the h coordinates of a
 point, chosen so that they are not correlated with each other. The mean m and the log width ln s of
-a coordinate are polynomials of degree two. Their variables are those of the first k coordinates
-that have a smaller index than the coordinate itself. Then
+coordinate u_i are sums of polynomials of degree two, one for each coordinate u_j with j ≤ k and j <
+i. Then
 
     z = (u − m) / s − offset
 
@@ -26,19 +26,19 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Dependence", "fit_dependence"]
 
-# Largest number k of coordinates on which coordinates with a larger index may depend. Scales that
-# are common to all circles come first among the hyper-parameters; there are at most seven such
-# scales.
+# Largest value of k: the mean and the width of a coordinate may depend on the first k coordinates.
+# Scales that are common to all circles come first among the hyper-parameters; there are at most
+# seven such scales.
 _LEADING = 7
-# Largest distance from zero at which the polynomials are evaluated; a coordinate farther from zero
-# is replaced by this value, so that the polynomials are not extrapolated. The coordinates have the
-# standard deviation one.
+# Largest absolute value of a coordinate at which the polynomials are evaluated. Coordinates beyond
+# this limit are replaced by the limit, so that the polynomials are not extrapolated. The
+# coordinates have the standard deviation one.
 _FARTHEST = 5.0
 # Largest absolute value of the logarithm of a fitted width. A logarithm beyond this limit is
 # replaced by the limit, so that the fit is not extrapolated.
 _LARGEST_LOG_WIDTH = 1.0
-# Number of standard errors that a coefficient of a polynomial must exceed; a smaller coefficient is
-# set to zero. The polynomials state how the mean and the logarithm of the width of a coordinate
+# A coefficient of a polynomial is set to zero unless its absolute value exceeds this number of
+# standard errors. The polynomials state how the mean and the logarithm of the width of a coordinate
 # depend on other coordinates.
 _SIGNIFICANT = 3.0
 # Number of steps of Fisher's method of scoring by which the widths of the coordinates are fitted.
@@ -55,11 +55,11 @@ class IndependentPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """Coefficients that state how means and widths of h coordinates u depend on the first k.
+    """Coefficients that state how means and widths of h coordinates u depend on other coordinates.
 
     The rows of ``mean`` and of ``log_width`` hold the coefficients of the constant 1, of the first
-    k coordinates, and of the squares of these coordinates. A coordinate depends only on coordinates
-    with a smaller index.
+    k coordinates, and of their squares. The mean and the width of a coordinate depend only on
+    coordinates with a smaller index.
     """
 
     mean: Array  #: coefficients of the means of h coordinates, shape (1 + 2 k, h)
@@ -70,15 +70,15 @@ class Dependence:
 
     @property
     def leading(self) -> int:
-        """Number k of coordinates on which coordinates with a larger index depend."""
+        """Number k of coordinates on which the means and widths of other coordinates depend."""
         return len(self.mean) // 2
 
     def remove(self, u: Array) -> IndependentPoints:
-        """Return the nearly independent coordinates z that belong to the coordinates u of n points.
+        """Convert the coordinates u of n points to nearly independent coordinates z.
 
-        z and ``u`` have the shape (n, h), with h coordinates of each point. A coordinate z is (u −
-        mean) / width − offset; the dependence of mean and width on the first k coordinates is thus
-        removed. The result also holds the sum of the logarithms of all widths at each point.
+        z and ``u`` have the shape (n, h), with h coordinates of each point. The conversion z = (u −
+        mean) / width − offset removes the dependence of the mean and the width on the first k
+        coordinates. The result also holds the sum of the logarithms of all widths at each point.
         """
         terms = _terms(u[:, : self.leading])
         log_width = _limited(terms @ self.log_width)
@@ -167,12 +167,12 @@ def _polynomials(leading: Array, weight: Array) -> _Polynomials:
 
 
 def fit_dependence(u: Array, weight: Array) -> Dependence:
-    """Return how mean and width of h coordinates depend on the first k coordinates.
+    """Return how the mean and the width of each of h coordinates depend on the first k coordinates.
 
-    k is the smaller of h − 1 and 7. Mean and logarithm of the width are polynomials, whose
-    coefficients are fitted to n weighted points. A coefficient is set to zero unless it exceeds
-    three standard errors. The standard error is computed as if the number of points were the
-    effective sample size of the weights.
+    k is the smaller of h − 1 and 7. The mean and the logarithm of the width are polynomials. Their
+    coefficients are fitted to n weighted points, and are set to zero if their absolute values are
+    at most three standard errors. The standard error is computed as if the number of points were
+    the effective sample size of the weights.
 
     Parameters
     ----------

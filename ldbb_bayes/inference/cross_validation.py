@@ -28,21 +28,22 @@ from ldbb_bayes.results import Array
 
 __all__ = ["log_likelihood_of_tests", "with_predictive"]
 
-# Values of ln λ over which the integral over λ is computed as a sum. The noise factor λ of a circle
-# multiplies two random effects on this circle: its set-up shift (of zero and centre) and its
-# discrepancy (unexplained deviations of the orders 2 to 12). The distance between successive values
-# is small compared with the width of the density of ln λ.
+# Values of ln λ at which the integrand is evaluated when λ is integrated out; the integral is
+# computed as a sum. λ is the noise factor of a circle. It multiplies two random effects on this
+# circle: the set-up shift (of zero and centre) and the discrepancy (unexplained deviations of the
+# orders 2 to 12). The distance between successive values is small compared with the width of the
+# density of ln λ.
 _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
 # Error allowed in each log evidence [nat], and in each logarithm of the probability that no
 # compliance is negative.
 _TOLERANCE = 1e-2
-# Limit of the Pareto shape k̂ above which densities are tempered, that is, raised to a power below
-# one. The densities are those of a test's readings at all posterior draws. Their inverses are
-# importance weights of the draws, and k̂ states how heavy the tail of these weights is.
+# Pareto shape k̂ above which the densities of a test's readings are tempered, that is, raised to a
+# power below one. The inverse densities at the posterior draws are the importance weights of the
+# draws; k̂ states how heavy the tail of these weights is.
 _LARGE_K = 0.4
-# Pareto shape k̂ that the inverse densities of a test's readings have after tempering. Tempering
-# raises the densities to a power below one. The power is this value divided by the Pareto shape
-# before tempering.
+# Pareto shape k̂ to which tempering lowers the Pareto shape of the inverse densities of a test's
+# readings. Tempering raises the densities to a power below one: this value divided by the Pareto
+# shape before tempering.
 _TEMPERED_K = 0.2
 # Largest Pareto shape k̂ from which the power for tempering is computed; a larger k̂ is replaced by
 # this value. Densities whose inverses have a heavy tail are tempered, that is, raised to a power
@@ -191,7 +192,7 @@ def _ranges(readings_by_test: Sequence[Array]) -> Array:
 def _sampled_group(
     variables: dict[str, tuple[str, Array]], chains: int, coordinates: dict[str, Array]
 ) -> xr.DataTree:
-    """Return a group of a DataTree from arrays of random draws, which are split into chains.
+    """Return a group of a DataTree, made from arrays of random draws, which are split into chains.
 
     The keys of ``variables`` are names of variables. Each value is a pair: the name of the array's
     second dimension, of length m, and the array of draws, shape (chains × draws, m).
@@ -238,10 +239,11 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
     """Return the log density of readings with one hyper-parameter integrated out, shape (w,).
 
     The hyper-parameter with the name ``circle_scale`` multiplies two random effects on one circle:
-    its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). It is
-    integrated out under its prior. The result is ln p(y | φ), where y are the readings and φ the
-    other hyper-parameters (scales of the noise and of other effects). ``phi``, shape (w, h), holds
-    w values of all h hyper-parameters. ``bound`` is the model, applied to its campaign.
+    its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). The integral
+    over this hyper-parameter is weighted by its prior. The result is ln p(y | φ), where y are the
+    readings and φ the other hyper-parameters (scales of the noise and of other effects). ``phi``,
+    shape (w, h), holds w values of all h hyper-parameters. ``bound`` is the model, applied to its
+    campaign.
     """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)
@@ -254,7 +256,7 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
 
 
 def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
-    """Return the log densities of the tests' readings, tempered where weights have a heavy tail.
+    """Return log densities of the tests' readings, tempered if importance weights are unreliable.
 
     ``log_density``, shape (w, tests), is the log density of the readings of each test given all
     other tests, at w draws of the hyper-parameters (scales of the noise and of other effects). If a
@@ -296,8 +298,8 @@ def _log_evidence(bound: BoundModel, phi: Array) -> Array:
 
     φ are the h scales of the noise and of other effects; ``phi``, shape (w, h), holds w values of
     them. If the model allows no negative compliances, the result is ln p(y, T | φ), where T is the
-    condition that no compliance is negative. This density is not divided by the prior probability
-    of T. ``bound`` is the model, applied to its campaign.
+    condition that no compliance is negative. The density is joint, and therefore not divided by the
+    prior probability of T. ``bound`` is the model, applied to its campaign.
     """
     if not bound.truncation.active:
         return bound.log_evidence(phi)
