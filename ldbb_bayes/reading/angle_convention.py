@@ -41,7 +41,7 @@ _ZERO_BEHIND = re.compile(_WORDS["zero_behind"], re.IGNORECASE)
 _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
 # Regular expression for words for the mathematical sense of angles, which is counter-clockwise.
 _MATHEMATICAL = re.compile(_WORDS["math"], re.IGNORECASE)
-# Regular expression for words of denial, such as "not".
+# Regular expression for negations, such as "not".
 _DENIED = re.compile(WORDS["reading_sign"]["denied"], re.IGNORECASE)
 # Regular expression for words in a line about angles which show that the line states neither the
 # axis at which angles begin nor their sense.
@@ -57,7 +57,7 @@ _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
 # Regular expression for the header of a column of angles that begins with a minus sign, such as
 # "-angle".
 _MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
-# Regular expression for words for the angle.
+# Regular expression for words that mean an angle.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 # Regular expression for words which show that an axis in the same text has another meaning: it is
 # not where angles begin.
@@ -102,7 +102,7 @@ class _Words(NamedTuple):
 
 
 def angle_convention(recording: Recording, plane: str) -> AngleConvention:
-    """Return how the angles of a test in its file are converted to the angles of this package.
+    """Return the conversion from the angles in a test's file to the angles of this package.
 
     If the user states the sign or the offset of the angles, only these two values are used.
     Otherwise, the conversion follows from the axis at which angles begin and the sense in which
@@ -154,7 +154,7 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
 
 
 def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
-    """Return whether a line seems to say where angles begin or how they run, but is not clear."""
+    """Return whether a line may say where angles begin or how they run, but is not understood."""
     if statements_in([(line, text)]):
         return False
     if _START.search(text) and _AXIS.search(text):

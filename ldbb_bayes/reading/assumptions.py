@@ -85,7 +85,7 @@ class AssumptionLog:
         return tuple(assumptions)
 
     def reasons_for(self, places: Collection[str]) -> list[str]:
-        """Return the reasons of the assumptions that were made for any of the places.
+        """Return the reasons for the assumptions that were made for any of the places.
 
         A place is a file, a sheet or a test. The empty place stands for all files.
         """

@@ -18,8 +18,8 @@ _POSITION = re.compile(
     r"(?:[ _.\-]{0,2}(?:pos\w*|act\w*|ist\w*|soll\w*|nom\w*|cmd|coord\w*|koord\w*|axis|achse))?",
     re.IGNORECASE,
 )
-# Positions lie on a circle about zero if their distances from zero differ by less than this
-# fraction of the median distance.
+# Positions lie on a circle about the origin if their distances from the origin differ by less than
+# this fraction of the median distance.
 _LARGEST_SCATTER = 0.02
 # Smallest radius of a circle [mm].
 _SMALLEST_RADIUS_MM = 20.0
@@ -37,7 +37,7 @@ def position_headers(headers: Sequence[str]) -> list[str]:
 
 
 def lie_on_circle(x: Array, y: Array) -> bool:
-    """Return whether positions lie on a circle about zero and in all four quadrants.
+    """Return whether positions lie on a circle about the origin and in all four quadrants.
 
     ``x`` and ``y`` are the positions along the two axes [mm], shape (n,) each.
     """

@@ -25,7 +25,7 @@ _FEWEST_ROWS = 3
 
 class _NumberAndUnit(NamedTuple):
     number: str
-    unit: str  # this package's name of the unit; empty if the cell has no unit
+    unit: str  # this package's name for the unit; empty if the cell has no unit
 
 
 class UnitsOfCells(NamedTuple):

@@ -21,8 +21,8 @@ __all__ = ["check_angle_columns", "check_directions", "name_plane_column"]
 
 # All words for a plane, in capitals. The two letters of a plane may be in either order.
 _PLANE_CELLS = {*PLANES, *PLANES_OF_G_CODE, *PLANE_OF_SWAPPED}
-# A column whose header has a word for plane is about the plane of the circles only if it has at
-# most this many different cells.
+# A column whose header has a word for plane is taken to state the planes of the circles only if its
+# cells have at most this number of different values.
 _MOST_PLANES = 4
 # Cells that may mean a direction of travel if the header of their column has a word for travel.
 _SIGNS = {"1", "-1", "+1", "+", "-", "−1", "−"}
@@ -146,8 +146,8 @@ def check_directions(
 ) -> None:
     """Raise an `InputError` for a column without a role that may hold directions of travel.
 
-    The cells of such a column are words such as CW, or they are signs and the header has a word for
-    the travel of the machine. No error is raised if the user states directions, or if another
+    The cells of such a column are words such as CW, or they are signs such as + and − and the
+    header has a word for travel. No error is raised if the user states directions, or if another
     column has the role of direction. ``heading`` is the heading of the table, and ``cells`` holds
     the cells of each column.
     """

@@ -374,8 +374,8 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
     """Decide which column has the role of time, and record it in ``roles``.
 
     A column with the role of time holds the time of each reading. If there is a column of angles, a
-    column has this role only if the layout states it. If no column has the role of angle or the
-    role of time, the column ``time_s`` gets the role of time. In all other cases, a column
+    column has the role of time only if the layout says so. If no column has the role of angle or
+    the role of time, the column ``time_s`` gets the role of time. In all other cases, a column
     ``time_s`` holds the time at which each test started.
     """
     if "angle" in roles.columns:
@@ -569,8 +569,8 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
             candidates.append(column)
     other_columns = [column for column in candidates if headers[column] not in PER_TEST]
     if role == "reading" and len(other_columns) > 1:
-        # Beside a column of deviations, a column "Radius" or "Diameter" holds the nominal size of
-        # the circle.
+        # If there is also a column of deviations, a column "Radius" or "Diameter" holds the nominal
+        # size of the circle.
         deviations = [column for column in other_columns if not _names_circle(headers[column])]
         other_columns = deviations or other_columns
     return other_columns or candidates

@@ -37,7 +37,7 @@ class _UnitEvidence(NamedTuple):
 
 
 def is_unit_stated(recording: Recording, role: str) -> bool:
-    """Return whether the user or the file states the unit of the column with a role."""
+    """Return whether the user or the file states the unit of the column with this role."""
     if getattr(recording.layout, f"{role}_unit") is not None:
         return True
     return bool(_evidence(recording, role))
@@ -46,7 +46,7 @@ def is_unit_stated(recording: Recording, role: str) -> bool:
 def unit_size(
     recording: Recording, role: str, usual: str, reason: str = "no unit in the header"
 ) -> float | Array:
-    """Return the factor from the unit of a column to the unit that this package uses.
+    """Return the factor that converts the numbers of a column to the unit that this package uses.
 
     The factor is an array of shape (n,) if the unit changes from row to row. The unit that the user
     states is used, or else the unit that the file states. If neither of them states a unit, the

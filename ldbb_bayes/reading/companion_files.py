@@ -78,7 +78,7 @@ def holds_temperatures(heading: Heading) -> bool:
 
 
 def without_table(sheet: Sheet, error: InputError) -> InputError:
-    """Return the error for a file without a table, if it is read together with files with tables.
+    """Return the error for a file without a table, when other files of the campaign have tables.
 
     ``error`` is the error that the search for the table raised.
     """
@@ -96,7 +96,7 @@ def or_left_out(error: InputError, path: Path) -> InputError:
 
 
 def without_columns(sheet: Sheet, heading: Heading) -> InputError:
-    """Return the error for a table without angles or readings, read together with circular tests.
+    """Return the error for a table without angles or readings, when other files have both.
 
     Examples are a table of pressures and forces, and a table of temperatures.
     """

@@ -38,7 +38,8 @@ _ENCODINGS = (
 )
 # Largest number of lines that are examined. Only lines with letters outside ASCII are examined.
 _LINES_EXAMINED = 50
-# Fewest bytes outside ASCII for which the guess of the library charset_normalizer is used.
+# The guess of the library charset_normalizer is used only for a text with at least this number of
+# bytes outside ASCII.
 _FEWEST_BYTES = 8
 _WORD = re.compile(r"[^\W\d_]+|[°µμ]+")
 

@@ -29,7 +29,7 @@ _LARGEST_GAP_STEPS = 3.0
 
 @dataclass
 class MeasuredArc:
-    """Arc of a circular test that one file holds: the whole circle or half of it."""
+    """Arc of a circular test, from one file: the whole circle or half of it."""
 
     recording: Recording
     fields: dict[str, Any]  #: stated fields of the circular test; keys are names

@@ -66,7 +66,7 @@ class Heading:
     lines_above: list[tuple[int | str, str]]  #: lines above the header, each with its line number
     #: indices (from 0) of the columns of readings; if there are several, each is a separate test
     readings: list[int]
-    #: unit with a factor, such as 0.1 um, of each column for which the row of units states one
+    #: units with a factor, such as 0.1 um, in the row of units; the keys are the column indices
     scaled_units: Mapping[int, str] = field(default_factory=dict)
     unit_line: int = 0  #: line number of the row of units below the header; 0 if there is none
     label: str = ""  #: name of the test, if the sheet has one column of readings for each test
@@ -108,7 +108,7 @@ class _HeaderRows(NamedTuple):
     end: int  # index of the first row of numbers among the sheet's rows
     headers: list[str]  # name of each column, as the file writes it
     units: list[str]  # unit of each column; empty if none is stated
-    # unit with a factor, such as 0.1 um, of each column for which the row of units states one
+    # units with a factor, such as 0.1 um, in the row of units; the keys are the column indices
     scaled_units: Mapping[int, str]
     unit_line: int  # line number of the row of units; 0 if there is none
 
@@ -235,7 +235,7 @@ def _is_scaled(unit: str) -> bool:
 
 
 def _scaled_units(headers: Sequence[str], units_below: Sequence[str]) -> dict[int, str]:
-    """Return a dict with the units with a factor, such as 0.1 um, in the row of units.
+    """Return a dict with those units in the row of units that have a factor, such as 0.1 um.
 
     The keys are the indices of the columns. A column whose header also states a unit is left out.
     ``headers`` are the names of the columns, and ``units_below`` the cells of the row of units.

@@ -223,7 +223,7 @@ def _select_tables(
 
 
 def _sheets_of_file(path: Path, layout: Layout, is_only_file: bool) -> list[Sheet]:
-    """Return the sheets of a file; for one of several files, errors advise to leave it out."""
+    """Return the sheets of a file. For one of several files, errors advise leaving it out."""
     try:
         return read_sheets(
             path, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets

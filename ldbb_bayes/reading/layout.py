@@ -124,7 +124,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
     #: separator of cells in text files: comma, semicolon, tab, bar, space, or the character itself
     separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
-    decimal: Literal[".", ","] | None = None  #: decimal sign, point or comma
+    decimal: Literal[".", ","] | None = None  #: decimal mark: point or comma
     #: line number of the header in the file; 0 for a table without a header (its columns are then
     #: stated by their numbers from 1)
     header_line: int | None = Field(default=None, ge=0)

@@ -71,7 +71,7 @@ class _Quantity(NamedTuple):
 
     field: str  #: field of a test or campaign that the quantity states, such as radius_mm
     words: str  #: regular expression for the words that name the quantity
-    usual_unit: str  #: unit that is assumed if the line states none; empty if a unit is necessary
+    usual_unit: str  #: unit that is assumed if a line states none; empty if the line must state one
     #: permitted units, each with its size in the unit with which the name of the field ends
     units: Mapping[str, float]
     is_of_bar: bool  #: whether the quantity is the length of a bar, which may have an extension
@@ -128,8 +128,8 @@ _FOLLOWING = _TOLERANCE + r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]
 # for one of these words together with the name.
 _NAME_WORDS = {key: words % _PARTS for key, words in WORDS["names"].items()}
 _NAME_AFTER = rf"{_PARTS['cell']}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
-# Regular expressions for statements in words, such as "plane XY" or a date; the keys are the stated
-# fields.
+# Regular expressions for statements in words, such as "plane XY" or a date; the keys are the fields
+# that are stated.
 _IN_WORDS = {key: words % _PARTS for key, words in WORDS["in_words"].items()}
 _IN_WORDS |= {key: _NAME_AFTER % words for key, words in _NAME_WORDS.items()}
 # Regular expression for a cell that holds a label, such as "Operator" or "Date", without its value.

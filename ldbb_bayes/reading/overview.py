@@ -56,7 +56,7 @@ def _add_lines_of(sheet: Sheet, wanted: set[str], lines: OverviewLines) -> None:
     ``wanted`` are the possible spellings of the name of the test, without blanks.
     """
     header: list[str] = []
-    words: list[str] = []  # last row of words, which may be the header of an unknown list
+    words: list[str] = []  # last row of words, which may be the header of a list of tests
     for row in sheet.rows[:LONGEST_OVERVIEW]:
         place = f"{row.line} of {sheet.place}"
         cells = sheet.cells_as_written(row)

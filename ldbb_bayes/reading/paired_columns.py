@@ -29,8 +29,8 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     """Return the tables that stand beside each other in a sheet, each as a separate sheet.
 
     A new table begins at each column of angles. The first column of the sheet must hold angles, and
-    all tables must have equally many columns. If ``layout`` states columns by their names, every
-    table must have columns with these names. A sheet that does not meet these conditions is
+    all tables must have the same number of columns. If ``layout`` states columns by their names,
+    every table must have columns with these names. A sheet that does not meet these conditions is
     returned unchanged. A table is named after the header of its second column without the unit,
     such as "100 N". Tables may differ in length: if all cells of a table are empty in a row, the
     row is left out of this table.
@@ -109,8 +109,8 @@ def _with_last_gap(names: Sequence[str]) -> list[str]:
 def _width_of_tables(names: Sequence[str]) -> int:
     """Return the number of columns that each of several tables beside each other has.
 
-    The result is 0 if there are not several tables with equally many columns. ``names`` are the
-    headers of all columns.
+    The result is 0 if there is only one table, or if tables differ in their number of columns.
+    ``names`` are the headers of all columns.
     """
     starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
     if len(starts) < 2 or starts[0] != 0:
@@ -161,7 +161,7 @@ def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
 def _of_columns(units: Mapping[tuple[int, int], str], columns: range) -> dict[tuple[int, int], str]:
     """Return the units of the cells in the given columns, which form one table.
 
-    Each key is a pair of line number and index of the column. In ``units``, columns are counted
+    Each key holds the line number and the column index of a cell. In ``units``, columns are counted
     from the first column of the sheet; in the result, they are counted from the first column of the
     table.
     """

@@ -28,7 +28,7 @@ _WORD = re.compile(
 _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
 # Regular expression for words which show that a line is about readings or their sign.
 _SUBJECT = re.compile(_WORDS["subject"], re.IGNORECASE)
-# Regular expression for words of denial, such as "not".
+# Regular expression for negations, such as "not".
 _DENIED = re.compile(_WORDS["denied"], re.IGNORECASE)
 # Regular expression for words which say that the sign of readings is reversed.
 _TURNED = re.compile(_WORDS["turned"], re.IGNORECASE)
@@ -218,7 +218,7 @@ def _is_open(source: str, text: str) -> bool:
 
 
 def _statements(text: str) -> list[str]:
-    """Return the statements of a line, of which only one may be about the sign of readings.
+    """Return the statements of a line, some of which may have another subject than the sign.
 
     In ``Angles from Y, clockwise; positive: bar shorter``, the last statement is about the sign of
     readings. A line is not divided if the whole line states one sign, or if none of its statements
@@ -235,7 +235,7 @@ def _statements(text: str) -> list[str]:
 
 
 def _asks(source: str, text: str) -> bool:
-    """Return whether a line states the meaning of the sign of readings in unknown words.
+    """Return whether a line explains the sign of readings in words that are not understood.
 
     Examples are ``Sign: as on the drawing`` and a line that states the sign of readings and the
     sense of angles in one sentence. ``source`` is the place of the text in words, such as "line 3".
@@ -286,8 +286,9 @@ def _note_unread(recording: Recording, source: str, text: str) -> None:
 def _is_turned_header(source: str, text: str) -> bool:
     """Return whether a text is a header of readings whose sign may be reversed.
 
-    An example is ``Shortening [um]``. A header that begins with a minus sign is not such a header,
-    because its sign is clear. ``source`` is the place of the text in words, such as "line 3".
+    An example is ``Shortening [um]``. The result is False for a header that begins with a minus
+    sign, because this sign is understood. ``source`` is the place of the text in words, such as
+    "line 3".
     """
     words = _words_of_header(text)
     is_understood = _MINUS.search(words) is not None
@@ -339,8 +340,8 @@ def _sign_of(words: list[str]) -> int | None:
     """Return the sign of readings that the words of a text mean; None if they are ambiguous.
 
     ``words`` are the kinds of the words. The first and the second word form a pair, such as
-    positive and longer, and so do the third and the fourth word. Each pair means a sign, and all
-    pairs must mean the same sign.
+    positive and longer, and so do the third and the fourth word. Each pair states a sign, and all
+    pairs must state the same sign.
     """
     signs = set()
     for first, second in zip(words[::2], words[1::2], strict=False):

@@ -115,7 +115,7 @@ def select_sheets(
 def _companions(sheets: Sequence[Sheet], layout: Layout, optional: Collection[Path]) -> set[Path]:
     """Return the files that hold only text, if other files hold tables of readings.
 
-    ``optional`` are the files that need not have a table anyway.
+    ``optional`` are the files that need not have a table in any case.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def _is_complete(heading: Heading) -> bool:
 
 
 def _holds_readings(table: HeadedSheet, layout: Layout) -> bool:
-    """Return whether a table has all necessary columns, and stated columns hold the right data."""
+    """Return whether a table has readings and angles or times, in the columns the user states."""
     return _is_complete(table.heading) and _fits_stated_columns(table, layout)
 
 

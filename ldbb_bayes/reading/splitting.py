@@ -50,7 +50,7 @@ from ldbb_bayes.results import Array
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 
 # Roles of columns that do not hold numbers for all tests of a sheet. The columns that name tests
-# and directions hold words. A column of readings may hold the readings of one test only.
+# and directions hold words. A column of readings may hold the readings of just one test.
 _NOT_SHARED = ("test", "direction", "reading")
 # Regular expression for a number at the beginning of a cell, as in "0.9 x 10 um".
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
@@ -87,7 +87,7 @@ class _SheetColumns:
     unit_columns: Mapping[int, int]
 
     def row_units(self, roles: Mapping[str, int], rows: Sequence[int]) -> dict[str, list[RowUnits]]:
-        """Return a dict with the units that sources state for single rows; the keys are the roles.
+        """Return a dict with the units that the file states row by row; the keys are the roles.
 
         ``roles`` holds the index of the column for each role, such as reading, and ``rows`` the
         indices of the rows of a test.
@@ -151,7 +151,7 @@ class _SheetColumns:
         return numbers
 
     def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
-        """Return, for each of the n rows, whether a column may lack its number, shape (n,).
+        """Return, for each of the n rows, whether a number may be missing in a column, shape (n,).
 
         In a column of readings (``role`` is reading), this is true for rows whose reading is
         missing. In any other column, it is true for rows in which the readings of all tests are
@@ -199,12 +199,12 @@ class _SheetColumns:
         return texts
 
     def constant_lines(self, rows: Sequence[int]) -> list[tuple[int | str, str]]:
-        """Return a line of text for each column without a role whose cells are equal in a test.
+        """Return a line of text for each column that has no role and the same cell in all rows.
 
-        Columns without a role hold no angle, reading or other quantity that the package reads. The
-        cells must be equal in all rows of the test. Each line is a pair of place and text. For a
-        column ``R [mm]`` or ``R_mm`` whose cells are all 100, the text is ``R [mm]: 100``. ``rows``
-        are the indices of the rows of the test.
+        Only the rows of one test are considered; ``rows`` are their indices. Columns without a role
+        hold no angle, reading or other quantity that the package reads. Each line is a pair of
+        place and text. For a column ``R [mm]`` or ``R_mm`` whose cells are all 100, the text is
+        ``R [mm]: 100``.
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}

@@ -49,7 +49,7 @@ def read_sheets(
     separator: str | None = None,
     sheets: Sequence[str] = (),
 ) -> list[Sheet]:
-    """Return the sheets of a workbook, or the tables of a text file as sheets of text cells.
+    """Return the sheets of a workbook, or one sheet for each table of a text file.
 
     Parameters
     ----------
@@ -115,8 +115,8 @@ def _with_plain_cells(sheet: Sheet) -> Sheet:
 def _find_separator(lines: Sequence[str]) -> str:
     """Return the character that most probably separates the cells of a text file.
 
-    This character splits most lines into equally many cells, and many of these cells are numbers.
-    The first third of the lines is not considered, because it may precede the table. If no
+    This character splits most lines into the same number of cells, and many of these cells are
+    numbers. The first third of the lines is not considered, because it may precede the table. If no
     character splits the lines, the comma is returned.
     """
     sample = [line for line in lines if line.strip()]
@@ -140,7 +140,7 @@ def _separator_score(sample: Sequence[str], separator: str) -> float:
 
     The score is p (1 + q), where p is the fraction of the lines in ``sample`` that have the
     most frequent number of cells, and q is the fraction of the filled cells that are numbers. The
-    score is zero if most frequently a line has only one cell.
+    score is zero if the most frequent number of cells is one.
     """
     widths = []
     n_filled = 0

@@ -158,9 +158,9 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 
     Such values are used only if neither the user nor a column states the quantity. ``key`` is the
     field of the quantity, such as force_N. The list begins with the values in lines; values that
-    can be read in two ways are last among them. The values in the names of test, column, sheet and
-    file follow. For a radius, the radii of arcs in G-code are at the end. ``recording`` holds the
-    rows of the test in its file, and all statements about the test.
+    are NaN for a reason in ``doubt`` are last among them. The values in the names of test, column,
+    sheet and file follow. For a radius, the radii of arcs in G-code are at the end. ``recording``
+    holds the rows of the test in its file, and all statements about the test.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):

@@ -1,4 +1,4 @@
-"""Angles [deg] and readings [µm] of one test, from the columns of a table in a foreign format."""
+"""Angles [deg] and readings [µm] of one test, from the columns of a table in any format."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation from the median is below this
 # fraction of the median.
 _SMALLEST_SCATTER = 0.01
-# Units for the argument "assumed unit" of functions if the user or the file states the unit. The
-# functions then use the stated unit and ignore the argument.
+# Default values for a test for which no unit was assumed, because the user or the file states the
+# unit. The function `unit_size` then uses the stated unit and ignores the default value.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
 # Fewest readings in one turn of a test whose table has times instead of angles. If a turn has

@@ -1,4 +1,4 @@
-"""Tables with one row for each circle, whose angles stand in a row instead of a column."""
+"""Tables with one row for each circle, and with the angles in a row instead of a column."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def directions_stated(
 
 
 def _stated_in(text: str) -> set[str]:
-    """Return the directions of travel, CW and CCW, that a statement of a line states."""
+    """Return the directions of travel, CW and CCW, that one statement of a line names."""
     match = NAMES_DIRECTION.search(text)
     if match is None and _is_about_travel(text):
         return _direction_after(text)

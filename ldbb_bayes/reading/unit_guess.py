@@ -31,8 +31,8 @@ from ldbb_bayes.reading.words import UNITS
 
 __all__ = ["assume_units"]
 
-# Readings are taken as distances between the balls in mm if their median, as a number of mm,
-# differs from the radius by less than this fraction of the radius.
+# Readings are assumed to be distances between the balls in mm if their median, read as a number of
+# mm, differs from the radius by less than this fraction of the radius.
 _NEAR_RADIUS = 0.05
 # Readings may be distances between the balls if their median absolute deviation is below this
 # fraction of the median.
@@ -74,7 +74,7 @@ class _ReadingSize(NamedTuple):
     """Magnitude of readings whose unit is not stated, computed from the numbers in the files."""
 
     largest: float  # largest absolute value of the readings
-    change: float  # change of their median from the smallest force to the largest
+    change: float  # change of the median reading from the smallest force to the largest
     forces_N: tuple[float, float]  # smallest and largest force of the tests [N]
 
 
@@ -192,8 +192,8 @@ def _lines_of(recording: Recording) -> Lines:
 def _check_factors(recording: Recording) -> None:
     """Raise an error if a header or a line says that readings are multiplied by a number.
 
-    If the header states a unit, a line that mentions a scale or another unit is noted. Nothing is
-    raised or noted if the user states the unit of the readings.
+    If the header states a unit, a line that mentions a scale or another unit is noted. If the user
+    states the unit of the readings, no error is raised and no note is added.
     """
     if "reading" not in recording.numbers or recording.layout.reading_unit is not None:
         return

@@ -83,7 +83,7 @@ _UNIT_ALONE = re.compile(
 # Regular expression for the word "in" beside a sign, as in "+ = in". The word then means inward and
 # not inches.
 _SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*", re.IGNORECASE)
-# Regular expression for a unit that is stated for readings, but is not a unit of length: V, say.
+# Regular expression for units of readings that are not units of length, such as V.
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 # Regular expression for words which say that readings are multiplied or divided by a number.
 _MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)

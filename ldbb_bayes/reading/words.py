@@ -87,9 +87,9 @@ def _unit_sizes() -> dict[str, dict[str, float]]:
 
 
 def _units_by_word() -> dict[str, str]:
-    """Return a dict with the name that this package uses for each unit in a file.
+    """Return a dict with this package's name of the unit for each spelling in files.
 
-    The keys are the spellings of units in files, in the form for comparison (see `comparable`).
+    The keys are the spellings of units, in the form that `comparable` returns.
     """
     units_by_word: dict[str, str] = {}
     for units in WORDS["units"].values():
