@@ -29,15 +29,15 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
-# Temperature with which the hyper-parameters of a sampler's starting points are drawn. They are
-# drawn from a density close to their posterior, with all standard deviations multiplied by the
-# square root of this number.
+# The starting points of a sampler are drawn at random. Their hyper-parameters come from a density
+# close to the posterior, whose standard deviations are multiplied by the square root of this number
+# (the temperature).
 _START_TEMPERATURE = 1.5
-# Number of random points that are drawn for each starting point of a sampler. It is larger than one
-# because points with a negative compliance are dropped.
+# Number of random points that are drawn for each starting point of a sampler. More than one point
+# is drawn, because points with a negative compliance are dropped.
 _DRAWS_PER_START = 2
-# Smallest distance of a cumulative prior probability from 0 and from 1. Probabilities nearer to 0
-# or 1 are moved to this distance, so that quantiles of the prior are finite.
+# Cumulative prior probabilities are limited to the range from this value to 1 minus this value, so
+# that quantiles of the prior are finite.
 _SMALLEST_PROBABILITY = 1e-15
 
 
@@ -127,9 +127,9 @@ class LogDensity(Shown):
         """Return the least and the greatest value of each of the d coordinates, shape (d, 2).
 
         The coordinates are the parameters, then the hyper-parameters. A bound that does not exist
-        is −inf or inf. The condition that no compliance is negative at any force tested
-        (truncation) also restricts combinations of parameters, such as a compliance and its change
-        with force. These bounds do not include this restriction; `log_prior` does.
+        is −inf or inf. Truncation, the condition that no compliance is negative at any tested
+        force, also restricts combinations of parameters, such as a compliance and its change with
+        force. The restriction of combinations is not part of these bounds, but of `log_prior`.
         """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
@@ -138,9 +138,10 @@ class LogDensity(Shown):
         """Return the typical magnitude of each of the d coordinates under the prior, shape (d,).
 
         The coordinates are the parameters, then the hyper-parameters. The value for a parameter is
-        its prior standard deviation. The value for a hyper-parameter is the scale of its prior if
-        the hyper-parameter is a length, and one otherwise. An optimiser needs the magnitudes under
-        the posterior instead: give it the spread of the points that `initial` returns.
+        its prior standard deviation. The value for a hyper-parameter that is a length is the scale
+        of its prior; for any other hyper-parameter, the value is one. For an optimiser, use the
+        spread of the points from `initial` instead, which is the typical magnitude under the
+        posterior.
         """
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
@@ -262,10 +263,10 @@ class LogDensity(Shown):
         return points
 
     def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Array:
-        """Return a log density at points x, or −inf where x is not finite or not within the bounds.
+        """Return a log density at points x; −inf where x is not finite or outside the bounds.
 
         x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). Only the bounds of
-        the hyper-parameters are considered. ``density`` is a function that takes the p parameters
+        the hyper-parameters are checked here. ``density`` is a function that takes the p parameters
         and the h hyper-parameters of m points, shapes (m, p) and (m, h), and returns their log
         densities, shape (m,).
         """
@@ -300,13 +301,13 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Arra
 
 @dataclass(frozen=True, eq=False)
 class JointDensity:
-    """Log posterior density in the coordinates in which the walkers of a sampler move.
+    """Log posterior density as a function of the coordinates that a sampler uses.
 
     The first p coordinates are (β − centre) / scale for the p parameters β, where ``centre`` holds
     the least-squares estimates and ``scale`` the typical magnitudes of the parameters. The other h
-    coordinates are the hyper-parameters φ transformed to be unbounded, mostly ln(φ − lower bound).
-    The density is not divided by the evidence. The Jacobian of the transformation is included
-    except for a constant.
+    coordinates are unbounded coordinates of the hyper-parameters φ, mostly ln(φ − lower bound). The
+    density includes the Jacobian of these transformations except for a constant factor, and is not
+    divided by the evidence.
     """
 
     bound: BoundModel
@@ -322,7 +323,7 @@ class JointDensity:
         return _log_joint(self.bound, beta, prior.phi(free), prior.log_density_of_free(free))
 
     def split(self, x: Array) -> tuple[Array, Array]:
-        """Return the parameters, shape (..., p), and free coordinates, shape (..., h), of points.
+        """Convert points to parameters, shape (..., p), and free coordinates, shape (..., h).
 
         ``x``, shape (..., p + h), holds points with p parameters and h free coordinates, in the
         coordinates of `JointDensity`. Free coordinates are the h hyper-parameters transformed to be
@@ -332,7 +333,7 @@ class JointDensity:
         return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
 
     def join(self, beta: Array, free: Array) -> Array:
-        """Return points in the coordinates of `JointDensity`, shape (..., p + h).
+        """Convert parameters and free coordinates to points of `JointDensity`, shape (..., p + h).
 
         ``beta``, shape (..., p), holds the p parameters. ``free``, shape (..., h), holds the h
         hyper-parameters transformed to be unbounded, mostly ln(value − lower bound). `split` is the
@@ -343,9 +344,9 @@ class JointDensity:
 
 @dataclass(frozen=True, eq=False)
 class LinearRedraw:
-    """Source of independent random draws of parameters β and hyper-parameters φ, for a sampler.
+    """Source of independent random draws of the parameters β and hyper-parameters φ.
 
-    The sampler proposes the draws as the next points of its walkers. φ is drawn from a density
+    A sampler proposes these draws to its walkers as their next points. φ is drawn from a density
     fitted to p(φ | y), where y are the readings. β is drawn from its exact Gaussian density given φ
     and y. If the model does not allow negative compliances, β is drawn from a density that is
     shifted towards non-negative compliances; importance weights correct for this shift.

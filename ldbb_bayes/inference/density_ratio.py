@@ -6,10 +6,10 @@ in h dimensions. If E_f is the mean under the density f, then
     ∫ g = ∫ f · E_f[g / f].
 
 The ratio g / f is smooth and varies little. It is therefore evaluated only at a small random sample
-of the n nodes: at most 192 nodes, then 576, then 4608, until the error is small enough. The nodes
-are drawn by systematic sampling with unequal probabilities. A polynomial q(φ) is fitted to the
-values of ln(g / f); its degree is two, or one if there are many dimensions. The density f e^q is
-known at all nodes, and
+of the n nodes. The sample has at most 192 nodes; if the error is too large, it is enlarged to at
+most 576 and then to at most 4608 nodes. The nodes are drawn by systematic sampling with unequal
+probabilities. A polynomial q(φ) is fitted to the values of ln(g / f); its degree is two, or one if
+there are many dimensions. The density f e^q is known at all nodes, and
 
     ∫ g = ∫ f e^q · E[g / (f e^q)],
 
@@ -36,36 +36,35 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
-# Number of nodes in the largest sample of the nodes of an integral. Nodes are the points at which
-# the integrated density is evaluated.
+# Number of times that a node of an integral is picked for the largest sample of nodes. Nodes are
+# the points at which the integrated density is known. A node may be picked repeatedly.
 _LARGEST_SAMPLE = 4608
-# Steps by which three samples are taken from the nodes (points) of the largest sample: every 24th
-# node, every 8th node, and all its nodes. The density is evaluated at the nodes of one sample after
-# the other, until the error is small enough.
+# Three samples of nodes (points) are used: every 24th node of the largest sample, every 8th node,
+# and all nodes. The density is evaluated at the nodes of the next larger sample until the error is
+# small enough.
 _STEPS = (24, 8, 1)
-# A sample of the nodes (points) of an integral is used only if the integral has at least this many
-# times as many nodes as the sample.
+# Smallest number of nodes (points) of an integral, divided by the number of nodes in a sample, with
+# which the sample is used.
 _NODES_PER_SAMPLE = 2
-# Largest number of coefficients of a polynomial that is fitted, as a fraction of the number of
-# nodes (points) in the sample.
+# Largest number of coefficients of the fitted polynomial, as a fraction of the number of nodes
+# (points) to which the polynomial is fitted.
 _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
-# Power of the weights in the probability of drawing a node (weighted point). The probability is the
-# mean of two probabilities: one is proportional to the weight of the node, the other to this power
-# of the weight. Nodes in the tails, where the ratio of the densities is largest, are thus drawn
-# too.
+# A node (weighted point) is picked with a probability that is the mean of two probabilities. One of
+# them is proportional to the weight of the node, the other to this power of the weight. Because of
+# the power, nodes in the tails, where the ratio of the densities is largest, are picked more often.
 _TAIL_POWER = 0.5
 # Singular values of the matrix of polynomials at the sampled points count as zero if they are below
 # this share of the largest singular value; the polynomials are then linearly dependent.
 _DEPENDENT = 1e-10
-# The mean of the ratios of two densities is trusted only if the standard deviation of the ratios is
-# at most this fraction of the mean. If the ratios at the nodes (points) scatter more, a sample of a
-# few hundred nodes may miss the largest ratios.
+# Largest standard deviation of the ratios of two densities, as a fraction of their mean, with which
+# the mean is trusted. If the ratios scatter more, a sample of a few hundred nodes (points) may miss
+# the largest ratios.
 _LARGEST_SCATTER = 0.4
-# The mean of the ratios of two densities is trusted only if ln(ratio / mean) is at most this value
-# for every ratio. The square of a larger ratio might overflow.
+# The mean of the ratios of two densities is not trusted if ln(ratio / mean) exceeds this value for
+# any ratio. The square of such a large ratio might overflow.
 _LARGEST_LOG_RATIO = 50.0
-# Ratios of two densities are assumed to have no heavy tail if none of them exceeds their mean by
-# more than this multiple of the mean. Otherwise the tail is examined.
+# The tail of the ratios of two densities is examined only if the largest value of (ratio − mean) /
+# mean is at least this value.
 _LARGEST_PLAIN_RESIDUAL = 1.0
 # Factor by which the standard error of the mean of the ratios of two densities is multiplied to
 # obtain the error that is reported.
@@ -75,9 +74,9 @@ _STANDARD_ERRORS = 3.5
 class LogValues(NamedTuple):
     """Logarithm of a density at k nodes (points), and its numerical error [nat], shapes (k,).
 
-    The density may also be noisy, with random errors of mean zero that are independent between
-    nodes. The noise adds to the scatter of the ratios. The error of the mean of the ratios is
-    computed from this scatter and therefore includes the noise.
+    The density may also contain noise: random errors of mean zero that are independent between
+    nodes. Noise is not part of ``error``. It adds to the scatter of the ratios, from which the
+    error of their mean is computed.
     """
 
     log_density: Array
@@ -87,19 +86,19 @@ class LogValues(NamedTuple):
 
 
 class RatioIntegral(NamedTuple):
-    """Integral of a density as a sum over the nodes (weighted points) of another density."""
+    """Integral of a density, computed with the nodes (weighted points) of a similar density."""
 
     integral: Integral
     value_error: float  #: weighted mean error of the logarithm of the density at the nodes [nat]
 
     @property
     def error(self) -> float:
-        """Error of the log integral [nat]."""
+        """Error of the log integral, including the numerical errors of the density [nat]."""
         return self.integral.error + self.value_error
 
     @property
     def least_error(self) -> float:
-        """Error that the log integral would have with the density evaluated at all nodes [nat]."""
+        """Error that the log integral would have if the density were known at all nodes [nat]."""
         return replace(self.integral, ratio_error=0.0).error + self.value_error
 
 
@@ -107,7 +106,7 @@ class RatioIntegral(NamedTuple):
 class _Sample:
     """Random sample of m nodes of an integral ∫ f, and polynomials fitted to values at these nodes.
 
-    A node that was picked several times is in the sample only once, with a larger ``weight``.
+    A node that was picked several times occurs once in the sample, with a larger ``weight``.
     """
 
     nodes: Index  #: indices of the m nodes among all n nodes, shape (m,)
@@ -132,7 +131,7 @@ class _Sample:
 
     @cached_property
     def leverage(self) -> Array:
-        """Leverage of each of the m nodes, shape (m,).
+        """Leverages of the m nodes in the fit of the polynomial, shape (m,).
 
         The leverage of a node is the change of the fitted polynomial at the node, per unit change
         of the value at this node to which the polynomial is fitted.
@@ -203,11 +202,11 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
 
 
 def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
-    """Return whether the mean of ratios ρ can be trusted.
+    """Return whether the mean of the ratios ρ of two densities can be trusted.
 
-    ρ is the ratio of two densities at m nodes (points). The mean can be trusted if the ratios
-    scatter little and have no heavy tail. ``share`` holds the weights of the nodes, ``residual`` is
-    ρ divided by its mean, minus one, and ``log_residual`` is ln ρ, each of shape (m,).
+    The ratios are known at m nodes (points). Their mean can be trusted if the ratios scatter little
+    and have no heavy tail. ``share`` holds the weights of the nodes, ``residual`` is ρ divided by
+    its mean, minus one, and ``log_residual`` is ln ρ, each of shape (m,).
     """
     if share @ residual**2 > _LARGEST_SCATTER**2:
         return False
@@ -303,12 +302,11 @@ def _probabilities(weight: Array) -> Array:
 
 
 def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
-    """Return the indices of the nodes picked for the largest sample; an index may occur repeatedly.
+    """Return the indices of the nodes that are picked at random; an index may occur repeatedly.
 
     ``probability`` holds the probabilities with which the nodes are picked; they sum to one. The
     nodes are put in random order (``rng``) and picked at equally spaced values of the cumulative
-    probability. There are two smaller samples: every 8th of the picked nodes, and every 24th of the
-    picked nodes.
+    probability. Every 8th or every 24th of the picked nodes is again a systematic sample.
     """
     order = rng.permutation(len(probability))
     levels = (rng.random() + np.arange(_LARGEST_SAMPLE)) / _LARGEST_SAMPLE
@@ -317,10 +315,10 @@ def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
 
 
 def _largest_degree(dimensions: int, size: int) -> int:
-    """Return the largest degree (0, 1 or 2) of a polynomial that can be fitted to ``size`` values.
+    """Return the degree (0, 1 or 2) of the polynomial that is fitted to ``size`` values.
 
-    ``dimensions`` is the number of variables of the polynomial. Its coefficients must be at most
-    half as many as the values.
+    The degree is the largest one with at most half as many coefficients as values. ``dimensions``
+    is the number of variables of the polynomial.
     """
     coefficients_by_degree = {
         1: 1 + dimensions,

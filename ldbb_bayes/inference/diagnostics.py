@@ -25,9 +25,9 @@ __all__ = [
     "power_sensitivity",
 ]
 
-# Two powers near one, to which the prior or the likelihood is raised. The change of the posterior
-# between the two powers states how sensitive the posterior is to the prior or to the likelihood
-# (Kallioinen et al. 2023). The powers are ArviZ's defaults.
+# ``_LOWER_POWER`` and ``_UPPER_POWER`` are powers near one, to which the prior or the likelihood is
+# raised. The change of the posterior between the two powers states how sensitive the posterior is
+# to the prior or to the likelihood (Kallioinen et al. 2023). The powers are ArviZ's defaults.
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
 # Probabilities of the two quantiles that represent the tails of a parameter's posterior. The
@@ -39,7 +39,8 @@ _TAILS = (0.05, 0.95)
 _FEWEST_WEIGHTS = 25
 # Importance weights count as equal if the range of their logarithms is below this value.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
-# Effective sample size of importance weights above which their tail can be judged.
+# The tail of importance weights can be judged only if their effective sample size is above this
+# value.
 _FEWEST_EFFECTIVE = 10.0
 # Largest Pareto shape k̂ of reliable importance weights, however many draws there are (Vehtari et
 # al. 2024).
@@ -90,8 +91,8 @@ def power_sensitivity(
     ``draws`` holds the posterior draws of each parameter; its keys are the names of the parameters.
     ``log_densities`` holds the logarithm of each factor at these draws; its keys are the names of
     the factors. All arrays have the shape (chains, draws). The first key of the result is the
-    parameter, the second key the factor. The changed posterior is represented by the same draws
-    with weights. The weights are so nearly equal that they need no smoothing.
+    parameter, the second key the factor. The posterior after the change is represented by the same
+    draws with weights, which are so nearly equal that they need no smoothing.
     """
     from arviz_stats.base import array_stats
 
@@ -115,13 +116,13 @@ def power_sensitivity(
 
 
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
-    """Return weights with which draws represent a posterior that has one factor raised to a power.
+    """Return the weights of posterior draws that represent a change of one factor of the posterior.
 
     The draws come from the posterior density, which is a product of factors such as prior and
     likelihood. ``log_density``, shape (chains, draws), is the logarithm of one factor at the draws.
-    The weighted draws represent the density in which this factor is raised to ``power``. The result
-    has one column for each draw and one row for each of ``parameters`` parameters; all rows are
-    equal, because the weights are the same for all parameters.
+    With the weights, the draws represent the density in which this factor is raised to ``power``.
+    The result has one column for each draw and one row for each of ``parameters`` parameters; all
+    rows are equal, because the weights are the same for all parameters.
     """
     log_weight = (power - 1.0) * (log_density - log_density.mean())
     return np.broadcast_to(np.exp(log_weight).ravel(), (parameters, log_weight.size))
@@ -192,8 +193,8 @@ def _smooth_tail(log_weight: Array) -> tuple[Array, float]:
     """Return log importance weights after smoothing the largest weights, and the Pareto shape k̂.
 
     A Pareto distribution with the shape k̂ is fitted to the largest weights. ``log_weight`` and the
-    smoothed log weights have the shape (n,), for n draws. If the fit fails, NaN is returned. ArviZ
-    raises a ValueError if the largest weights are too few or all equal.
+    smoothed log weights have the shape (n,), for n draws. If the fit fails, k̂ is NaN. ArviZ raises
+    a ValueError if the largest weights are too few or all equal.
     """
     from arviz_stats.base import array_stats
 

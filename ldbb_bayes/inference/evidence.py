@@ -30,15 +30,15 @@ __all__ = [
     "warn_of_untrusted_weights",
 ]
 
-# Limit of the computed log probability that no compliance is negative [nat]; the error of the log
-# probability is added to this limit. A log probability cannot exceed zero. A value above the limit
-# must therefore be due to rounding errors and is refused.
+# A log probability cannot exceed zero. If the computed log probability that no compliance is
+# negative exceeds its error by more than this value [nat], rounding errors must be large, and the
+# value is refused.
 _LARGEST_LOG_PROBABILITY = 0.1
 
-# Limit for the log probability that no compliance is negative. The probability is first computed as
-# a mean over a sample of the values of the hyper-parameters. This mean is used if its logarithm is
-# above this limit. Values that are not in the sample then change the mean little, because no value
-# gives a probability above one.
+# The probability that no compliance is negative is first computed as a mean over a sample of values
+# of the hyper-parameters. This mean is used only if its logarithm is above this limit. Values
+# outside the sample can then change the mean only little, because the probability at each value is
+# at most one.
 _LEAST_COARSE_LOG_PROBABILITY = -2.0
 
 
@@ -200,15 +200,15 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 
 
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
-    """Return the log posterior probability that no compliance is negative, and its error [nat].
+    """Return the log posterior probability P that no compliance is negative, and its error [nat].
 
-    The probability P is computed under the posterior that allows negative compliances. First, at
-    least 256 values of the hyper-parameters (scales of the noise and of other effects) are used:
-    the probability is computed for each of these values, and averaged. The average is returned as P
-    if its error is at most ``tolerance`` and ln P is above −2. Otherwise a few values of the
-    hyper-parameters may dominate the average. P is then computed as a ratio of two integrals over
-    the hyper-parameters: the integral of the posterior density with the condition that no
-    compliance is negative, divided by the integral without this condition.
+    P is computed under the posterior that allows negative compliances. It is first computed as the
+    average of the probabilities given each of at least 256 values of the hyper-parameters (scales
+    of the noise and of other effects). The average is used if its error is at most ``tolerance``
+    and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate the average. P
+    is then computed as a ratio of two integrals over the hyper-parameters: the integral of the
+    posterior density with the condition that no compliance is negative, divided by the integral
+    without this condition.
 
     Parameters
     ----------

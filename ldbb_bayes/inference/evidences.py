@@ -1,4 +1,4 @@
-"""Evidences of many models for the readings of one campaign, with all tests or without one test.
+"""Evidences of many models for the readings of one campaign, or of the campaign without a test.
 
 The evidence Z(y) is the density of the readings y under a model. Without test r the readings are
 y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) states how well the other tests predict test r. If
@@ -30,12 +30,12 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Evidences", "leave_one_out", "left_out_log_densities"]
 
-# Error allowed in a log evidence [nat] that only serves to decide whether a model is rejected. If
-# the tolerance of the `Evidences` object is larger, that tolerance is used instead.
+# Error allowed in a log evidence [nat] that is computed only to decide whether a model is rejected.
+# The tolerance of the `Evidences` object is used instead if it is larger.
 _ROUGH_TOLERANCE = 0.1
-# Smallest number of tests of a campaign for which the nodes (weighted values of the
-# hyper-parameters) without one test are computed from the nodes for all tests. With fewer tests,
-# this would not be faster than computing the nodes anew.
+# If a campaign has at least this number of tests, the nodes (weighted values of the
+# hyper-parameters) without one test are computed from the nodes for all tests. With fewer tests, it
+# is as fast to compute the nodes anew.
 _FEWEST_TESTS = 16
 
 
@@ -123,14 +123,14 @@ class Evidences(Shown):
         return [self._nodes[key] for key in keys]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """Return the nodes of each model, or only coarse nodes if all models are rejected.
+        """Return the quadrature nodes of each model; coarse nodes if all the models are rejected.
 
         Nodes are weighted values of the hyper-parameters, from which the log evidence of a model
-        follows. If the nodes of all the models have been computed before, they are returned.
-        Otherwise the nodes of all the models are first computed coarsely. If every log evidence
-        plus its error is then at most ``below`` [nat], the models are rejected and these coarse
-        nodes are returned. Otherwise the nodes of all the models are computed again to the
-        tolerance of this object. Evidences from coarse nodes do not appear in `every`.
+        follows. If the nodes of all the models are known already, they are returned. Otherwise
+        coarse nodes of all the models are computed first. All the models are rejected if every log
+        evidence plus its error is at most ``below`` [nat]; the coarse nodes are then returned. If
+        the models are not rejected, their nodes are computed again to the tolerance of this object.
+        Evidences from coarse nodes do not appear in `every`.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
             return self.of(*models)
@@ -182,8 +182,8 @@ class Evidences(Shown):
     @cached_property
     def _rough(self) -> Evidences:
         rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
-        # Use again the models that are applied to the campaign, and the modes of their posteriors:
-        # they do not depend on the tolerance.
+        # The models applied to the campaign, and the modes of their posteriors, do not depend on
+        # the tolerance and are used again.
         rough._posteriors = self._posteriors
         return rough
 

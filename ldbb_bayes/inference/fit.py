@@ -39,12 +39,11 @@ __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 # prior. The sensitivity states how much the posterior moves if the prior density is raised to a
 # power near one (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
-# Change of a parameter, in units of its standard uncertainty, above which a failing posterior
-# predictive check of a Fourier order matters. The change is the largest of any parameter when the
-# test is left out.
+# If a test fails the posterior predictive check of a Fourier order, the failure matters if leaving
+# the test out changes any parameter by more than this number of standard uncertainties.
 _LARGEST_SHIFT = 0.5
-# Relative widening of a parameter's credible interval above which a failing posterior predictive
-# check of noise matters. The widening is computed with the noise that is found in the readings.
+# If a test fails the posterior predictive check of its noise, the failure matters if the noise
+# found in the readings would widen any parameter's credible interval by more than this fraction.
 _LARGEST_WIDENING = 0.1
 # Number of posterior draws from which the root-mean-square residual and the fitness of each test
 # (see `FitQuality`) are computed.
@@ -54,15 +53,16 @@ _CHECKED_DRAWS = 500
 # If the log posterior probability that no compliance is negative is below this limit, the readings
 # contradict the condition that no compliance is negative.
 _IMPROBABLE = float(np.log(1e-3))
-# Probability of a prior quantile. A fit warns if the posterior median of a hyper-parameter (scale
-# of the noise or of another effect) is above this quantile of its prior.
+# A fit warns if the posterior median of a hyper-parameter (scale of the noise or of another effect)
+# is above the quantile of its prior at this probability.
 _EXPECTED_HYPER = 0.999
-# Distance of a parameter's posterior mean from the prior mean that the user stated, above which a
-# fit warns. The unit is the standard deviation that this distance has if the prior is right.
+# A fit warns if the posterior mean of a parameter is farther from the prior mean that the user
+# stated than this limit. The unit of the limit is the standard deviation that the distance has if
+# the prior is right.
 _LARGEST_PRIOR_DISTANCE = 3.0
-# Smallest variance assumed for the distance between prior mean and posterior mean of a parameter,
-# as a fraction of the prior variance. The distance is divided by the square root of its variance;
-# this limit avoids a division by zero.
+# The distance between prior mean and posterior mean of a parameter is divided by its standard
+# deviation. To avoid a division by zero, the variance of the distance is taken to be at least this
+# fraction of the prior variance.
 _SMALLEST_VARIANCE_SHARE = 0.05
 
 
@@ -126,13 +126,14 @@ class Fit(Result):
     #: per cent of the range of the readings, or NaN if all readings are equal. The keys are the
     #: names of the tests.
     fitness_percent: dict[str, float]
-    #: logarithm of the probability that no compliance is negative; the probability is computed with
-    #: the posterior of the same model without this condition
+    #: logarithm of the probability that no compliance is negative, computed with the posterior of
+    #: the same model without truncation
     log_prob_truncation: float
     #: error of ``log_prob_truncation`` [nat]
     log_prob_truncation_error: Finite
-    #: logarithm of the prior probability that no compliance is negative, computed before the prior
-    #: is restricted to this condition; zero if the model allows negative compliances
+    #: logarithm of the constant that normalizes the truncated prior: the probability, under the
+    #: prior before truncation, that no compliance is negative. It is zero if the prior is not
+    #: truncated.
     log_prob_truncation_prior: float
     #: largest difference between the readings that the linearised model predicts and the readings
     #: that the exact geometry predicts, both at the posterior mean of the parameters [µm]
@@ -150,9 +151,9 @@ class Fit(Result):
     #: check of a Fourier order. The dict is empty if no test fails this check, if the prior is
     #: flat, or if the campaign has one test only.
     shift: dict[str, float]
-    #: largest relative increase in the width of a parameter's credible interval if the noise is as
-    #: strong as the readings show at the Fourier orders 13 to 16; zero if no posterior predictive
-    #: check of the noise or of its autocorrelation fails
+    #: largest relative increase in the width of a parameter's credible interval if the noise of the
+    #: tests that fail the check of noise or autocorrelation is as strong as their readings at the
+    #: Fourier orders 13 to 16 show; zero if no test fails these checks
     widening: float
 
     @property
@@ -176,8 +177,8 @@ class Fit(Result):
         A failing check of a Fourier order matters if leaving out the test changes some parameter by
         more than half of the parameter's standard uncertainty. The check also matters if this
         change is not known, because the prior is flat or the campaign has only one test. A failing
-        check of noise or of its autocorrelation matters if some credible interval would be more
-        than 10 % wider with the noise that the readings show.
+        check of noise or of its autocorrelation matters if the noise that the readings show would
+        make some credible interval more than 10 % wider.
         """
         return tuple(check for check in self.unexpected if self._moves_intervals(check))
 
@@ -258,17 +259,18 @@ def assess_fit(
         shape (chains, draws). The first key is the name of the group, the second key the name of
         the array.
     truncation : pair
-        Log posterior probability that no compliance is negative, and its error [nat].
+        Log posterior probability that no compliance is negative, and the error of this logarithm
+        [nat].
     concerns : sequence of Concern
         Warnings from the sampler.
     rng : Generator
         Generator of the random draws of new circles.
     prior_level : float or array
-        Expected value, under the prior, of the log prior density of the parameters. This value is
-        subtracted from the log prior density, so that a difference between the expected values of
-        several models is not mistaken for sensitivity to the prior. For an average over models,
-        give an array, shape (chains, draws), with the expected value for the model of each draw.
-        For a single model, any number may be given, because a constant does not change the
+        Expected value, under the prior, of the log prior density of the parameters. It is
+        subtracted from the log prior density. In an average over models, a difference between the
+        expected values of the models is then not mistaken for sensitivity to the prior. For an
+        average, give an array, shape (chains, draws), with the expected value for the model of each
+        draw. For a single model, any number may be given, because a constant does not change the
         sensitivity.
 
     Returns
@@ -377,8 +379,9 @@ def _check_posterior(
 ) -> Iterator[Concern]:
     """Check a posterior against the assumptions of its model, and yield warnings.
 
-    There is a warning for each assumption that the posterior contradicts. The warnings are of the
-    kinds TRUNCATION, FORCES, HYPER, PRIOR and CENTRE; see `Concern`.
+    There is a warning for each assumption that the posterior contradicts, and a warning if there
+    are too few different forces to check an assumption. `Concern` describes the kinds of warnings:
+    TRUNCATION, FORCES, HYPER, PRIOR and CENTRE.
 
     Parameters
     ----------
@@ -421,7 +424,7 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
 
 
 def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
-    """Yield a warning for each parameter whose posterior mean is far from the stated prior mean.
+    """Yield a warning for each parameter whose posterior mean is too far from its prior mean.
 
     Only parameters for which the user stated a prior are examined. ``beta``, shape (n, p), holds n
     posterior draws of the p parameters in internal units (mm, N, rad). ``bound`` is the model,

@@ -19,7 +19,7 @@ from ldbb_bayes.results import Array
 __all__ = ["CurveDraws", "ForceCurves", "force_curves", "prior_changes"]
 
 # Smallest force at which a compliance C(F) is computed [N]. C(F) is a deflection divided by the
-# force F, which must not be zero; a reference force of zero is therefore replaced by this force.
+# force F. A reference force of zero is replaced by this value, to avoid a division by zero.
 _SMALLEST_FORCE_N = 1e-9
 # Name of the term `JointLoad` (joints that deflect under their own load) among the alternative
 # explanations of a model. Alternative explanations are effects that look like a change of
@@ -57,11 +57,11 @@ def force_curves(posterior: xr.DataTree) -> ForceCurves:
     """Return posterior draws of every compliance C(F) that may change with force.
 
     C(F) is computed from the compliance at the reference force and its slopes (changes with force).
-    Direct compliances also contain the contribution of the term `JointLoad` (joints that deflect
-    under their own load); see `curves_of`. A compliance may change with force if it has a slope or
-    a contribution of `JointLoad`. The result holds no compliances if all tests have the same force.
-    For an average over models, each draw comes from one model; if the compliance is constant in
-    this model, the draw has the same value at all forces.
+    If the model has the term `JointLoad` (joints that deflect under their own load), direct
+    compliances also contain the contribution of this term; see `curves_of`. A compliance may change
+    with force if it has a slope or a contribution of `JointLoad`. The result holds no compliances
+    if all tests have the same force. For an average over models, each draw comes from one model; if
+    the compliance is constant in this model, the draw has the same value at all forces.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
@@ -86,9 +86,10 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
     The change is C(F_max) − C(F_min), from the smallest force tested to the largest. The keys are
     the names of the compliances, as in `force_curves`. For an average over models, the prior draws
     come from all models, including the models with constant compliances. The effect of the term
-    `JointLoad` (joints that deflect under their own load) is then included only in a random
-    fraction of the draws, which is equal to the fraction of the models that have this term. The
-    result is empty if the prior is flat or if all tests have the same force.
+    `JointLoad` (joints that deflect under their own load) is then included only in some of the
+    draws, which are picked at random. The probability of being picked is the fraction of the models
+    that have this term. The result is empty if the prior is flat or if all tests have the same
+    force.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
@@ -125,12 +126,12 @@ def _share_with_joint_load(posterior: xr.DataTree) -> float:
 
 
 def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, float]:
-    """Return the prior standard deviation of the effect of `JointLoad` on changes of compliances.
+    """Return the prior standard deviations of the changes of direct compliances due to `JointLoad`.
 
-    `JointLoad` is the term of a model for joints that deflect under their own load. It changes the
-    direct compliance along each machine axis. The changes are from the smallest force tested to the
+    `JointLoad` is the term of a model for joints that deflect under their own load. Because of this
+    term, the direct compliance along a machine axis changes from the smallest force tested to the
     largest; ``ends_N`` holds these two forces [N]. The keys of the result are the letters of the
-    axes, the values the standard deviations. ``bound`` is the model, applied to its campaign.
+    machine axes. ``bound`` is the model, applied to its campaign.
     """
     columns_by_axis = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
     sd_by_axis: dict[str, float] = {}

@@ -32,19 +32,17 @@ _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0
 # Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between the
 # randomised sequences gives the error of an integral.
 _SCRAMBLES = 8
-# Lower limits of the number of points that each randomised Sobol sequence (of quasi-random points)
-# gives in the first round of sampling. The first limit is ``_FEWEST_POINTS``, the second is
-# ``_POINTS_PER_DIMENSION`` times the number of dimensions. The larger limit, rounded up to a power
-# of two, is the number of points.
+# Number of points that each randomised Sobol sequence (of quasi-random points) gives in the first
+# round of sampling: ``_POINTS_PER_DIMENSION`` times the number of dimensions, but at least
+# ``_FEWEST_POINTS``, rounded up to a power of two.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Factor between the numbers of points with which successive rounds of importance sampling start.
-# The number of points stops growing when the largest number allowed is reached.
+# Each round of importance sampling starts with this many times as many points as the previous round
+# started with, up to the largest number allowed.
 _GROWTH = 4
-# Width and share of the wide components of a proposal, which is the mixture from which points are
-# drawn. For every component, a component that is wider by the factor ``_WIDE`` is added, so that
-# points in the tails do not get very large weights. All wide components together receive the share
-# ``_WIDE_SHARE`` of the points.
+# Points are drawn from a mixture, the proposal. For each of its components, a component that is
+# wider by the factor ``_WIDE`` is added, so that points in the tails do not get very large weights.
+# All wider components together have the probability ``_WIDE_SHARE`` in the mixture.
 _WIDE = 1.5
 _WIDE_SHARE = 0.1
 # Largest number of rounds of importance sampling, each of which draws new points.
@@ -67,9 +65,9 @@ _REACHABLE = 2.0
 # 1, or a third of the number of points if that is smaller. Weights that do not reach this size are
 # first made more equal: they are raised to a power below one.
 _FITTED_PER_DIMENSION = 40.0
-# Factor and limit of the power to which weights are raised to make them more equal. The power
-# starts at one, and is multiplied by ``_EVENING`` until the effective sample size of the weights
-# suffices or the power is no longer above ``_LEAST_POWER``.
+# Weights are made more equal by raising them to a power. The power starts at one. It is multiplied
+# by ``_EVENING`` until the effective sample size of the weights suffices, or until the power is at
+# most ``_LEAST_POWER``.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
 
@@ -88,13 +86,13 @@ def importance_sample(
     In each round, points are drawn from a proposal, a density similar to f. The weight of a point
     is f divided by the proposal. The proposal of the first round is fitted to f along directions
     through every mode. The proposal of a later round is fitted to the points of all earlier rounds.
-    If the weights of a round are nearly equal, its number of points is doubled. The integral
-    returned is from the earliest round that reaches the tolerance with weights that can be trusted.
-    The first round is never returned. If no round reaches the tolerance, the round with the
-    smallest error is returned; ``trusted`` of the result states whether its weights can be trusted.
-    If they cannot be trusted, the rounds are repeated with other seeds, because a round may miss a
-    tail of f by chance. If no seed gives weights that can be trusted, the result of the first seed
-    is returned.
+    The number of points in a round is doubled as long as the error is too large and the weights are
+    not too unequal. The integral returned is from the earliest round that reaches the tolerance
+    with weights that can be trusted. If there is no such round, it is from the round with the
+    smallest error, preferably a round with trusted weights. The first round is never returned. If
+    no round has weights that can be trusted, the rounds are repeated with other seeds, because a
+    round may miss a tail of f by chance. If no seed gives weights that can be trusted, the result
+    of the first seed is returned; its attribute ``trusted`` is false.
 
     Parameters
     ----------
@@ -188,16 +186,17 @@ def _draw_round(
     refit_points: int = 0,
     max_points: int = 0,
 ) -> Integral:
-    """Return one round of importance sampling; its points are doubled until they suffice.
+    """Return one round of importance sampling; the number of points is doubled until it suffices.
 
     Points are drawn from ``proposal``, at first ``size`` points of each randomised quasi-random
     sequence (scramble). ``log_density`` is the logarithm of the density f to integrate and
     ``tolerance`` the error allowed in ln ∫ f [nat]; the points suffice if the error is within the
     tolerance. ``rng`` generates the random numbers. Doubling stops early if the weights are very
     unequal or cannot be trusted, or if the round would have more than ``max_points`` points. Unless
-    the weights are nearly equal, doubling also stops at ``refit_points`` points, because a proposal
-    that is fitted anew to these points is then likely to be better. For the same reason doubling
-    stops early if the error is still more than twice the tolerance and the round is small.
+    the weights are nearly equal, doubling also stops before the round has more than
+    ``refit_points`` points, because a proposal fitted to these points is probably better. For the
+    same reason, doubling stops early if the round is small and its error is more than twice the
+    tolerance.
     """
     h = len(proposal.components[0].centre)
     engines = [qmc.Sobol(h + 1, rng=rng) for _ in range(_SCRAMBLES)]
@@ -248,8 +247,8 @@ def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT
     ``log_density``; ``root``, shape (h, h), is a square root of the inverse of minus the Hessian of
     ``log_density`` at ``mode``.
     """
-    # Use the symmetric square root of the covariance. Of all square roots it rotates the
-    # coordinates least, so that independent coordinates stay independent.
+    # Use the symmetric square root of the covariance. Of all square roots, it changes the
+    # directions of the coordinate axes least: independent coordinates stay independent.
     variance, vectors = np.linalg.eigh(root @ root.T)
     root = vectors * np.sqrt(variance) @ vectors.T
     z = np.concatenate([-_ALONG_AXIS[::-1], [0.0], _ALONG_AXIS])
@@ -264,9 +263,9 @@ def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT
 def _add_wider(fitted: Mixture) -> Mixture:
     """Return a mixture with one additional, wider component for every component.
 
-    Where a fitted mixture falls off faster than the density to be integrated, a few points have
-    large weights. Wider components keep the weights small there (defensive mixture, Hesterberg,
-    Technometrics 37 (1995) 185).
+    Where a fitted mixture falls off faster than the density to be integrated, a few points would
+    have very large weights. The wider components limit these weights (defensive mixture,
+    Hesterberg, Technometrics 37 (1995) 185).
     """
     wider = fitted.widen(_WIDE)
     share = np.concatenate([(1.0 - _WIDE_SHARE) * fitted.share, _WIDE_SHARE * wider.share])
