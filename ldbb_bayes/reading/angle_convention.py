@@ -265,8 +265,8 @@ def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> 
     """Return the axis and the sense of angles that a text states.
 
     ``text`` is a header, a line or a name, and ``source`` its place in words, such as "line 3".
-    ``is_header`` states whether it is the header of the column of angles: a minus sign in this
-    header means clockwise. Raise an error if the text is about angles, but ambiguous.
+    ``is_header`` states whether the text is the header of the column of angles; a minus sign in
+    this header means clockwise. Raise an error if the text is about angles, but ambiguous.
     """
     zero = _zero_in(text)
     layout = recording.layout

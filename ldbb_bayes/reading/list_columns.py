@@ -44,7 +44,7 @@ def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def unread_headers(cells: Iterable[tuple[str, str]], names: Collection[str]) -> list[str]:
-    """Return the headers of the columns of a list of tests whose cells are ignored for a test.
+    """Return the headers of the columns in a list of tests that are not used for a certain test.
 
     Parameters
     ----------

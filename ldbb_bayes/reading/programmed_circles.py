@@ -1,4 +1,4 @@
-"""Radius and direction of a circle that G-code in lines above a table programs.
+"""Radius and direction of a circle that is programmed by G-code in lines above a table.
 
 An example is the block ``G2 X100 Y0 I-100 J0``, a clockwise circle of radius 100 mm.
 """
@@ -42,7 +42,7 @@ _SENSES = {"2": "CW", "3": "CCW"}
 
 
 class ProgrammedArc(NamedTuple):
-    """Arc that a block of G-code programs."""
+    """Arc that is programmed by a block of G-code."""
 
     line: int | str  #: number of the line
     direction: str  #: CW for G2, CCW for G3
@@ -56,7 +56,7 @@ def programs_arc(text: str) -> bool:
 
 
 def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedArc]:
-    """Return the arcs that G-code in lines of text programs, in the order of the lines.
+    """Return the arcs that are programmed by G-code in lines of text, in the order of the lines.
 
     Parameters
     ----------

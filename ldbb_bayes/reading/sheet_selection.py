@@ -115,7 +115,7 @@ def select_sheets(
 def _companions(sheets: Sequence[Sheet], layout: Layout, optional: Collection[Path]) -> set[Path]:
     """Return the files that hold only text, if other files hold tables of readings.
 
-    ``optional`` are the files that need not have a table in any case.
+    ``optional`` are the files in which a missing table causes no error.
 
     Raises
     ------

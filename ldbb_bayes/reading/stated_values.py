@@ -180,7 +180,7 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 
 
 def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) -> list[_Evidence]:
-    """Return the radii of arcs that G-code in lines above the table programs.
+    """Return the radii of arcs that are programmed by G-code in lines above the table.
 
     The list is empty if one of these radii agrees with a radius in ``evidence``, because all other
     arcs are then paths to the circle and away from the circle.

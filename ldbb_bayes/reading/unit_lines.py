@@ -87,7 +87,7 @@ _SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*",
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 # Regular expression for words which say that readings are multiplied or divided by a number.
 _MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)
-# Regular expression for a factor in the header of readings, outside the brackets of its unit.
+# Regular expression for a factor in the header of readings, outside the brackets with the unit.
 _FACTOR_OF_HEADER = re.compile(_WORDS["factor_of_header"], re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"\[[^\]]*\]|\([^)]*(?:m|in|inch|mil|\")\)|\{[^}]*\}")
 # Regular expression for a word that may be a unit, with the number before it if there is one. Words

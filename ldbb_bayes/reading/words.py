@@ -66,9 +66,10 @@ OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECAS
 
 
 def comparable(text: str) -> str:
-    """Return a text in a form for comparison: texts that differ only in spelling become equal.
+    """Return a text in a form for comparison: texts that differ only in notation become equal.
 
-    The form has one sign for micro, no capitals, and no blank, dot or colon at either end.
+    Capitals are replaced by small letters, and equivalent characters, such as the two signs for
+    micro, by one character. Blanks, dots and colons at both ends are removed.
     """
     return unicodedata.normalize("NFKC", text).casefold().strip(" .:")
 
@@ -87,7 +88,7 @@ def _unit_sizes() -> dict[str, dict[str, float]]:
 
 
 def _units_by_word() -> dict[str, str]:
-    """Return a dict with this package's name of the unit for each spelling in files.
+    """Return a dict with this package's name for the unit that each spelling in files means.
 
     The keys are the spellings of units, in the form that `comparable` returns.
     """
