@@ -27,11 +27,11 @@ from ldbb_bayes.results import Array
 __all__ = ["Aim", "SlopesAim", "UncertaintyAim", "total_distance"]
 
 # When the next circle is chosen, the distance from an aim that is already reached is multiplied by
-# this number. The number is not zero. Such an aim can therefore still decide between two circles
+# this number. Because the number is not zero, a reached aim can still decide between two circles
 # that are equally good for all other aims.
 _REACHED = 1e-3
-# Smallest expected log Bayes factor [nat] in the distance from an aim. A smaller expected value is
-# replaced by this number, to avoid the logarithm of zero.
+# Lower limit of the expected log Bayes factor [nat] from which the distance from an aim is
+# computed. A smaller value is replaced by this limit, to avoid the logarithm of zero.
 _LEAST_EVIDENCE = 1e-9
 
 
@@ -58,7 +58,7 @@ class Aim(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class UncertaintyAim:
-    """Aim to make the standard uncertainty of a combination w·β of the parameters small enough.
+    """Aim to reduce the standard uncertainty of a combination w·β of the parameters to a target.
 
     β are the p parameters and w their weights. The uncertainty is first computed as if the
     hyper-parameters (scales of the noise and of other effects) were known. It is then multiplied by
@@ -69,9 +69,9 @@ class UncertaintyAim:
     #: their prior standard deviations
     weights: Array
     target: float  #: largest standard uncertainty of w·β at which the aim is reached
-    #: factor by which unknown hyper-parameters increase the standard uncertainty of w·β. This
-    #: factor is computed for the present state of the campaign: the standard uncertainty, divided
-    #: by the root mean square of the standard uncertainties for K known values of the
+    #: factor by which the standard uncertainty of w·β is larger because the hyper-parameters are
+    #: unknown. It is computed for the present state of the campaign: the standard uncertainty of
+    #: w·β, divided by the root mean square of its standard uncertainties for K known values of the
     #: hyper-parameters.
     inflation: float
     is_reached: bool  #: whether the aim is already reached
@@ -100,7 +100,7 @@ class UncertaintyAim:
 
 @dataclass(frozen=True, eq=False)
 class SlopesAim:
-    """Aim to decide by the log Bayes factor whether the compliances change with force."""
+    """Aim to decide, by the log Bayes factor, whether compliances change with force."""
 
     #: indices of the slopes (changes of compliance with force) in the list of parameters
     columns: Sequence[int]

@@ -39,23 +39,22 @@ __all__ = [
 
 # Number of values of the hyper-parameters at which possible circles are compared.
 _NODES = 16
-# Number of posterior draws of the parameters. The same number limits the values of the
-# hyper-parameters over which the posterior means and standard deviations of the parameters are
-# averaged.
+# Number of posterior draws of the parameters. It is also the largest number of values of the
+# hyper-parameters over which posterior means and standard deviations are averaged.
 _DRAWS = 1024
-# Minimum distance between an estimate and a tolerance limit, in present standard uncertainties.
-# When the next circle is chosen, a smaller distance is replaced by this distance. Otherwise, no
-# campaign would be long enough for a decision if the estimate were exactly at the limit.
+# Smallest distance of an estimate from a tolerance limit, in present standard uncertainties, that
+# is used for the choice of the next circle. A smaller distance is replaced by this number, because
+# a campaign cannot be long enough for a decision if the estimate lies exactly at the limit.
 _LEAST_DISTANCE = 0.2
 # Smallest target for a standard uncertainty, as a fraction of the present standard uncertainty. A
-# smaller target is replaced by this fraction. Without this limit, a goal in percent of a parameter
-# would require an uncertainty near zero if the parameter itself may be near zero.
+# smaller target is replaced by this fraction. Otherwise, a goal in percent of a parameter's value
+# would require an uncertainty near zero if the value may be near zero.
 _LEAST_TARGET = 1e-3
 
 
 @dataclass(frozen=True)
 class GoalSoFar(Result):
-    """Uncertainty of a parameter compared with its goal: now, and after the best next circle.
+    """Uncertainty of a parameter and its goal: now, and after the best next circle.
 
     The goal is an upper limit of the expanded uncertainty U (k = 2). All numbers except the
     probabilities are in the unit ``unit``.
@@ -103,7 +102,7 @@ class Known(NamedTuple):
 
 
 def known_from(nodes: Nodes, seed: int) -> Known:
-    """Return the posterior of the parameters, and likely values of the hyper-parameters.
+    """Return the posterior of the parameters, and a sample of the hyper-parameters' posterior.
 
     The posterior is described by means, standard deviations and draws. All three are computed from
     ``nodes``, weighted values of the hyper-parameters that represent the posterior given the

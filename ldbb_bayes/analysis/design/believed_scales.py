@@ -1,10 +1,10 @@
-"""Scales of the noise and of other effects that an analysis of planned tests may find likely.
+"""What an analysis of planned tests may conclude about the scales of noise and other effects.
 
-The scales are the hyper-parameters φ. An analysis does not know the true scales of a machine; it
-estimates them from the readings and the prior. The uncertainty that the analysis states is an
-average over all scales that are possible given the readings. Large scales remain possible even if
-the readings scatter little. For example, three circles that agree do not prove that a fourth circle
-would agree with them.
+The scales are the hyper-parameters φ. An analysis does not know their true values; it computes
+their posterior from the readings and the prior. The uncertainty that the analysis states is an
+average over this posterior. Large scales keep a noticeable posterior probability even if the
+readings scatter little. For example, three circles that agree do not prove that a fourth circle
+would agree with them. This module draws scales from the posteriors that an analysis may obtain.
 
 The normal score of a scale is the standard normal quantile of the scale's cumulative prior
 probability, so that the prior of the scores v is N(0, 1). Readings y ~ N(0, V(v)) carry the Fisher
@@ -28,23 +28,25 @@ from ldbb_bayes.results import Array
 
 __all__ = ["believed_scales", "fisher_information"]
 
-# Largest absolute value of normal scores; larger scores are replaced by this value. The normal
-# score of a scale is the standard normal quantile of the scale's cumulative prior probability. Each
-# tail that is cut off has a prior probability below 1e-9.
+# Limit for the absolute value of normal scores; scores beyond the limit are replaced by the limit.
+# The normal score of a scale is the standard normal quantile of the scale's cumulative prior
+# probability. The prior probability of a score beyond the limit is below 1e-9 on each side.
 _LARGEST_SCORE = 6.0
 # Derivatives of variances with respect to the normal scores are computed by central differences
 # with this step of the scores.
 _STEP = 0.1
-# If a plan has more circles than this number, the analysis is assumed to know the true scales. An
-# average over likely scales would take a long time, and would hardly differ from the value at the
-# true scales.
+# If a plan has more circles than this number, the analysis is assumed to know the true scales. With
+# so many circles, an average over the posterior of the scales would take a long time, and would
+# hardly differ from the result for the true scales.
 _MOST_CIRCLES = 24
 
 
 def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Array:
-    """Return scales that an analysis of planned tests may find likely, for each possible machine.
+    """Return draws from the posterior of the scales that an analysis would obtain, by machine.
 
-    The scales of the noise and of other effects are the hyper-parameters.
+    The scales of the noise and of other effects are the hyper-parameters. The readings of planned
+    tests are not known. For each possible machine, one estimate of the true scales is therefore
+    simulated; the draws come from the approximate posterior given this estimate.
 
     Parameters
     ----------
@@ -53,7 +55,7 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     phi
         True hyper-parameters of K possible machines, shape (K, h), lengths in mm.
     draws
-        Number of likely sets of hyper-parameters to draw for each machine.
+        Number of draws of the hyper-parameters for each machine.
     seed
         Seed of the random numbers.
 
@@ -106,8 +108,8 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
-    # Each matrix below is a function of the symmetric information matrix, and has the same
-    # eigenvectors. It does not depend on the signs and the order of the eigenvectors, which are
+    # Each matrix below is a function of the symmetric information matrix and has the same
+    # eigenvectors. Its value is unique, although the signs and the order of the eigenvectors are
     # arbitrary.
     weight = _along(axes, size / (size + 1.0))
     noise = _along(axes, np.sqrt(size) / (size + 1.0))

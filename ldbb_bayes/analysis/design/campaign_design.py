@@ -52,9 +52,9 @@ __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests with a share below this number are left out of the table of the best shares.
 _LISTED_SHARE = 1e-4
-# Further circles are said not to improve a parameter if more than this share of the parameter's
-# expected standard uncertainty would remain even after very many runs of every circle of the
-# design.
+# Further circles are said not to improve a parameter if the parameter's standard uncertainty after
+# very many runs of every circle of the design would still be more than this share of the standard
+# uncertainty expected from the design.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
@@ -102,18 +102,16 @@ class Judged(Forecast):
 class Limits(Result):
     """Limits of what the tests of a design can show."""
 
-    #: number of different forces of the tests if it is too small; None if it is large enough, or if
-    #: the tests only add to tests that have already been run. The number is too small if the tests
-    #: cannot show whether compliances are polynomials of force of a higher degree than in the
-    #: model.
+    #: number of different forces of the tests, if there are too few of them to show whether
+    #: compliances are polynomials of force of a higher degree than in the model. None if there are
+    #: enough forces, or if the tests only add to tests that have already been run.
     levels: int | None
-    #: for each plane whose circles all run in one direction of travel although the model includes
-    #: hysteresis: this direction. The keys are the planes.
+    #: direction of travel of each plane whose circles all run in the same direction although the
+    #: model includes hysteresis; the keys are the planes
     one_way: dict[str, str]
-    #: whether drift may limit the result. This is the case if the model includes drift, and if the
-    #: machine may have drifted in the campaign that the design starts from. The forecast does not
-    #: show this limit, because it assumes that the drift is independent of the settings of the
-    #: tests.
+    #: whether drift may limit the result: the model includes drift, and the machine may have
+    #: drifted in the campaign that the design starts from. The forecast does not show this limit,
+    #: because it assumes that drift does not depend on the settings of the tests.
     drift: bool
     #: parameters whose expected standard deviation would decrease by less than 20 % even if every
     #: test were run very many times
@@ -187,8 +185,8 @@ class Design(Forecast):
     #: designs for comparison: one in equal steps of force, and the designs in ``against``
     compared: tuple[Judged, ...]
     limits: Limits  #: limits of what the recommended tests can show
-    #: root mean square of the values of each hyper-parameter (scales of the noise and of other
-    #: effects) that the forecast averages over. Lengths are in µm. The noise factor λ of a circle
+    #: root mean square of each hyper-parameter (scales of the noise and of other effects) over the
+    #: values for which the forecast is computed. Lengths are in µm. The noise factor λ of a circle
     #: and the decay have no unit. The decay is the exponent of the power law by which the balls'
     #: form errors decrease with the number of waves per turn.
     hyper_um: dict[str, float]
@@ -444,8 +442,8 @@ def design(
         if the pilot is a plan.
     progress : callable, optional
         With goals: function that is called with the number of steps done and the number of all
-        steps. The steps are to find each of three campaigns, to forecast each of them, and to
-        compare them with two campaigns as they are usually run.
+        steps. Steps are the search for each of three campaigns, the forecast of each of them, and
+        the comparison with each of two campaigns as they are usually run.
 
     Returns
     -------
@@ -693,9 +691,9 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 
 
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
-    """Return the limits of what the tests of a design can show, and ways to overcome these limits.
+    """Return the limits of what the tests of a design can show, and what would overcome them.
 
-    More tests of the same kind would not overcome them. ``space`` holds the pilot, the model and
+    More tests of the same kind do not remove these limits. ``space`` holds the pilot, the model and
     the parameters of interest. ``forecast`` is the forecast of the tests' results.
     """
     bound = bind_tests(space.model, space.pilot, tests, keep_pilot_tests=space.augment)
@@ -721,11 +719,11 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 
 
 def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | None:
-    """Return the number of different forces of tests if the number is too small, else None.
+    """Return the number of different forces of the tests if there are too few forces, else None.
 
-    The model of ``space`` describes compliances as polynomials of force. The number of forces is
-    too small if ``tests`` could not show that the true degree of these polynomials is higher. The
-    result is also None if the tests only add to tests that have already been run.
+    The model of ``space`` describes compliances as polynomials of force. There are too few forces
+    if ``tests`` could not show that a higher degree of these polynomials is needed. The result is
+    also None if the tests only add to tests that have already been run.
     """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     if space.augment or levels > space.model.degree + 2:
@@ -734,7 +732,7 @@ def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | Non
 
 
 def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) -> tuple[str, ...]:
-    """Return the names of parameters for which further circles are hardly of use.
+    """Return the names of the parameters that further circles would hardly improve.
 
     ``forecast`` states the expected standard deviations of the parameters. For the parameters
     returned, this standard deviation would decrease by less than 20 % even if every test were run

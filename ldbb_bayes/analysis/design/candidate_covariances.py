@@ -62,7 +62,7 @@ class CandidateCovariances:
         return np.array(results)
 
     def run(self, candidate: int) -> None:
-        """Update the covariances as if the circle with the index ``candidate`` had been run."""
+        """Add the circle with index ``candidate`` to the circles run; update the covariances."""
         rows = self._rows[:, candidate]
         spread = rows @ self._covariance
         readings = spread @ np.swapaxes(rows, -1, -2) + np.eye(rows.shape[1])

@@ -1,4 +1,4 @@
-"""Tests that could be run in a design (candidates), the model bound to them, and running orders.
+"""Candidate tests of a design, the model bound to them, and the order in which to run tests.
 
 The pilot is the campaign or plan that a design starts from. The model takes its reference force F0,
 its range of force, and the estimate Ĉ of the compliances about which it is linearised, from the
@@ -105,8 +105,8 @@ def add_foreseen_tests(
         kinds.
     """
     uses_radius = _model_depends_on_radius(pilot, (*candidates, *compared_tests))
-    # Ignore the directions of the tests that the pilot has run, because the analysis of a design
-    # need not include these tests.
+    # Ignore the directions of the tests that have been run in the pilot, because a design may be
+    # analysed without these tests.
     known_kinds = {_kind_of(test, None, uses_radius) for test in pilot.scope}
     known_kinds |= {_kind_of(test, test.direction, uses_radius) for test in pilot.foreseen}
     new_tests = []
@@ -158,8 +158,8 @@ def _tests_by_kind(
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((_kind_of(test, direction, uses_radius), test))
     possible += [(_kind_of(test, None, uses_radius), test) for test in compared_tests]
-    # In the reversed list, the first test of a kind comes last. It therefore replaces all other
-    # tests of this kind in the dictionary.
+    # If a dictionary gets a key several times, the last value remains. The list is reversed, so
+    # that the first test of each kind remains.
     return dict(reversed(possible))
 
 
@@ -294,14 +294,13 @@ def _bind_to_pilot(
 def running_order(
     tests: Sequence[CircularTest], rng: np.random.Generator
 ) -> tuple[CircularTest, ...]:
-    """Return ``tests`` in a random order in which a drift does not look like an effect of force.
+    """Return ``tests`` in a random order, so that a drift is not mistaken for an effect of force.
 
-    Tests with the same set-up are run one after the other. Within a set-up, tests with the same
-    plane and radius are run one after the other, and among these, tests with the same angle of the
-    work ball. The order of the set-ups is random, and so is the order of planes and radii and the
-    order of the angles of the work ball. For each angle of the work ball, the tests are sorted by
-    the angle of the tool ball: ascending for one angle of the work ball, descending for the next,
-    and so on. Tests with the same angles of both balls are in random order.
+    Tests are grouped by set-up, within a set-up by plane and radius, and within these groups by the
+    angle of the work ball. At each of these three levels, the groups are in random order. Within a
+    group with the same angle of the work ball, the tests are sorted by the angle of the tool ball:
+    in ascending order in the first group, in descending order in the second, and so on alternately.
+    Tests with the same angles of both balls are in random order.
     """
     ordered: list[CircularTest] = []
     for setup_block in _random_blocks(tests, _setup, rng):

@@ -34,29 +34,28 @@ __all__ = [
 
 # Largest number of circles of a campaign.
 _MOST_CIRCLES = 40
-# Number of circles of the campaign from which the search estimates how many circles are needed in a
-# family. The search takes the family's best campaign with this number of circles. The number of
-# circles of each candidate test in this campaign is then multiplied by the smallest factor with
-# which the goals are reached.
+# Number of circles of a trial campaign in each family. From the family's best campaign of this
+# size, the search estimates how many circles the family needs: it multiplies the number of circles
+# of each candidate test by the smallest factor with which the goals are reached.
 _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins with this share of the number of circles that the
 # family is estimated to need.
 _BEGIN_SHARE = 0.85
-# Number of bisection steps in the search for the factor by which the numbers of circles of a
-# campaign are multiplied.
+# Number of bisection steps in the search for the factor by which all numbers of circles of a
+# campaign are multiplied to reach the goals.
 _HALVINGS = 10
-# A full forecast of a campaign is made only if ln(u/u*) is at most this number. Here u is an
-# estimate, from the quick forecast, of the standard uncertainty in the full forecast, for the
-# parameter of a goal. u* is the largest standard uncertainty that the goal permits.
+# A full forecast of a campaign is made only if ln(u/u*) is at most this number for all goals. u is
+# the standard uncertainty of a goal's parameter in the full forecast, as estimated from the quick
+# forecast. u* is the largest standard uncertainty that the goal permits.
 _NEAR = 0.03
 # Largest number of full forecasts in one family of campaigns.
 _MOST_FORECASTS = 8
-# Number of possible machines in a first forecast of a campaign with one circle fewer. This fast
-# forecast shows whether a full forecast is worthwhile.
+# Number of possible machines in a preliminary forecast of a campaign with one circle fewer. This
+# forecast is fast, and shows whether the full forecast is worthwhile.
 _FEW_MACHINES = 16
-# Largest effort of all full forecasts together. The effort of a full forecast is the square of its
-# number of circles. After the first campaign that reaches the goals, the search for further
-# campaigns ends when the sum of all efforts exceeds this number.
+# Limit for the computing effort of all full forecasts together. The effort of a full forecast is
+# the square of its number of circles. Once a campaign that reaches the goals has been found, the
+# search ends when the total effort exceeds this limit.
 _MOST_EFFORT = 700
 
 
@@ -79,10 +78,9 @@ class CheapestCampaigns:
     """Result of the search: campaigns that reach all goals, or the one nearest to the goals."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
-    #: campaign that is nearest to the goals if no family reaches them. In each family, the campaign
-    #: with the largest number of circles is examined. The nearest of these campaigns is the one
-    #: that meets all goals on the largest share of the possible machines. None if one of the
-    #: examined campaigns reaches the goals, or if no full forecast was made.
+    #: campaign that comes nearest to the goals if no family reaches them: among the largest
+    #: campaigns of all families, it meets all goals on the largest share of the possible machines.
+    #: None if the largest campaign of a family reaches the goals, or if no full forecast was made.
     nearest: FoundCampaign | None
 
 
@@ -233,9 +231,9 @@ def _with_more_circles(
 ) -> list[FoundCampaign]:
     """Return the best campaigns that have 1, 2, …, ``number`` circles more than ``campaign``.
 
-    They belong to the family of ``campaign``, and meet the goals on more of the possible machines.
-    Campaigns that exceed the longest machine time are left out. ``on_campaign`` is called whenever
-    a campaign is found.
+    They belong to the family of ``campaign``. With more circles, a campaign is expected to meet the
+    goals on more of the possible machines. Campaigns that exceed the longest machine time are left
+    out. ``on_campaign`` is called whenever a campaign is found.
     """
     longer = []
     for added in range(1, number + 1):
@@ -296,10 +294,10 @@ class _Search:
 
         u is the standard uncertainty of a goal's parameter, and u* the largest standard uncertainty
         that the goal permits. The full forecast states ln(u/u*) of every goal on each possible
-        machine. These values are reduced to one in two steps: the largest value of all goals on
-        each machine, and the quantile of the largest values over the machines, at the required
-        probability. The quick forecast states a single value. ``counts`` is the campaign's number
-        of circles of every candidate test.
+        machine. Of these values, the largest of all goals is taken on each machine, and then the
+        quantile of these maxima over the machines, at the required probability. The quick forecast
+        states a single value. ``counts`` is the campaign's number of circles of every candidate
+        test.
         """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
@@ -322,12 +320,13 @@ class _Search:
         return self._share_met(campaign) >= self._probability
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
-        """Return a campaign of a family that meets the goals; None if the campaign tried does not.
+        """Return a campaign that meets the goals; None if the campaign that is tried does not.
 
-        ``progress`` states the family and its number of circles, ``circles``. The campaign returned
-        has this number of circles, or fewer if fewer suffice. The result is None if the best
-        campaign of ``circles`` circles does not meet the goals, needs too much machine time, or
-        does not use every clocking (pair of ball angles) and every radius of the family.
+        ``progress`` states the family and the number of circles that is tried, ``circles``. The
+        campaign returned has this number of circles, or fewer if fewer are enough. The result is
+        None if the family's best campaign of ``circles`` circles does not meet the goals, needs too
+        much machine time, or does not use every clocking (pair of ball angles) and every radius of
+        the family.
         """
         family = progress.family
         circles = progress.circles
@@ -386,7 +385,7 @@ class _Search:
         return best
 
     def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
-        """Store by which factor full forecasts of the uncertainty exceed quick forecasts.
+        """Store the factor between the uncertainties of full forecasts and of quick forecasts.
 
         The factor is computed from both forecasts of ``campaign``, and ``progress.inflation`` is
         set to agree with this factor. ``counts`` is the campaign's number of circles of every

@@ -80,7 +80,7 @@ class Variance:
     weight: Array  #: weights W of the covariances of the parameters, shape (s, s)
 
     def value(self, root: Array) -> Array:
-        """Return the criterion Φ = −tr(W S⁻¹), shape (...), the negative of a weighted variance.
+        """Return the criterion Φ = −tr(W S⁻¹), shape (...), a negative weighted sum of variances.
 
         S is the precision of the s parameters of interest and W, shape (s, s), their weights.
         ``root`` is the Cholesky factor of S, shape (..., s, s). The leading dimensions (...) run
@@ -104,9 +104,9 @@ class Variance:
         return np.asarray(inverse @ np.swapaxes(inverse, -1, -2) @ weight_root)
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the weighted variance in the best design, divided by that in the present design.
+        """Return the weighted sum of variances in the best design, divided by that in this design.
 
-        ``value`` and ``best`` are the negative weighted variances in the present design and in the
+        ``value`` and ``best`` are the criteria (negative weighted sums) of this design and of the
         best design.
         """
         return float(best / value)
@@ -114,7 +114,7 @@ class Variance:
 
 @dataclass(frozen=True)
 class LogBayesFactor:
-    """Criterion Φ: expected log Bayes factor in favour of the true one of two models.
+    """Criterion Φ: expected log Bayes factor in favour of whichever of two models is true.
 
     In one model, the s parameters of interest are free; in the other, they are zero. Both models
     are equally probable before the tests. B is the Bayes factor of the model with free parameters
@@ -151,8 +151,8 @@ class LogBayesFactor:
     def directions(self, root: Array) -> Array:
         """Return Q, shape (..., s, s), with Q Qᵀ = ∂Φ/∂S for the expected log Bayes factor Φ.
 
-        Φ is the expected log Bayes factor in favour of the true one of two models: in one, the s
-        parameters of interest are free; in the other, they are zero. S is the precision of these
+        Φ is the expected log Bayes factor in favour of whichever of two models is true: in one, the
+        s parameters of interest are free; in the other, they are zero. S is the precision of these
         parameters, in units of their prior precision; without readings, S is the identity. ``root``
         is the Cholesky factor of S, shape (..., s, s). The columns of Q are the eigenvectors of S,
         each multiplied by √(dΦ/dμ), where μ is the eigenvalue of S that belongs to the eigenvector.

@@ -1,4 +1,4 @@
-"""Evidence for or against slopes (changes of compliance with force) to expect from planned tests.
+"""Expected evidence for or against slopes (changes of compliance with force) from planned tests.
 
 B is the Bayes factor of the model with the slopes over the model without slopes. ln B is computed
 for the linear Gaussian model, in which compliances may be negative. The results are averaged over
@@ -24,8 +24,9 @@ DECISIVE = 5.0
 # Probabilities of the log Bayes factor are computed from this number of quasi-random samples for
 # each value of the hyper-parameters.
 _POINTS = 256
-# Smallest variance of the slopes, to avoid a division by zero. Smaller variances are replaced by
-# this number, and so are smaller shares of the variances that remain after the tests.
+# Lower limit for the variances of the components of the slopes' posterior mean, to avoid a division
+# by zero. The same limit applies to the fraction of a variance that remains after the tests.
+# Smaller values are replaced by the limit.
 _LEAST_VARIANCE = 1e-12
 
 
@@ -41,8 +42,8 @@ class Discrimination(Result):
     #: root mean square of the slopes (changes of compliance with force) that are assumed to exist,
     #: in prior standard deviations
     size: float
-    #: whether tests that have already been run are included. If true, the slopes are assumed to
-    #: follow their posterior given these tests. If false, they are assumed to follow their prior,
+    #: whether the analysis includes tests that have already been run. If so, the slopes are assumed
+    #: to follow their posterior given these tests. If not, they are assumed to follow their prior,
     #: with standard deviations multiplied by ``size``.
     augmented: bool
     #: minimum absolute value of the log Bayes factor of slopes over no slopes at which evidence is
@@ -56,9 +57,8 @@ class Discrimination(Result):
     decisive_without: float  #: probability of decisive evidence against slopes if there are none
     misleading_with: float  #: probability of decisive evidence against slopes if there are slopes
     misleading_without: float  #: probability of decisive evidence for slopes if there are none
-    #: probability of decisive evidence for slopes, if a single slope exists and the others are
-    #: zero. The keys are the names of the slopes. The existing slope is plus or minus ``size``
-    #: prior standard deviations.
+    #: probability of decisive evidence for slopes if only one slope differs from zero; each key is
+    #: the name of this slope. Its value is plus or minus ``size`` prior standard deviations.
     power: dict[str, float]
 
 

@@ -9,10 +9,10 @@ from). If there are no readings, it is the prior.
 β are the parameters (compliances, their slopes and geometric errors), φ the hyper-parameters (the
 scales of the noise and of other effects). A state is one possible machine: values of φ and β. In
 every state, the scatter differs from circle to circle. The analysis of the tests does not know the
-true scales; it considers several sets of scales near the true scales likely (`believed_scales`).
-The variance that the analysis states is the mean of the variances given these scales, plus the
-variance of the estimates over these scales. Compliances must not be negative. The expected
-uncertainty is the median of the stated uncertainties over all states.
+true scales; its posterior of the scales is represented by several draws (`believed_scales`). The
+variance that the analysis states is the mean of the variances given these draws, plus the variance
+of the estimates over these draws. Compliances must not be negative. The expected uncertainty is the
+median of the stated uncertainties over all states.
 """
 
 from __future__ import annotations
@@ -49,13 +49,12 @@ __all__ = [
 # Number of possible states of the machine (values of parameters and hyper-parameters) that a
 # forecast averages over.
 _STATES = 64
-# Number of sets of scales (of the noise and of other effects) that the analysis of a possible
-# machine's tests considers likely. The variance that the analysis states is an average over these
-# sets.
+# Number of draws from the posterior of the scales (of the noise and of other effects), for each
+# possible machine. The variance that an analysis would state is an average over these draws.
 _BELIEFS = 4
-# Number of posterior means that a forecast draws at random for each possible machine if the
-# analysis knows the scales of noise and effects. Several means are drawn because the posterior mean
-# depends on the readings, which are not known yet.
+# Number of posterior means that are drawn at random for each possible machine if the analysis is
+# assumed to know the scales of noise and effects. Several means are drawn because the posterior
+# mean depends on the readings, which are not known yet.
 _MEANS_PER_STATE = 4
 # Share of the possible machines on which the standard uncertainty of a parameter is at most
 # `Expected.likely_sd`.
@@ -275,13 +274,13 @@ def forecast_tests(
 
 
 def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
-    """Return covariances of the parameters for scales that the analysis may find likely.
+    """Return covariances of the parameters for draws from the posterior of the scales.
 
     The scales of the noise and of other effects are the hyper-parameters. The result has the shape
-    (K, n, p, p), for the K possible machines ``states``, n sets of scales for each machine, and p
-    parameters. ``run`` is the number of tests of ``bound`` that have already been run. The
-    covariances are in units of the prior standard deviations of the parameters. Compliances may be
-    negative.
+    (K, n, p, p), for the K possible machines ``states``, n draws of the scales for each machine
+    (see `believed_scales`), and p parameters. ``run`` is the number of tests of ``bound`` that have
+    already been run. The covariances are in units of the prior standard deviations of the
+    parameters. Compliances may be negative.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
     scales = believed_scales(bound, phi, _BELIEFS, _SEED)
@@ -347,9 +346,9 @@ def expected_uncertainties(
         prior standard deviations. Compliances may be negative, and all circles have the same
         scatter.
     believed
-        Posterior covariances of the p parameters in each state, for several sets of scales that the
-        analysis may consider likely, shape (K, values, p, p), in units of the prior standard
-        deviations. Compliances may be negative.
+        Posterior covariances of the p parameters in each state, for several draws from the
+        posterior of the scales, shape (K, values, p, p), in units of the prior standard deviations.
+        Compliances may be negative.
     floor
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
         standard deviations.
@@ -391,9 +390,10 @@ def stated_variances(
 
     A state is one possible machine. States in which a compliance is negative at a force of the new
     tests are left out, unless no state would remain. For every remaining state, possible results of
-    an analysis (posterior means) are drawn at random. The analysis considers several sets of scales
-    (of the noise and of other effects) likely. The variance that it states is the mean of the
-    posterior variances over these sets, plus the variance of the posterior means over these sets.
+    an analysis (posterior means) are drawn at random. In the analysis, several sets of scales (of
+    the noise and of other effects) represent the posterior of the scales. The variance that the
+    analysis states is the mean of the posterior variances over these sets, plus the variance of the
+    posterior means over these sets.
 
     Parameters
     ----------
@@ -443,7 +443,7 @@ def _is_possible(bound: BoundModel, states: States) -> Array:
 
 
 def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return means and variances of the parameters under the condition T.
+    """Return means and variances of the parameters under the condition T that truncates them.
 
     T is the condition that no compliance is negative.
 
@@ -489,13 +489,13 @@ def _draw_posterior_means(
 
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given the parameters β of a state, the posterior
-    mean is normally distributed with the mean m₁ + W (β − m₁) and the covariance W C. An analysis
-    considers n sets of scales likely. All n sets belong to the same readings, so that the posterior
-    means for these sets are drawn with the same random numbers. ``is_possible``, shape (K,), is
-    true for the states that are used. ``covariance``, shape (possible states, n, p, p), holds C for
-    each of these states. ``scale``, shape (p,), are the prior standard deviations. The result has
-    the shape (repetitions, possible states, n, p). All quantities are in internal units (mm, N,
-    rad).
+    mean is normally distributed with the mean m₁ + W (β − m₁) and the covariance W C. In an
+    analysis, n sets of scales represent the posterior of the scales. All n sets belong to the same
+    readings, so that the posterior means for these sets are drawn with the same random numbers.
+    ``is_possible``, shape (K,), is true for the states that are used. ``covariance``, shape
+    (possible states, n, p, p), holds C for each of these states. ``scale``, shape (p,), are the
+    prior standard deviations. The result has the shape (repetitions, possible states, n, p). All
+    quantities are in internal units (mm, N, rad).
     """
     covariance = covariance / np.outer(scale, scale)
     prior_mean = states.before.mean[is_possible]

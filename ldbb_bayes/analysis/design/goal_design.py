@@ -67,7 +67,7 @@ _CUSTOMARY = 2
 
 @dataclass(frozen=True)
 class StatedGoal(Result):
-    """A goal as the user stated it, and the present knowledge of its parameter.
+    """A goal as the user stated it, and what is known about its parameter at present.
 
     The pilot is the campaign or plan that the design starts from.
     """
@@ -170,11 +170,11 @@ class GoalDesign(Result):
     #: ``unreachable``, are left out. Empty if all goals are already met, or if no campaign reaches
     #: the goals, for example because the machine time is too short.
     plans: tuple[GoalPlan, ...]
-    #: goals that cannot be reached with any number of circles and the present certificates of the
-    #: instrument, each with the reason; the keys are the names of the parameters
+    #: goals that no number of circles can reach with the certificates that the instrument has, each
+    #: with the reason; the keys are the names of the parameters
     obstacles: dict[str, Obstacle]
-    #: goals that very many circles would reach, but that no campaign of up to 40 circles reaches,
-    #: each with the reason; the keys are the names of the parameters. If each goal can be reached,
+    #: goals that very many circles would reach, but no campaign of up to 40 circles reaches, each
+    #: with the reason; the keys are the names of the parameters. If each goal alone can be reached,
     #: but not all goals together, all goals are included.
     near_misses: dict[str, NearMiss]
     #: names of the parameters whose goals cannot be reached, even with the certificates that could
@@ -198,7 +198,7 @@ class GoalDesign(Result):
 
     @property
     def too_long(self) -> bool:
-        """Whether the limit of machine time may be the reason why no campaign reaches the goals."""
+        """Whether too short a machine time may be the reason that no campaign reaches the goals."""
         is_reachable = len(self.unreachable) < len(self.goals)
         is_limited = self.costs.hours is not None
         return not self.plans and is_reachable and is_limited and not self.near_misses
@@ -279,7 +279,7 @@ def design_for_goals(
 
 @dataclass
 class _Steps:
-    """Steps of the search and of the forecasts that are done, out of all steps."""
+    """Counter of the steps of the search and the forecasts that are done."""
 
     #: function that is called with the number of steps done and the number of all steps
     progress: Callable[[int, int], None] | None
@@ -290,7 +290,7 @@ class _Steps:
         self.finish(self.done + 1)
 
     def finish(self, done: int) -> None:
-        """Count the first ``done`` steps as done."""
+        """Set the number of steps done to ``done``."""
         self.done = done
         if self.progress is not None:
             self.progress(done, 2 * _SHOWN + _CUSTOMARY)
@@ -485,7 +485,7 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
 def _customary_plans(
     best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs, steps: _Steps
 ) -> tuple[CustomaryPlan, ...]:
-    """Return campaigns as they are usually run, each beside the best campaign of the same size.
+    """Return campaigns as they are usually run, each with the best campaign of the same size.
 
     Campaigns of the same size have the same number of circles. The campaigns as they are usually
     run have only the certificates that the instrument already has. All their circles have the first

@@ -46,7 +46,8 @@ class Goal(Result):
     name: str  #: name of the parameter, such as C_XXX
     unit: str  #: internal unit of the parameter (composed of mm, N and rad)
     absolute: float | None = None  #: the limit of U in ``unit``; None for a relative goal
-    #: the limit of U as a fraction of the parameter's absolute value; None for an absolute goal
+    #: the limit of U as a fraction of the parameter's absolute value (0.05 for 5 %); None for an
+    #: absolute goal
     share: float | None = None
 
     @property

@@ -64,8 +64,8 @@ _TOLERANCE = 0.2
 # ``_CONTINUED`` best next circles; a circle may be chosen several times.
 _CONTINUED = 12
 _MOST_CIRCLES = 20
-# The uncertainty that would remain after very many circles is computed as if each of the best
-# possible next circles were run this many times.
+# Number of runs of each of the best next circles from which the uncertainty after very many circles
+# is computed.
 _VERY_MANY = 1e6
 # Number of possible next circles that the result lists, the best first.
 _LISTED = 5
@@ -75,7 +75,7 @@ _LEVELS = 9
 
 @dataclass(frozen=True)
 class ModelSoFar(Result):
-    """Decision between constant and linear compliance: now, and after the best next circle."""
+    """Decision between constant and linear compliance: now, and after the next circle."""
 
     #: log Bayes factor of linear over constant compliance [nat], averaged over alternative
     #: explanations of an apparent change of compliance with force
@@ -362,7 +362,7 @@ def _clockings_of(campaign: Campaign) -> list[Clocking]:
 
 
 def _objective(space: Space, known: Known) -> Objective:
-    """Return an objective that holds the information of the circles run and of possible circles.
+    """Return an objective with the information of the circles run and of the possible circles.
 
     All parameters are of interest. ``space`` holds the possible circles, and ``known`` the likely
     values of the hyper-parameters. An objective needs a criterion, but here it is not used.
@@ -412,7 +412,7 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
 def _best_circles(
     space: Space, order: Array, distance_now: float, distances: Array
 ) -> pd.DataFrame:
-    """Return a table of the best next circles, with the share by which each reduces the distance.
+    """Return a table of the best next circles, and how much each reduces the total distance.
 
     The distance is the total distance of the campaign from all aims. ``order`` are the indices of
     the best circles among the possible circles, the best first. ``distance_now`` is the present
@@ -423,7 +423,7 @@ def _best_circles(
 
 
 def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
-    """Return the share, 0 … 1, by which each circle reduces the total distance from all aims.
+    """Return the fraction, 0 … 1, by which each circle reduces the total distance from all aims.
 
     ``distance_now`` is the present total distance. ``distances`` holds, for each circle, the total
     distance expected after it.

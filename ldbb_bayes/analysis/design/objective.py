@@ -23,8 +23,8 @@ __all__ = ["Objective"]
 # Let L be the Cholesky factor of the precision matrix M (inverse covariance) of a design. The
 # design is said not to determine parameter i if L_ii is below this share of √M_ii.
 _SINGULAR_SHARE = 1e-6
-# Largest number of matrix elements that `Objective.after_adding` computes at a time, to limit
-# memory.
+# Largest number of elements of the precision matrices that `Objective.after_adding` computes at a
+# time, to limit memory.
 _CHUNK_SIZE = 1 << 22
 
 
@@ -148,8 +148,9 @@ class Objective(Shown):
             return np.concatenate([self._values(matrix[None]) for matrix in precision])
         values = self.criterion.value(root[:, -self.interest :, -self.interest :])
         if self._has_undetermined_prior:
-            # Because of rounding errors, the factorisation of a singular precision matrix may
-            # succeed. Find singular matrices from the diagonals of their Cholesky factors.
+            # Because of rounding errors, the Cholesky factorisation of a singular matrix may
+            # succeed. Such a matrix is recognised by a very small diagonal element of its Cholesky
+            # factor.
             root_diagonal = np.diagonal(root, axis1=-2, axis2=-1)
             remaining_share = root_diagonal / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
             values = np.where(remaining_share.min(axis=-1) < _SINGULAR_SHARE, -np.inf, values)

@@ -26,7 +26,7 @@ __all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 # A certificate is named only if it is useful enough: after very many circles, the uncertainty with
 # the certificate must be less than this share of the uncertainty without the certificate.
 _WORTH_SHARE = 0.9
-# Number of runs of each possible circle that represents very many runs.
+# Number of runs of each possible circle that is used for "very many" runs.
 _VERY_MANY = 1e6
 _ALL_CERTIFICATES = "all certificates together"
 
@@ -53,9 +53,9 @@ class Obstacle(Result):
 class NearMiss(Result):
     """A goal that very many circles would reach, but that no campaign of up to 40 circles reaches.
 
-    With few circles, the analysis knows the scales of noise and effects less well than with very
-    many circles. A goal that is only just above the uncertainty after very many circles may
-    therefore be out of reach.
+    With few circles, the scales of noise and effects are less well known than with very many
+    circles. A goal may therefore be out of reach for up to 40 circles, although it is just above
+    the uncertainty that remains after very many circles.
     """
 
     circles: int  #: number of circles of the largest campaign
@@ -203,10 +203,10 @@ class _Holder:
 
 
 def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
-    """Return the largest source of variance of every goal's parameter after very many circles.
+    """Return, for every goal, the largest source of variance that remains after very many circles.
 
-    Every possible circle is assumed to be run very many times. The keys of the result are the names
-    of the parameters.
+    The variance is that of the goal's parameter, if every possible circle is run very many times.
+    The keys of the result are the names of the parameters.
     """
     bound = family.bound
     run = len(family.space.pilot.tests) if family.space.augment else 0
@@ -220,9 +220,9 @@ def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
 
 
 def _repeated(information: Information) -> Information:
-    """Return the information that each circle would give if it were run very many times.
+    """Return the linear model of the readings as if each circle were run very many times.
 
-    The scatter between circles then averages out; effects that all circles share remain.
+    The scatter between circles then averages out; effects that are the same in all circles remain.
     """
     # Tests with the same noise refer to the same dictionary of noise covariances. In the result,
     # these tests refer to the same dictionary, too.

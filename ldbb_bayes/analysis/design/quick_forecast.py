@@ -33,14 +33,14 @@ __all__ = ["QuickForecast", "limits_of_goals"]
 # Sharpness s of the smooth maximum (Σ r^s)^(1/s), where r is the ratio u/u* of a goal. With s = 16,
 # the smooth maximum of two equal values is 4 % above these values.
 _SHARPNESS = 16.0
-# Largest number of passes of the search. In each pass, the search tries to exchange every circle of
-# a campaign for a better circle.
+# Largest number of passes of the search. In each pass, the search tries to exchange one circle of
+# every candidate test in the campaign for a circle of a better candidate.
 _MOST_PASSES = 4
 # An exchange of circles must reduce the distance from the goals by more than this number. Rounding
 # errors alone therefore do not cause an exchange.
 _LEAST_GAIN = 1e-9
-# Number of runs of every candidate test for the uncertainties that would remain after very many
-# circles.
+# Number of runs of every candidate test from which the uncertainties after very many circles are
+# computed.
 _VERY_MANY = 1e6
 
 
@@ -112,9 +112,9 @@ class QuickForecast:
         """Return the campaign of ``circles`` circles with the smallest distance from the goals.
 
         The campaign is the result of a search. Circles are added one by one; each time, the circle
-        is added that makes the distance from the goals smallest. Then every circle is exchanged for
-        the best circle in its place. These exchanges are repeated until nothing changes, at most
-        four times.
+        is added that makes the distance from the goals smallest. Then one circle of each candidate
+        test in the campaign is exchanged for a circle of the best candidate, if this reduces the
+        distance. These exchanges are repeated until nothing changes, at most four times.
 
         Parameters
         ----------

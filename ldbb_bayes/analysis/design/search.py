@@ -59,18 +59,18 @@ _STARTS = 6
 # treated as the best if the largest sensitivity exceeds the bound by at most this share of the
 # bound.
 _SHARES_TOLERANCE = 1e-5
-# The search restarts from randomly changed designs ``_MAX_RESTARTS`` times, or less often if the
-# cost of these restarts would exceed ``_RESTART_COST``. The cost is the product of four numbers:
-# the numbers of elements of the precision matrices, of tests, of candidates that are tried as
-# replacements for each test, and of restarts.
+# Largest number of restarts of the search from randomly changed designs. There are fewer restarts
+# if their cost would otherwise exceed ``_RESTART_COST``. The cost is the product of the number of
+# restarts, the number of tests, the number of candidates that are tried as replacements for each
+# test, and the number of elements of the precision matrices.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
 # If at most this many designs are possible, the search does not restart from randomly changed
 # designs.
 _FEW_DESIGNS = 1000
-# Two forces of a design are close if their difference is at most ``_CLOSE_FORCES`` times the range
-# of force. If two candidates have close forces, all tests of one are replaced by tests of the
-# other, provided that the relative loss of efficiency is at most ``_MERGING_LOSS``.
+# Two forces of a design are close if they differ by at most ``_CLOSE_FORCES`` times the range of
+# force. If two candidates have close forces, all tests of one candidate are replaced by tests of
+# the other, unless the relative loss of efficiency exceeds ``_MERGING_LOSS``.
 _CLOSE_FORCES = 0.05
 _MERGING_LOSS = 1e-4
 
@@ -214,7 +214,7 @@ def _likely_candidates(
 
 @dataclass(frozen=True, eq=False)
 class ExactDesign:
-    """A design in whole numbers of tests, and the best design with fractions of tests."""
+    """A design with whole numbers of tests, and the best design with fractional numbers."""
 
     #: whole number of tests of each candidate, shape (candidates,)
     counts: Array
@@ -290,7 +290,7 @@ class Search:
         return ExactDesign(best, value, optimum, efficiency)
 
     def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
-        """Return the designs that the search starts from, as numbers of tests of each candidate.
+        """Return the designs from which the search starts, as numbers of tests of each candidate.
 
         Each design has the shape (candidates,). The first design is rounded from the best fractions
         of tests, ``share``, shape (candidates,). The other designs are random.

@@ -36,18 +36,17 @@ _JOINING_CANDIDATES = 3
 # Number of candidates whose shares are optimized in the first round. These candidates are evenly
 # spread over the list of all candidates.
 _FIRST_CANDIDATES = 32
-# If a candidate has less than this share of the tests, its share is treated as zero.
+# A share of the tests below this number is treated as zero.
 _ZERO_SHARE = 1e-10
-# Before the solver starts, shares are raised to at least this number divided by the number of
-# candidates whose shares are optimized. All shares are then multiplied by one factor, so that their
-# sum is one.
+# Before the solver starts, each share is raised to at least this number divided by the number of
+# candidates whose shares are optimized. All shares are then divided by their sum.
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function if the shares of tests do not determine all parameters.
 _UNDETERMINED_LOSS = 1e6
-# Tolerances of the solver SLSQP for the best shares of tests. In the first round, the tolerance is
-# ``_LOOSE_TOLERANCE``. In later rounds, it is at most ``_TOLERANCE_PER_EXCESS`` times
-# `Optimum.excess`, which measures how far the shares are from the best shares. It is never smaller
-# than ``_TIGHT_TOLERANCE``.
+# Tolerances of the solver SLSQP for the best shares of tests. The first round uses
+# ``_LOOSE_TOLERANCE``. The tolerance of a later round is at most ``_TOLERANCE_PER_EXCESS`` times
+# `Optimum.excess`, which measures how far the shares are from the best shares. No tolerance is
+# smaller than ``_TIGHT_TOLERANCE``.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
@@ -100,8 +99,8 @@ class Optimum(Shown):
     def excess(self) -> float:
         """Largest sensitivity divided by ``bound``, minus one; zero for the best shares of tests.
 
-        If the criterion is concave, the best design with the same number of tests exceeds the
-        criterion of these shares by at most ``bound`` times this excess.
+        If the criterion is concave, its value for the best design with the same number of tests is
+        larger than its value for these shares by at most ``bound`` times ``excess``.
         """
         return float(self.sensitivity.max() / self.bound - 1.0)
 

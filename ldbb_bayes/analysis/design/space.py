@@ -59,7 +59,7 @@ class Space:
     """Candidate tests, criterion and parameters of interest of a design.
 
     The attributes are the arguments of `ldbb_bayes.design` except the number of tests. Repeated
-    values are dropped. The pilot is the campaign or plan that the design starts from. Its foreseen
+    values are removed. The pilot is the campaign or plan that the design starts from. Its foreseen
     tests are tests that may be run later. A candidate whose kind does not occur in the pilot is
     added to the foreseen tests, so that the model includes the effects of this candidate.
     """
@@ -80,7 +80,7 @@ class Space:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Drop repeated values of the attributes, and add foreseen tests to the pilot.
+        """Remove repeated values from the attributes, and add foreseen tests to the pilot.
 
         The pilot is the campaign or plan that the design starts from. Foreseen tests are tests that
         may be run later; the model includes their effects. If no radii are given, the radii of the

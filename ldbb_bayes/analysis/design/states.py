@@ -128,7 +128,7 @@ def extend_hyper_parameters(
 def states_before(
     model: HybridModel, pilot: Campaign, size: int, seed: int, *, augment: bool
 ) -> States:
-    """Return random states of the machine before the tests of a design.
+    """Return random draws of the machine's state before the tests of a design.
 
     A state is a value of the hyper-parameters φ and of the parameters β. States are drawn from the
     posterior given the pilot's readings. If the pilot is a plan, they are drawn from the prior.
