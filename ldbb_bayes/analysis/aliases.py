@@ -25,10 +25,11 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Degeneracy", "degeneracies"]
 
-# Largest number of angles of a test at which the effects of coefficients on the readings are
+# Largest number of angles per test at which the effects of coefficients on the readings are
 # computed. This number suffices, because no effect has more than 12 waves per turn.
 _MOST_ANGLES = 240
-# Angles of readings [rad] that agree to this number of decimals are treated as equal.
+# Two angles of readings [rad] count as equal if they are equal after rounding to this number of
+# decimals.
 _ANGLE_DECIMALS = 9
 # A parameter is named in the description of a degeneracy only if its effect on the readings is
 # greater than this share of the largest effect of any coefficient in the degeneracy.
@@ -37,8 +38,8 @@ _NAMED_SHARE = 0.02
 # a rounding error if it is below this share of the largest effect of any coefficient in the
 # combination.
 _ROUNDING = 1e-9
-# A change of a reading is too small to be seen if it is below the resolution of the readings
-# multiplied by this number.
+# A change of a reading counts as too small to be seen if it is below this fraction of the
+# resolution of the readings.
 _VISIBLE_SHARE = 0.1
 # One micrometre in millimetres.
 _MICROMETRE = 1e-3
@@ -65,11 +66,11 @@ class Degeneracy:
     parameters: tuple[str, ...]
     #: internal units of all parameters in ``combination``; the keys are the names of the parameters
     units: Mapping[str, str]
-    #: whether the model has a term for every nuisance coefficient in ``combination``. If not, the
-    #: intervals of the parameters ignore the effect of a missing term.
+    #: whether the model has a term for every nuisance coefficient in ``combination``. If a term is
+    #: missing, its effect is not included in the credible intervals of the parameters.
     modelled: bool
-    #: whether the standard uncertainty of every nuisance coefficient in ``combination`` is stated
-    #: by a certificate, or by a model term whose values the user has changed
+    #: whether the standard uncertainty of every nuisance coefficient in ``combination`` is stated:
+    #: by a certificate, or by the user, who has set it in the model instead of keeping the default
     stated: bool
     #: root sum of squares of the changes in ``combination``, where each change is divided by the
     #: prior standard deviation of its coefficient

@@ -13,42 +13,44 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["AssumedSize", "DecidingAssumption", "deciding_assumptions"]
 
-# A parameter is said to depend on an assumed effect if the effect causes at least this share of the
-# parameter's variance.
+# A parameter is said to depend on an assumed effect if the effect causes at least this fraction of
+# the parameter's variance.
 _DECIDING_SHARE = 0.05
-# Two sizes are treated as equal if the larger divided by the smaller is below this number.
+# Two prior standard deviations are treated as equal if the larger divided by the smaller is below
+# this number.
 _SAME_SIZE = 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
 class AssumedSize:
-    """Size of an assumed effect: the largest prior standard deviation of its coefficients."""
+    """Largest prior standard deviation of an assumed effect's coefficients in one unit."""
 
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of ``source``
     unit: str  #: internal unit of ``sd``
-    #: whether another coefficient of the effect, in the same unit, has a smaller prior standard
+    #: whether the effect has another coefficient in the same unit with a smaller prior standard
     #: deviation
     differs: bool
 
 
 @dataclass(frozen=True)
 class DecidingAssumption(Result):
-    """An effect whose size is assumed, and the parameter that depends most on the effect."""
+    """An effect with an assumed standard uncertainty, and the parameter that depends on it most."""
 
     term: str  #: class name of the model term that describes the effect
     parameter: str  #: parameter in whose variance the effect has its largest share
     share: float  #: share of the effect in the variance of ``parameter``
-    #: sizes of the effect, one for each unit that its coefficients have
+    #: largest prior standard deviation of the effect's coefficients, one entry for each unit that
+    #: occurs
     sizes: tuple[AssumedSize, ...]
 
 
 def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumption, ...]:
     """Return the assumed effects that cause at least 5 % of the variance of at least one parameter.
 
-    An effect is a model term, such as the deflection of the mount. Its size is the standard
-    uncertainty that the budgets state for its coefficients. The priors of the parameters do not
-    count as effects.
+    An effect is a model term, such as the deflection of the mount. It is assumed if the standard
+    uncertainty of its coefficients is neither measured in this campaign nor stated by a certificate
+    or by the user. The priors of the parameters do not count as effects.
 
     Parameters
     ----------
@@ -79,7 +81,7 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
 
 
 def _sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
-    """Return the size of an effect in each unit: the largest prior standard deviation.
+    """Return the largest prior standard deviation of an effect's coefficients, for each unit.
 
     ``lines`` are the lines of the effect in the uncertainty budgets. A line for one coefficient
     states the prior standard deviation of the coefficient. A line for several coefficients states

@@ -7,10 +7,10 @@ and of other effects). The models differ in two respects: whether compliance cha
 change is called a slope), and which alternative explanations the model includes. Alternative
 explanations are other effects that change the readings like slopes.
 
-The prior probability is the same for every model with every subset of alternative explanations. A
-parameter that a model does not have is zero in the draws of that model. The share of zeros among
-all draws of a parameter is therefore the probability that the parameter is zero (Hoeting, Madigan,
-Raftery and Volinsky 1999).
+Every model is combined with every subset of its alternative explanations, and all these
+combinations have the same prior probability. A parameter that a model does not have is zero in the
+draws of that model. The share of zeros among all draws of a parameter is therefore the probability
+that the parameter is zero (Hoeting, Madigan, Raftery and Volinsky 1999).
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ __all__ = ["average"]
 _CHAINS = 4
 # Smallest number of draws from the averaged posterior that a caller may ask for.
 _FEWEST_DRAWS = 400
-# The error of the evidence is ignored for a model whose posterior probability is below this number.
+# Models whose posterior probability is below this number are ignored when the largest error of the
+# log evidences is determined.
 _NEGLIGIBLE_PROBABILITY = 1e-3
 # Largest error of a log evidence [nat] at which the posterior probabilities of models can be
 # trusted.
@@ -57,7 +58,7 @@ _LARGEST_ERROR = 0.1
 
 
 class _Combination(NamedTuple):
-    """One model of the average: the name that the caller gave it, and its alternative explanations.
+    """A model in the average, described by its name and its alternative explanations.
 
     ``rivals`` are the names of the alternative explanations that the model includes. These are
     effects, such as a nonlinear mount, that change the readings like a compliance that changes with
@@ -341,10 +342,11 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 
 
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
-    """Return the log probability that no compliance is negative, and its numerical error [nat].
+    """Return the log posterior probability that no compliance is negative, and its error [nat].
 
-    The probability is computed from the posterior of the most probable model. For this posterior,
-    compliances may be negative.
+    This is the log of the normalizing constant of a truncated posterior: the probability of the
+    truncation under the posterior that allows negative compliances. The most probable model is
+    used. The error is numerical.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode
@@ -354,9 +356,9 @@ def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
 def _free_coordinates(beta: Array, phi: Array) -> Array:
     """Return the draws of those parameters β and hyper-parameters φ that are not constant.
 
-    A parameter or hyper-parameter is left out if all its draws are equal. ``beta`` holds the draws
-    of β, shape (chains, draws, p), and ``phi`` those of φ, shape (chains, draws, h). The result has
-    the shape (chains, draws, k), where k is at most p + h.
+    A parameter or hyper-parameter is omitted if it has the same value in all draws. ``beta`` holds
+    the draws of β, shape (chains, draws, p), and ``phi`` those of φ, shape (chains, draws, h). The
+    result has the shape (chains, draws, k), where k is at most p + h.
     """
     coordinates = np.concatenate([beta, phi], axis=2)
     return coordinates[:, :, np.ptp(coordinates, axis=(0, 1)) > 0.0]

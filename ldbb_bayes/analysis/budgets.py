@@ -63,8 +63,9 @@ _MOST_AVERAGED = 16
 class Contribution:
     """One line of an uncertainty budget: the contribution of one source to one parameter."""
 
-    #: name of the source: a nuisance coefficient, the small coefficients of one term together
-    #: ("other …"), a kind of reading noise, or ``Parameters`` for the priors of the parameters
+    #: name of the source: a nuisance coefficient, a kind of reading noise, ``Parameters`` for the
+    #: priors of the parameters, or "other …" for all coefficients of one model term whose shares
+    #: are small
     source: str
     term: str  #: model term that the source belongs to, such as ``Mount``
     #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the
@@ -94,9 +95,9 @@ class Budget(Result):
     unit: str
     u: float  #: standard uncertainty of the parameter: its posterior standard deviation
     contributions: tuple[Contribution, ...]
-    #: model term with the largest share of the parameter's variance. If stated and assumed sources
-    #: together have more than half of the variance, only the stated and assumed sources are
-    #: compared.
+    #: model term with the largest share of the parameter's variance. If sources that are not
+    #: measured in this campaign (stated or assumed) cause more than half of the variance, the term
+    #: with the largest share among these sources is taken instead.
     heaviest: str
     #: standard uncertainty that the parameter would have if the term ``heaviest`` were known
     #: exactly; None if the term cannot be known (reading noise, or the priors of the parameters)
@@ -107,10 +108,10 @@ class Budget(Result):
         return sum(line.share for line in self.contributions if line.term == term)
 
     def origin_of(self, term: str) -> Origin:
-        """Return the origin of most of a term's share: measured, stated or assumed.
+        """Return the most important origin of a term's uncertainty: measured, stated or assumed.
 
-        ``term`` is the name of a model term. The share of the term is the part of the parameter's
-        variance that the sources of the term cause.
+        ``term`` is the name of a model term. The result is the origin of those sources of the term
+        that cause the largest part of the parameter's variance.
         """
         shares = dict.fromkeys(Origin, 0.0)
         for line in self.contributions:
@@ -152,7 +153,7 @@ class _ModelBudget:
 
 @dataclass(frozen=True, eq=False)
 class _ParameterVariance:
-    """The variance of one parameter, averaged over models.
+    """The variance of one parameter under one model, or in an average over several models.
 
     ``budgets``, ``rows`` and ``weights`` have one entry for each model that has the parameter: the
     budget of the model, the index of the parameter in the model, and the probability of the model
@@ -213,10 +214,10 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     u_s(y) is the standard uncertainty of y due to s alone. The variance u²(y) is the variance of
     the posterior draws. Unlike the variance of the GUM, it includes the truncation (compliances are
     not negative) and the uncertainty of the hyper-parameters (the scales of the noise and of other
-    effects). The shares are averages over 16 draws of the hyper-parameters. The standard
+    effects). The shares are averages over up to 16 draws of the hyper-parameters. The standard
     uncertainty of every source is measured (determined by the readings of this campaign), stated
-    (by a certificate or the user) or assumed. Sources are divided into these three kinds at the
-    mean of the hyper-parameters.
+    (by a certificate or the user) or assumed. Which of the three applies is determined at the mean
+    of the hyper-parameters.
 
     In an average over models m with probabilities p_m, u² is Σ p_m (var_m + (mean_m − mean)²). The
     weight of the shares under model m is p_m var_m. The spread of the means is a separate source,
@@ -232,8 +233,8 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     dict of str to Budget
         Budget of each parameter by name, in internal units (mm, N, rad). ``contributions`` of a
         budget are its lines, the largest share first. ``heaviest`` is the model term with the
-        largest share. If stated and assumed sources together have more than half of the variance,
-        only the stated and assumed sources are compared.
+        largest share. If sources that are not measured in this campaign (stated or assumed) cause
+        more than half of the variance, the term is chosen from these sources.
 
     Raises
     ------
@@ -303,7 +304,7 @@ def _budget_of_model(model: AveragedModel) -> _ModelBudget:
 def _variance_of_parameter(
     budgets: Sequence[_ModelBudget], i: int, spread: float | None
 ) -> _ParameterVariance:
-    """Return the variance of one parameter under all models that have it.
+    """Return the variance of one parameter, from all models that have this parameter.
 
     ``budgets`` are the budgets under the models of an average. ``i`` is the index of the parameter
     in the list of all parameters of these models. ``spread`` is the variance of the parameter's
@@ -475,9 +476,9 @@ def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _No
 def _heaviest_term(contributions: Sequence[Contribution]) -> str:
     """Return the model term with the largest share of a parameter's variance.
 
-    If sources that are not measured in this campaign (stated or assumed) have more than half of the
-    variance, only these sources are compared, because more circles would not reduce the uncertainty
-    that they cause. ``contributions`` are the lines of the parameter's budget.
+    If sources that are not measured in this campaign (stated or assumed) cause more than half of
+    the variance, only these sources are compared, because more circles would not reduce their
+    uncertainty. ``contributions`` are the lines of the parameter's budget.
     """
     shares: dict[str, float] = {}
     not_measured: dict[str, float] = {}

@@ -75,8 +75,8 @@ class Validation(Result):
     #: error messages for replicates (simulated campaigns) whose posterior could not be sampled;
     #: these replicates have no ranks
     failures: tuple[str, ...]
-    #: indices, counted from 0, of the rows of ``ranks`` whose posterior draws come from the sampler
-    #: emcee, because the weights of independent draws were not reliable
+    #: indices (from 0) of those rows of ``ranks`` for which the posterior was sampled with emcee,
+    #: because the importance weights of independent draws were not reliable
     by_emcee: tuple[int, ...] = ()
 
     @property
@@ -171,8 +171,8 @@ class Validation(Result):
         table = pd.DataFrame(index=list(self.names))
         for prob in _INTERVALS:
             limit = prob * (self.draws + 1)
-            # A true value exactly at an end of the credible interval adds one half to the number of
-            # values inside.
+            # A true value that coincides with an end of the credible interval counts as half
+            # inside.
             inside = 0.5 * (distance < limit - 1e-9) + 0.5 * (distance < limit + 1e-9)
             table[_percent(prob)] = inside.mean(axis=0)
             table[f"u{_percent(prob)}"] = np.sqrt(prob * (1.0 - prob) / self.replicates)

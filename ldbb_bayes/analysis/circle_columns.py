@@ -1,4 +1,4 @@
-"""Columns of the design matrix for the circle of one test, at any force of the bar.
+"""Columns of the design matrix for the circle of one test, at any bar force.
 
 A circle is described by 25 Fourier coefficients of its radial deviation. Each column holds the
 changes of these coefficients per unit of one parameter.

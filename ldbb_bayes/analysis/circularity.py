@@ -6,8 +6,8 @@ are measured from the least-squares circle. F_max_nominal and F_min_nominal are 
 circle that has the same centre and the nominal radius.
 
 Because the path is uncertain, each posterior draw of the path has random waves that increase its
-peak-to-peak value G. This excess is removed: the draws of G are shifted so that their mean equals G
-of the posterior mean path; see `extremes`.
+peak-to-peak value G. To correct this, the draws of G are shifted so that their mean equals G of the
+posterior mean path; see `extremes`.
 
 Radial deviations are small compared with the radius R. If the centre from which they are measured
 is shifted by (a, b), the deviation at the angle θ therefore decreases by a cos θ + b sin θ. The
@@ -98,8 +98,8 @@ def predict_circularity(
     The quantities are defined in ISO 230-4. They are computed without errors of the instrument, for
     the circle of the first test in each plane. The circular deviation G is the largest difference
     of radii along the path. The uncertainty of the path increases G and the absolute values of
-    F_max and F_min, if the readings do not determine the path well. The mean of this increase is
-    removed.
+    F_max and F_min, if the readings do not determine the path well. The mean increase is
+    subtracted.
 
     Parameters
     ----------
@@ -154,7 +154,8 @@ def predict_circularity(
 class PathDraws(NamedTuple):
     """Posterior draws of the quantities of a tool path in one plane at one force."""
 
-    #: plane of the path, its radius [mm] and the force [N]; the keys are names of table columns
+    #: plane of the path, its radius [mm] and the force [N]; the keys are column names of the table
+    #: that `predict_circularity` returns
     place: dict[str, Any]
     #: posterior draws of each quantity of `predict_circularity`, by name, shape (draws,)
     quantities: dict[str, Array]
@@ -245,10 +246,10 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
 
 
 def summarise_draws(values: Array, prob: float) -> dict[str, float]:
-    """Return standard deviation, median and interval ends of posterior draws.
+    """Return standard deviation, median and credible interval of posterior draws.
 
     ``values`` are the draws, shape (draws,); ``prob`` is the probability of the equal-tailed
-    interval. The keys of the result are names of table columns: sd, median, ci_low and ci_high.
+    interval. The keys of the result are sd, median, ci_low and ci_high.
     """
     low, median, high = np.quantile(values, [0.5 - 0.5 * prob, 0.5, 0.5 + 0.5 * prob])
     return {

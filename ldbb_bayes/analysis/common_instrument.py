@@ -26,8 +26,8 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
-# The readings of a campaign are called informative about a nuisance coefficient of the instrument
-# if the coefficient's prior variance exceeds its posterior variance by more than this fraction of
+# Readings are called informative about a nuisance coefficient of the instrument if the prior
+# variance of the coefficient is larger than its posterior variance by more than this fraction of
 # the posterior variance.
 _LEAST_INFORMATION = 0.05
 # Names of two hyper-parameters of the instrument: the scale of the balls' form errors, and the
@@ -98,8 +98,8 @@ def joint_difference(
     common = _common_coefficients(first, second)
     all_names = [*first.names, *(name for name in second.names if name not in common)]
     size = len(all_names)
-    # Each of the two posteriors contains the prior of the common instrument's coefficients, so that
-    # their product contains this prior twice. Remove the prior once.
+    # The product of the two posteriors contains the prior of the common instrument's coefficients
+    # twice. Divide by this prior once.
     common_places = np.array([first.names.index(name) for name in common], dtype=int)
     prior_precision = np.zeros((size, size))
     prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0
@@ -178,7 +178,7 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
 
 
 def _common_coefficients(first: _Campaign, second: _Campaign) -> list[str]:
-    """Return the names of the instrument's nuisance coefficients that two campaigns both have."""
+    """Return the names of the instrument's nuisance coefficients that occur in both campaigns."""
     common = []
     for name, owner in zip(first.names, first.information.owners, strict=True):
         of_instrument = owner in Term.kinds and Term.kinds[owner].instrument

@@ -72,25 +72,25 @@ __all__ = [
 # the compliance or, if ``slopes_of_estimate`` of the prior is false, the prior standard deviation
 # of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# Every model assumes how circles differ from one another. Comparisons are repeated with other
-# assumptions. The readings reject another assumption if its log evidence is at least this number
-# [nat] below the log evidence of the assumption in the model.
+# Every model makes an assumption about how circles differ from one another, for example by a shift
+# of the set-up. Comparisons are repeated with other assumptions. The readings reject one of these
+# if its log evidence is lower than that of the assumption in the model by at least this number
+# [nat].
 _REJECTED = 5.0
-# Limit for rough evidences [nat]. To save time, evidences under another assumption about how
-# circles differ are computed only roughly if the readings clearly reject the assumption. They do so
-# if the log evidences of both models under this assumption are at least this number below a
-# reference. The reference is the larger of the two models' log evidences under the assumption in
-# the models.
+# Difference of log evidences [nat] at which a rough computation is enough. If the readings clearly
+# reject another assumption about how circles differ, its evidences are computed only roughly, to
+# save time. This is the case if the log evidences of both models under that assumption are lower by
+# at least this number than the best log evidence under the models' original assumption.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
 # Settings of the quadrature for the posterior mean and standard deviation of parameters. Its nodes
-# are weighted values of the hyper-parameters. Nodes with the smallest weights are left out;
-# ``_NEGLIGIBLE_WEIGHT`` is the largest share of the sum of all weights that the omitted nodes may
-# have together. ``_MOMENT_POINTS`` is the number of quasi-random points for the condition that no
-# compliance is negative. ``_MOMENT_NODES`` is the largest number of nodes. If there are more nodes,
-# this number of them is picked in proportion to their weights, which causes an error of about 1 %
-# of the posterior standard deviation.
+# are weighted values of the hyper-parameters. Nodes with the smallest weights are left out, as long
+# as their sum is at most the fraction ``_NEGLIGIBLE_WEIGHT`` of the sum of all weights.
+# ``_MOMENT_POINTS`` is the number of quasi-random points for the condition that no compliance is
+# negative. ``_MOMENT_NODES`` is the largest number of nodes. If there are more nodes, this number
+# of them is picked in proportion to their weights, which causes an error of about 1 % of the
+# posterior standard deviation.
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
 _MOMENT_NODES = 512
@@ -269,13 +269,13 @@ class Comparison(Result):
     #: `local_fits` returns; empty if all tests have the same force, or if only evidences were
     #: computed
     local_fits: Records
-    #: largest error allowed for a log evidence [nat]. Under another assumption about how circles
-    #: differ, an error of 0.1 nat is allowed if the log evidences are at least 10 nat below the
-    #: best log evidence under the assumption in the models.
+    #: largest error allowed for a log evidence [nat]. A larger error, 0.1 nat, is allowed for
+    #: another assumption about how circles differ if both its log evidences are at least 10 nat
+    #: below the best log evidence under the assumption in the models.
     tolerance: float
-    #: largest error of any log evidence [nat]. Under another assumption about how circles differ,
-    #: errors are ignored if the log evidences are at least 10 nat below the best log evidence under
-    #: the assumption in the models.
+    #: largest error of any log evidence [nat]. Another assumption about how circles differ is
+    #: ignored if both its log evidences are at least 10 nat below the best log evidence under the
+    #: assumption in the models.
     largest_error: Finite
     #: number of evidences whose error is infinite, because their quadrature weights are not
     #: reliable. The field keeps a name from an older version, because programs read this name in
@@ -316,7 +316,7 @@ class Comparison(Result):
     def within_tolerance(self) -> bool:
         """Return whether the largest error of any log evidence is at most ``tolerance``.
 
-        Log evidences under another assumption about how circles differ are ignored if they are at
+        Another assumption about how circles differ is ignored if both its log evidences are at
         least 10 nat below the best log evidence under the assumption in the models.
         """
         return self.largest_error <= self.tolerance
@@ -415,8 +415,8 @@ class _ComparisonPlan:
     pair: dict[str, HybridModel]
     #: model with the most parameters; it is fitted to the tests at neighbouring forces
     largest: HybridModel
-    #: the largest model, but with compliance at most linear in force; models in which only some
-    #: compliances change with force are derived from this model
+    #: the largest model, with its compliances reduced to constant or linear functions of force;
+    #: models in which only some compliances change with force are derived from this model
     linear: HybridModel
     #: the first two models under each scale of the prior of the slopes (changes of compliance with
     #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
@@ -466,7 +466,7 @@ class _StepCounter:
 
 
 def _report_nothing() -> None:
-    """Do nothing. This function replaces the step counter after the last step."""
+    """Do nothing: stands in for the step counter after the last step has been reported."""
 
 
 @one_blas_thread
@@ -648,8 +648,8 @@ def _plan_comparison(
     by_assumption = sensitivity.changed(
         pair.values(), sensitivity.discrepancy_assumptions(pair.values())
     )
-    # The first entry of ``by_assumption`` holds the two models without a change: with the
-    # assumption about how circles differ that they already make.
+    # The first entry of ``by_assumption`` holds the two models as they are, with the assumption
+    # about how circles differ that they already make.
     unchanged_label = next(iter(by_assumption))
     unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)

@@ -19,8 +19,9 @@ from ldbb_bayes.results import Array, ByName, Result
 
 __all__ = ["ChangeWithForce", "DrawnValue", "change_with_force"]
 
-# Differences of probabilities are rounded to this number of decimals, to remove rounding errors.
-# The number is large enough, because the probabilities are shares of posterior draws.
+# Differences of probabilities are rounded to this number of decimals, to remove rounding errors of
+# the arithmetic. Differences that are truly not zero are much larger, because the probabilities are
+# fractions of the number of posterior draws.
 _DECIMALS_OF_PROBABILITY = 12
 
 

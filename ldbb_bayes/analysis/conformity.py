@@ -47,11 +47,10 @@ __all__ = [
     "stiffness_conformity",
 ]
 
-# If each side of a tolerance limit has at least this number of posterior draws, the probability
-# that the quantity lies beyond the limit is the share of draws beyond the limit. If one side has
-# fewer draws, the probability of this side is the tail of a normal distribution. However, it is set
-# to at least the share of draws on this side, and to at most ``_FEWEST_DRAWS`` divided by the
-# number of all draws.
+# Smallest number of posterior draws on either side of a tolerance limit for which the probability
+# of that side is the share of these draws. With fewer draws on a side, the probability of that side
+# is computed from a normal distribution. It is then limited: it is at least the share of the draws
+# on that side, and at most ``_FEWEST_DRAWS`` divided by the number of all draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
@@ -61,7 +60,7 @@ _LEAST_SD = 1e-300
 
 
 class Decision(StrEnum):
-    """Decision on conformity with a tolerance, as ISO 14253-1 requires, at a given confidence."""
+    """Decision on conformity with a tolerance by the rules of ISO 14253-1."""
 
     CONFORMS = "conforms"
     DOES_NOT_CONFORM = "does not conform"
@@ -83,8 +82,8 @@ class Conformity(Result):
     """
 
     unit: str  #: unit of the quantity and of its limits, mean, sd and guard band
-    #: force at which the quantity is stated [N]; None for geometric errors and slopes, which do not
-    #: depend on the force
+    #: bar force for which the quantity is computed [N]; None for geometric errors and slopes, which
+    #: do not depend on the force
     force_N: float | None
     lower: float | None  #: lower limit of the tolerance; None if it has no lower limit
     upper: float | None  #: upper limit of the tolerance; None if it has no upper limit
@@ -92,11 +91,12 @@ class Conformity(Result):
     sd: float  #: standard uncertainty of the quantity: its posterior standard deviation
     #: probability of conformance: the probability that the quantity lies between its limits
     probability: float
-    #: guard band: minimum distance between a limit and the estimate of a normally distributed
-    #: quantity at which a decision is made. For conformance, the estimate lies inside the limit;
-    #: for non-conformance, it lies outside.
+    #: guard band for a normally distributed quantity with a single limit: the quantity conforms if
+    #: its estimate lies inside the limit by at least this distance, and does not conform if its
+    #: estimate lies outside by at least this distance
     guard_band: float
-    #: minimum probability of conformance, or of non-conformance, at which a decision is made
+    #: probability that conformance or non-conformance must reach before it is stated as the
+    #: decision
     confidence: float
     decision: Decision  #: decision by ISO 14253-1
 
@@ -142,9 +142,9 @@ def assess_conformity(
         ``−20..40 µrad`` or ``≥ 18 N/µm``; a ratio has no unit. The limits of a `Tolerance` are in
         mm, N and rad.
     force_N : float, optional
-        Force at which compliances, stiffnesses and the circular path are stated [N], from a tenth
-        of the smallest force tested to 1.5 times the largest. Default: the model's reference force,
-        at which the compliance C(F) is the parameter C.
+        Bar force for which compliances, stiffnesses and the circular path are computed [N], from a
+        tenth of the smallest force tested to 1.5 times the largest. Default: the model's reference
+        force, at which the compliance C(F) is the parameter C.
     confidence : float
         Minimum probability of conformance, or of non-conformance, at which a decision is made,
         between 0.5 and 1.
@@ -226,14 +226,14 @@ class _StatedDraws(NamedTuple):
     """Posterior draws of a quantity with a tolerance, and the force at which they are computed."""
 
     values: Array  #: posterior draws of the quantity, shape (draws,)
-    #: force at which the quantity is stated [N]; None for geometric errors and slopes
+    #: bar force for which the quantity is computed [N]; None for geometric errors and slopes
     force_N: float | None
 
 
 def _stated_draws(
     posterior: xr.DataTree, bound: BoundModel, names: Collection[str], force: float
 ) -> dict[str, _StatedDraws]:
-    """Return posterior draws of the named quantities at a force, by name.
+    """Return posterior draws of the named quantities at a given bar force, by name.
 
     ``names`` are names of parameters, of stiffnesses such as ``stiffness_X`` or ``k_min``, and of
     quantities of the circular path such as ``G``. ``force`` is the force of the bar [N].
@@ -312,10 +312,10 @@ def _tail_probability(outside: Array, score: float) -> float:
     """Return the probability that a quantity lies beyond a limit.
 
     The probability is the share of posterior draws beyond the limit. ``outside``, shape (draws,),
-    is true for the draws beyond the limit. ``score`` is the distance from the limit to the mean in
-    standard deviations, negative if the mean lies inside the limit. If fewer than ``_FEWEST_DRAWS``
-    draws lie on one side of the limit, the probability of that side is taken from a normal
-    distribution; see `_probability_of_few_draws`.
+    is true for the draws beyond the limit. ``score`` is the distance by which the mean lies beyond
+    the limit, in standard deviations; it is negative if the mean lies inside the limit. If fewer
+    than ``_FEWEST_DRAWS`` draws lie on one side of the limit, the probability of that side is taken
+    from a normal distribution; see `_probability_of_few_draws`.
     """
     n = len(outside)
     count = int(outside.sum())
@@ -408,7 +408,7 @@ def _decide(
 
     ``probability`` is the probability of conformance, and ``confidence`` the minimum probability at
     which a decision is made. ``mean`` and ``sd`` are the posterior mean and standard deviation of
-    the quantity, in ``unit``. ``force`` is the force at which the quantity is stated [N].
+    the quantity, in ``unit``. ``force`` is the bar force for which the quantity is computed [N].
     """
     decision = Decision.NOT_DECIDED
     if probability <= 1.0 - confidence:

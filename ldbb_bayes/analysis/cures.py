@@ -27,7 +27,8 @@ _FULL_CIRCLE_DEG = 355.0
 _FEWEST_ANGLES = 36
 # Angles of the readings [°] in the full circles that are tried as further tests.
 _FULL_CIRCLE_ANGLES_DEG = np.arange(120) * 3.0
-# Angles of readings [°] that agree to this number of decimals are treated as equal.
+# Two angles of readings [°] count as equal if they are equal after rounding to this number of
+# decimals.
 _ANGLE_DECIMALS = 6
 # Angles by which a ball is turned in its socket in further tests [°], to separate the form error of
 # the ball from the machine's errors.
@@ -48,11 +49,12 @@ _FIRST_DIRECTION: Direction = "CW"
 
 
 class Cure(StrEnum):
-    """A way to resolve a degeneracy: one kind of further tests, or a calibration.
+    """A way to resolve a degeneracy: further tests of one kind, or a calibration.
 
-    A degeneracy is a combination of parameters and other effects that cancel in every reading.
-    Further tests are at other forces, with one or both balls turned, at another radius, in the
-    opposite direction of travel, or on full circles.
+    A degeneracy is a combination of parameters and nuisance coefficients whose effects on every
+    reading cancel. The further tests differ from the tests of the plan in one respect: they are run
+    at other forces, with one or both balls turned, at another radius, in the opposite direction of
+    travel, or over the full circle.
     """
 
     FORCES = "forces"
@@ -143,8 +145,8 @@ def _pattern(nuisance: str) -> str:
 def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
     """Return the further tests that may resolve a degeneracy of a plan, by kind.
 
-    ``directed`` holds the circles of the plan, and copies of circles in the opposite direction of
-    travel.
+    ``directed`` holds the circles of the plan with their directions of travel, and the copies of
+    circles in the opposite direction.
     """
     further = {
         Cure.FORCES: _at_other_forces(plan),

@@ -27,8 +27,8 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["compare_posteriors"]
 
-# Number of pairs of posterior draws from which the interval of a difference is computed. A pair has
-# one draw of the first campaign and one draw of the second campaign.
+# Number of pairs of posterior draws from which the credible interval of a difference is computed.
+# Each pair combines a draw of the first campaign with a draw of the second campaign.
 _DRAWS = 20_000
 
 
@@ -39,7 +39,8 @@ class _Differences(NamedTuple):
     #: posterior mean of the difference of each parameter, second campaign minus first, shape (n,)
     difference: Array
     sd: Array  #: standard uncertainty of ``difference``, shape (n,)
-    interval: Array  #: ends of the equal-tailed interval of the difference, shape (2, n)
+    #: lower and upper end of the equal-tailed credible interval of the difference, shape (2, n)
+    interval: Array
     #: probability that a parameter is larger in the second campaign than in the first, shape (n,)
     increase: Array
     #: coefficient of the common instrument about which the campaigns disagree most; None if the

@@ -58,9 +58,9 @@ _STEP_DEG = 5
 # If the lower end of the credible interval of a compliance is at most this share of the median of
 # the compliance, only a lower limit of the stiffness is stated.
 _HARDLY_POSITIVE = 0.2
-# Draws of a compliance below this share of its median are replaced by this share of the median
-# before they are inverted. Without this replacement, the few draws near zero would dominate the
-# standard deviation of the stiffness.
+# Lower limit for draws of a compliance, as a fraction of the median of their absolute values.
+# Smaller draws are replaced by this limit before they are inverted to stiffnesses. Otherwise, the
+# few draws near zero would dominate the standard deviation of the stiffness.
 _SMALLEST_SHARE = 0.1
 # A direction counts as not determined if its credible interval is at least this wide [°], because
 # an interval of this width may contain both axes of the plane.
@@ -84,8 +84,8 @@ class StatedValue(Result):
     ci_low: Number  #: lower end of the equal-tailed credible interval
     ci_high: Number  #: upper end of the equal-tailed credible interval
     within_U: float  #: share of the posterior draws within mean ± U
-    #: whether only the lower end of the interval is determined. This is the case for a stiffness
-    #: whose compliance may be nearly zero.
+    #: whether the readings determine only the lower end of the credible interval; this is the case
+    #: for a stiffness whose compliance may be nearly zero
     only_lower_limit: bool = False
 
     @property
@@ -98,10 +98,10 @@ class StatedValue(Result):
 class AxialDirection(Result):
     """A direction in a plane, as an angle from the plane's first axis, with its uncertainty.
 
-    A direction and its opposite are the same. The mean direction is half the angle of a complex
-    number: the mean of exp(2iθ) over posterior draws of the direction θ. Each end of the interval
-    is given as the equivalent angle nearest to the mean direction. An end can therefore lie below
-    0° or above 180°.
+    A direction and its opposite are equivalent. The mean direction is therefore computed from
+    exp(2iθ): it is half the argument of the mean of this complex number over posterior draws of the
+    direction θ. Each end of the credible interval is the equivalent angle that is nearest to the
+    mean direction. An end can therefore lie below 0° or above 180°.
     """
 
     angle_deg: float  #: mean direction, from 0° to 180°
@@ -113,8 +113,8 @@ class AxialDirection(Result):
     #: absolute value of the mean of exp(2iθ) over posterior draws of the direction θ: 1 if all
     #: draws agree, 0 if every direction is equally likely
     concentration: float
-    #: whether the interval is narrower than 90°; if not, the readings do not determine the
-    #: direction, and the mean must not be used
+    #: whether the credible interval is narrower than 90°. If not, the readings do not determine the
+    #: direction, and the mean direction must not be used.
     is_determined: bool
 
 
@@ -305,7 +305,7 @@ def stiffness(
         difference of the direct compliances. If three planes were tested, the result also has the
         principal stiffnesses in space. If the readings hardly determine the compliance along the
         bar in some directions, noise makes the least stiffness too small and the greatest stiffness
-        too large. The mean of both errors is removed.
+        too large on average. Each of these two mean errors is corrected.
 
     Raises
     ------
@@ -548,10 +548,10 @@ def _principal_stiffness(
 
 
 def _stated_stiffness(compliance: Array, prob: float) -> StatedValue:
-    """Return the stiffness: the inverse of a compliance, whose posterior draws are given [mm/N].
+    """Return the stiffness, computed as the inverse of posterior draws of a compliance [mm/N].
 
-    If the compliance may be nearly zero, the result states that only the lower end of the interval
-    of the stiffness is determined. ``prob`` is the probability of the interval.
+    If the compliance may be nearly zero, only the lower end of the stiffness's credible interval is
+    determined; the result states this. ``prob`` is the probability of the interval.
     """
     return _stated("N/mm", _inverse(compliance), prob, _hardly_positive(compliance, prob))
 
@@ -561,12 +561,12 @@ def _inverse(compliance: Array) -> Array:
 
 
 def _ratio(extremes: CurveExtremes) -> Array:
-    """Return draws of the ratio of the largest compliance to the smallest; no draw is below one."""
+    """Return draws of the largest compliance divided by the smallest; no draw is below one."""
     return np.asarray(np.maximum(extremes.largest / _above_zero(extremes.smallest), 1.0))
 
 
 def _above_zero(compliance: Array) -> Array:
-    """Return draws of a compliance in which values near or below zero are replaced.
+    """Return draws of a compliance, with all values near or below zero replaced.
 
     The smallest value allowed is ``_SMALLEST_SHARE`` times the median of the draws' absolute
     values. Smaller draws are replaced by this positive value. The inverse of the result, a

@@ -1,4 +1,4 @@
-"""Largest and smallest values of a curve that is known with an uncertainty.
+"""Largest and smallest value of an uncertain curve.
 
 Each posterior draw of the curve is the mean curve plus an error, here called noise. Noise raises
 some points of the curve and lowers others, and the largest value is often one of the raised points.
@@ -38,8 +38,10 @@ class CurveExtremes:
 def extremes_of(curves: Array) -> CurveExtremes:
     """Return draws of the largest and the smallest value of a curve, corrected for noise.
 
-    ``curves``, shape (draws, points), are posterior draws of the curve. Noise makes the largest
-    values of the draws larger, and the smallest values smaller. The mean of each change is removed.
+    ``curves``, shape (draws, points), are posterior draws of the curve. On average, noise makes the
+    largest value of a draw too large, and the smallest value too small. All largest values are
+    therefore shifted so that their mean equals the largest value of the mean curve; the smallest
+    values are shifted in the same way.
     """
     mean_curve = curves.mean(axis=0)
     return CurveExtremes(

@@ -6,12 +6,12 @@ and of other effects (the hyper-parameters φ) are known. JCGM 101 propagates di
 In this module, the distribution is the posterior, in which φ is unknown. If the model requires
 compliances that are not negative, the posterior satisfies this condition.
 
-The law of propagation and the distribution each give an interval. The two intervals agree within n
-significant digits of u if the distance between their lower ends, and the distance between their
-upper ends, are both at most the numerical tolerance δ = 10^l / 2. The exponent l is determined by
-u: rounded to n digits, u is a whole number times 10^l (JCGM 101, 7.9.2 and 8.1). Here u is the
-posterior standard deviation. If the two intervals do not agree, JCGM 101 requires the interval of
-the distribution to be stated.
+The law of propagation and the posterior each give a coverage interval. The two intervals agree if
+the distance between their lower endpoints, and the distance between their upper endpoints, are both
+at most the numerical tolerance δ. The tolerance depends on the number n of significant digits of u
+that are regarded as meaningful: u, rounded to n digits, is a whole number times 10^l, and δ = 10^l
+/ 2 (JCGM 101, 7.9.2 and 8.1). Here u is the posterior standard deviation. If the two intervals do
+not agree, JCGM 101 requires the interval of the distribution to be stated.
 """
 
 from __future__ import annotations
@@ -40,20 +40,20 @@ __all__ = [
     "validate_gum",
 ]
 
-# Largest number of significant digits of the standard uncertainty within which the agreement of two
-# intervals is tested.
+# Largest number of significant digits of the standard uncertainty that may be regarded as
+# meaningful.
 _MOST_DIGITS = 2
-# JCGM 101, 8.2, requires the ends of the distribution's interval to be computed with a numerical
-# error of at most this share of the tolerance.
+# Largest numerical error of the endpoints of the posterior's coverage interval, as a fraction of
+# the numerical tolerance δ (JCGM 101, 8.2).
 _SHARE_OF_TOLERANCE = 0.2
-# The numerical error of an end of the distribution's interval is this number times the standard
-# error of the end, as in JCGM 101, 7.9.4.
+# The numerical error of an endpoint of the posterior's coverage interval is this number times the
+# standard error of the endpoint, as in JCGM 101, 7.9.4.
 _STANDARD_ERRORS = 2.0
 
 
 @dataclass(frozen=True)
 class GumComparison(Result):
-    """Intervals of one parameter by the GUM's law of propagation and by JCGM 101.
+    """Coverage intervals of one parameter by the GUM's law of propagation and by JCGM 101.
 
     The interval by JCGM 101 is computed from the posterior distribution of the parameter.
 
@@ -65,44 +65,46 @@ class GumComparison(Result):
     """
 
     unit: str  #: unit of all numbers
-    #: estimate y of the linear model, in which the scales of noise and effects are known
+    #: estimate y by the linear model, with the scales of noise and effects fixed at their posterior
+    #: means
     gum_estimate: float
     gum_u: float  #: standard uncertainty u of ``gum_estimate``
-    gum_low: float  #: lower end y − k u of the interval by the GUM
-    gum_high: float  #: upper end y + k u of the interval by the GUM
+    gum_low: float  #: lower endpoint y − k u of the interval by the GUM
+    gum_high: float  #: upper endpoint y + k u of the interval by the GUM
     mean: float  #: mean of the posterior distribution
     sd: float  #: standard deviation of the posterior distribution
-    low: float  #: lower end of the equal-tailed interval of the posterior distribution
-    high: float  #: upper end of the equal-tailed interval of the posterior distribution
+    low: float  #: lower endpoint of the equal-tailed interval of the posterior distribution
+    high: float  #: upper endpoint of the equal-tailed interval of the posterior distribution
     error: float  #: numerical error of ``low`` and ``high``: twice the larger standard error
-    tolerance: float  #: numerical tolerance δ for the number of digits asked for
-    #: largest number of significant digits of u within which the two intervals agree, 0 to 2
+    tolerance: float  #: numerical tolerance δ, from `GumValidation.digits` and ``sd``
+    #: largest number of significant digits, 0 to 2, for which the two intervals agree within the
+    #: numerical tolerance; ``sd`` is the standard uncertainty that is rounded to these digits
     digits: int
 
     @property
     def d_low(self) -> float:
-        """Distance between the lower ends of the GUM's interval and of the posterior's interval."""
+        """Distance between the lower endpoints of the GUM's and the posterior's interval."""
         return abs(self.gum_low - self.low)
 
     @property
     def d_high(self) -> float:
-        """Distance between the upper ends of the GUM's interval and of the posterior's interval."""
+        """Distance between the upper endpoints of the GUM's and the posterior's interval."""
         return abs(self.gum_high - self.high)
 
     @property
     def validated(self) -> bool:
         """Whether the GUM's interval may be used.
 
-        The interval may be used if both ``d_low`` and ``d_high`` are at most ``tolerance``.
+        It may be used if ``d_low`` and ``d_high`` are both at most ``tolerance``.
         """
         return max(self.d_low, self.d_high) <= self.tolerance
 
     @property
     def decided(self) -> bool:
-        """Whether the numerical error is small enough for ``validated`` to be certain.
+        """Whether the numerical error cannot change ``validated``, or is as small as required.
 
-        The numerical error is small enough if it is at most a fifth of the tolerance, as JCGM 101,
-        8.2, requires. It is also small enough if it is at most the difference between the tolerance
+        The result is true if the numerical error is at most a fifth of the tolerance, as JCGM 101,
+        8.2, requires. It is also true if the error is at most the difference between the tolerance
         and the larger of ``d_low`` and ``d_high``.
         """
         distance = abs(max(self.d_low, self.d_high) - self.tolerance)
@@ -122,7 +124,8 @@ class GumValidation(Result):
     """
 
     prob: float  #: probability of the intervals
-    digits: int  #: number of significant digits of u within which the intervals are to agree
+    #: number of significant digits of the standard uncertainty that are regarded as meaningful
+    digits: int
     #: posterior probability of the model to which the law of propagation is applied; 1 unless the
     #: posterior is an average over models
     probability_of_model: float
@@ -130,12 +133,12 @@ class GumValidation(Result):
 
     @property
     def validated(self) -> tuple[str, ...]:
-        """Names of the parameters whose interval by the GUM may be used."""
+        """Names of the parameters for which the GUM's interval may be used."""
         return tuple(name for name, entry in self.parameters.items() if entry.validated)
 
     @property
     def not_validated(self) -> tuple[str, ...]:
-        """Names of the parameters whose interval by the GUM may not be used."""
+        """Names of the parameters for which the GUM's interval must not be used."""
         return tuple(name for name, entry in self.parameters.items() if not entry.validated)
 
 
@@ -146,9 +149,10 @@ def validate_gum(
     """Compare the GUM's linear propagation with the posterior, as in JCGM 101, section 8.
 
     The law of propagation is applied to the linear model, in which compliances may be negative. The
-    scales of noise and of other effects have their posterior means, as in uncertainty budgets. The
-    interval is y ± k u, with the coverage factor k of a normal distribution. For an average over
-    models, the law is applied to the most probable model, because the law needs a single model.
+    scales of noise and of other effects are fixed at their posterior means, as in uncertainty
+    budgets. The interval is y ± k u, with the coverage factor k of a normal distribution. For an
+    average over models, the law is applied to the most probable model, because the law needs a
+    single model.
 
     Parameters
     ----------
@@ -157,7 +161,8 @@ def validate_gum(
     prob : float
         Probability of the intervals, between 0 and 1.
     digits : {1, 2}
-        Number of significant digits of u within which the intervals are to agree.
+        Number of significant digits of the standard uncertainty that are regarded as meaningful. It
+        sets the numerical tolerance for the agreement of the two intervals.
 
     Returns
     -------
@@ -235,10 +240,12 @@ def numerical_tolerance(u: float, digits: int) -> float:
 
 
 def agreeing_digits(distance: float, u: float) -> int:
-    """Return the number of significant digits of u within which two intervals agree, at most two.
+    """Return the largest number of significant digits, at most two, for which two intervals agree.
 
-    u is a standard uncertainty. ``distance`` is the larger of two distances: between the lower ends
-    of the intervals, and between their upper ends.
+    u is the standard uncertainty that is rounded to these digits. Two intervals agree if
+    ``distance`` is at most the numerical tolerance (`numerical_tolerance`). ``distance`` is the
+    larger of two distances: between the lower endpoints of the intervals, and between their upper
+    endpoints. If the intervals do not agree even for one digit, the result is zero.
     """
     for digits in range(_MOST_DIGITS, 0, -1):
         if distance <= numerical_tolerance(u, digits):

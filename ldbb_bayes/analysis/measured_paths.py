@@ -1,4 +1,4 @@
-"""Circularity of the measured readings, which include errors of the balls, the bar and the mount.
+"""Circularity computed from the readings, including the errors of balls, bar and mount.
 
 All quantities are computed from the readings without a model of the machine. They therefore do not
 describe the path of the machine alone.
@@ -94,10 +94,9 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
 
 
 class _Pair(NamedTuple):
-    """Two tests that differ only in the direction of travel.
+    """A clockwise and a counterclockwise test of the same circle.
 
-    Both tests have the same circle, force and set-up, and their balls are turned by the same
-    angles.
+    Both tests have the same force and set-up, and the same angles of the balls in their sockets.
     """
 
     clockwise: CircularTest

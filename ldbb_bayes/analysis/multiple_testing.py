@@ -1,4 +1,4 @@
-"""Adjustment of p-values for multiple testing, and combination of several p-values to one."""
+"""Adjustment of p-values for multiple testing, and combination of several p-values into one."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["holm", "pooled_p_value", "uniformity_p_value"]
 
-# Limit that keeps the Cauchy quantiles of p-values finite. Before p-values are pooled, p-values
-# below this number are replaced by this number, and p-values above one minus this number are
-# replaced by one minus this number.
+# p-values below this number are replaced by this number before p-values are combined, and p-values
+# above one minus this number are replaced by one minus this number. The Cauchy quantiles then stay
+# finite.
 _LEAST = 1e-12
 
 
@@ -60,7 +60,7 @@ def uniformity_p_value(p_values: Array) -> Array:
 
     The values may depend on one another. The i-th smallest of n independent uniform values has the
     distribution Beta(i, n + 1 − i). From this distribution, a two-sided p-value is computed for
-    each value, and `pooled_p_value` combines the n two-sided p-values to one. The method is the
+    each value, and `pooled_p_value` combines the n two-sided p-values into one. The method is the
     test POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026) with
     one difference: large two-sided p-values are not left out before pooling, because the test would
     otherwise reject too often for small n. The test detects values that are too small. It also

@@ -54,8 +54,8 @@ def local_fits(
 ) -> pd.DataFrame:
     """Fit constant compliance and geometry to every pair of neighbouring force levels.
 
-    A compliance changes with force if the estimates of different pairs differ by more than their
-    uncertainties.
+    If the estimates of a compliance from different pairs differ by more than their uncertainties,
+    the compliance changes with force.
 
     Parameters
     ----------
@@ -97,8 +97,8 @@ def local_fits(
     """
     check_comparable(model, campaign)
     check_probability(prob)
-    # The model term that gives each circle its own scale of scatter is left out, because the
-    # readings of only two circles do not show which circle scatters more.
+    # Leave out the model term that gives each circle a noise level of its own, because the readings
+    # of two circles do not show which circle has more noise.
     constant = model.with_degree(0).without("circle-scale")
     all_tests = constant.bind(campaign)
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])

@@ -23,17 +23,16 @@ EXACT_SHARE = 0.05
 # of any coefficient in the combination. The limits are tried in this order, until the remaining
 # combination changes no reading noticeably.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
-# After coefficients with small effects have been dropped from a combination, the combination may
-# change a reading by at most this share of the smallest visible change.
+# Coefficients with small effects are dropped from a combination only if the remaining combination
+# changes no reading by more than this share of the smallest visible change.
 _SPARSE_LIMIT_SHARE = 0.5
-# Shortest length of a matrix row for which a preferred coefficient is chosen as pivot before other
-# coefficients. The columns of the matrix are an orthonormal basis of the null space, and each row
-# belongs to one coefficient. Pivots are chosen one after the other by the lengths of the rows.
-# Before each choice, the directions of the rows that have already been chosen are projected out of
-# all rows.
+# Pivots are chosen one after the other from the rows of a matrix, whose columns are an orthonormal
+# basis of the null space. Each row belongs to one coefficient. Before each choice, the directions
+# of the rows chosen before are projected out of all rows. A preferred coefficient is chosen first
+# if the remaining length of its row is above this number.
 _LEAST_PIVOT_LENGTH = 0.05
-# When the effect of one coefficient on the readings is fitted by the effects of other coefficients,
-# singular values below this share of the largest count as zero.
+# Relative cut-off for singular values when the effect of one coefficient on the readings is fitted
+# by the effects of others: singular values below this share of the largest count as zero.
 _RANK_TOLERANCE = 1e-12
 # Number of decimals to which the lengths of the rows of the null space's basis are rounded before
 # they are compared. Rounding errors then do not decide which coefficient becomes a pivot.
@@ -118,7 +117,7 @@ class NullSpace:
     def _imitations(
         self, targets: NDArray[np.intp], imitators: NDArray[np.intp]
     ) -> dict[int, Array]:
-        """Return combinations in which other coefficients cancel the effect of a target.
+        """Return combinations in which some coefficients cancel the effect of a target coefficient.
 
         ``targets`` are the indices of the target coefficients, and ``imitators`` are the indices of
         the coefficients that may cancel the effect of a target on the readings. The result has one

@@ -8,9 +8,9 @@ that deviate at least as much as the test in this order. The smallest of 13 p-va
 by chance alone. The smallest p-value of the test is therefore compared with the smallest p-values
 of the replicates.
 
-Holm's method bounds the family-wise error: the probability that any test is flagged although all
-tests agree. A flagged test is removed before the remaining tests are compared again. Otherwise, it
-would make the tests at neighbouring forces seem to deviate.
+Holm's method limits the family-wise error: the probability that at least one test is flagged
+although all tests agree. A flagged test is removed before the remaining tests are compared again.
+Otherwise, the flagged test would make the tests at neighbouring forces seem to deviate.
 """
 
 from __future__ import annotations
@@ -38,13 +38,14 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["FALSE_ALARMS", "JudgedTest", "find_outlying_tests", "judge_circle", "judge_tests"]
 
-# Family-wise error: probability that any test of a campaign is flagged although all tests agree.
+# Family-wise error: probability that at least one test of a campaign is flagged although all tests
+# agree.
 FALSE_ALARMS = 0.02
 # Minimum number of replicates (simulated circles) that each test is compared with.
 _REPLICATES = 20_000
 # In a campaign of n tests, each test is compared with at least n times this number of replicates
-# (simulated circles). More tests need more replicates, because Holm's method then flags only tests
-# with smaller p-values.
+# (simulated circles). More tests need more replicates, because Holm's method requires smaller
+# p-values if there are more tests.
 _REPLICATES_PER_TEST = 400
 # Number of replicates (simulated circles) from each posterior draw when a test is first compared
 # with its replicates.
@@ -52,8 +53,8 @@ _CIRCLES_PER_DRAW = 5
 # A test whose p-value is at most this number is compared again with more replicates (simulated
 # circles).
 _SMALL_P_VALUE = 0.05
-# Factor by which the number of replicates (simulated circles) grows when a test is compared with
-# its replicates a second time.
+# Factor by which the number of replicates (simulated circles) is increased when a test is compared
+# with its replicates a second time.
 _MORE_REPLICATES = 2
 # Number of replicates (simulated circles) from each posterior draw when a test is compared with its
 # replicates a second time. The number is small, because replicates from the same draw are
@@ -219,8 +220,8 @@ def judge_tests(
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
     """Return the quadrature nodes of the first model's posterior.
 
-    Nodes are weighted values of the hyper-parameters. Callers read properties of the campaign from
-    the nodes. These properties are the same in all models.
+    Nodes are weighted values of the hyper-parameters. The function is called to read properties of
+    the campaign from the nodes; these properties are the same for all models.
     """
     return next(iter(nodes_by_model.values()))
 
@@ -236,8 +237,8 @@ def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
 def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
     """Return the judged tests with family-wise p-values by Holm's method.
 
-    A family-wise p-value below ``lowest`` is replaced by ``lowest``, the largest family-wise
-    p-value of the tests flagged before.
+    ``lowest`` is the largest family-wise p-value of the tests that were flagged before. Smaller
+    family-wise p-values are replaced by it.
     """
     p_values = np.array([judged_test.p_value for judged_test in judged.values()])
     family_wise = np.maximum(holm(p_values), lowest)
@@ -344,11 +345,11 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # The p-value is the share of replicates (simulated circles) that have a large deviation in at
-    # least one Fourier order. For each order, ``nearer_counts`` holds the number of replicates that
-    # deviate less than the observed circle; ``most_nearer`` is the largest of these numbers. In
-    # each order, a replicate's deviation is large unless it is among the ``most_nearer`` smallest
-    # deviations of the replicates.
+    # The p-value is the share of replicates (simulated circles) that deviate strongly in at least
+    # one Fourier order. For each order, ``nearer_counts`` is the number of replicates that deviate
+    # less than the observed circle; ``most_nearer`` is the largest of these numbers. A replicate
+    # deviates strongly in an order unless its deviation is among the ``most_nearer`` smallest of
+    # all replicates in this order.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

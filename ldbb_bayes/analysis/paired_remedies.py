@@ -17,10 +17,10 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["PairedRemedy", "paired_remedies"]
 
-# Second remedies (changes of the plan or certificates) are compared by a ratio: the parameter's
-# standard uncertainty with the first and the second remedy, divided by its standard uncertainty
-# without any remedy. If the ratios of two second remedies differ by less than this share of the
-# smaller ratio, the cheaper of the two is chosen.
+# Two second remedies (changes of the plan or certificates) are treated as equally good if their
+# ratios differ by less than this share of the smaller ratio; the cheaper one is then chosen. The
+# ratio is the parameter's standard uncertainty after the first and the second remedy, divided by
+# its standard uncertainty without any remedy.
 _EQUAL_RATIOS = 0.02
 
 

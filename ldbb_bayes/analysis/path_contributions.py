@@ -79,8 +79,8 @@ def decompose_deviation(
         the smallest value, along the circle, of the posterior mean of the contribution. The columns
         peak_to_peak, sd, ci_low and ci_high describe the posterior distribution of the peak-to-peak
         value: its median, its standard deviation and the ends of its credible interval. Because the
-        contribution is uncertain, the peak-to-peak values of the posterior draws are too large; the
-        mean of this excess is removed.
+        contribution is uncertain, the peak-to-peak values of the posterior draws are too large on
+        average; the mean excess is subtracted.
 
     Raises
     ------

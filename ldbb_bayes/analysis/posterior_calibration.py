@@ -183,7 +183,7 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 
 
 def _with_times(campaign: Campaign) -> Campaign:
-    """Return a campaign with times of its tests, so that a repetition can have the same times.
+    """Return a campaign in which each test has a time that a repetition can also have.
 
     If the campaign states no times, and drift is therefore computed from the order of the tests,
     each test gets a time in proportion to its position in the list. A repetition of the tests then
@@ -206,9 +206,9 @@ def _enlarge(campaign: Campaign, truth: ModelDraws, rng: np.random.Generator) ->
     """
     plan = campaign.plan()
     tests = list(campaign.tests)
-    # The readings must be simulated by the model that analyses them. The noise factors λ of the
-    # simulated circles are therefore drawn from the model's prior, and not learnt from the scatter
-    # of the measured circles.
+    # The readings must be simulated by the same model that analyses them. The noise factors λ of
+    # the simulated circles are therefore drawn from the model's prior; the measured circles'
+    # scatter is not used.
     circles = new_circles(truth, plan, rng, learn_spread=False)
     for test, readings_mm in zip(plan.tests, circles, strict=True):
         simulated = test.with_reading_um(readings_mm[0] * 1e3)

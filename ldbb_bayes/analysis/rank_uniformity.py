@@ -1,10 +1,10 @@
-"""Band for the empirical distribution of ranks, to test whether ranks are uniformly distributed.
+"""Band for the empirical distribution of ranks, for a test whether ranks are uniformly distributed.
 
 A rank is the number of posterior draws below the true value in a simulated campaign. The method is
 that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and
-Computing 32:32 (2022). For each k, the band has one interval in which the number of ranks up to k
-should lie. If the ranks are uniform, this number has a binomial distribution. The number lies
-inside the interval with the same probability for every k. This probability is chosen so that the
+Computing 32:32 (2022). For each k, the band has one interval for the number of ranks that are at
+most k. If the ranks are uniform, this number has a binomial distribution, and lies inside the
+interval with nearly the same probability for every k. This probability is chosen so that the
 empirical distribution of uniform ranks stays inside all intervals with the probability of the band.
 The probability of staying inside all intervals is computed exactly.
 """
@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Number of bisections in the search for the probability of the binomial intervals. With this
-# number, the error of the probability is below 1e-12.
+# Number of bisections in the search for the probability of the binomial intervals; the error of
+# this probability is then below 1e-12.
 _BISECTIONS = 40
 
 
@@ -40,9 +40,9 @@ def ecdf(ranks: Array, draws: int) -> Array:
 def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, Array]:
     """Return a band for the empirical distribution of ranks.
 
-    For ranks that are uniform in 0 … draws, the whole empirical distribution `ecdf` stays inside
-    the band with probability ``prob``, or with a slightly larger probability, because the number of
-    ranks below a limit is a whole number.
+    If the ranks are uniform in 0 … draws, the whole empirical distribution `ecdf` stays inside the
+    band with probability ``prob``, or with a slightly larger probability. The probability cannot
+    always be met exactly, because the numbers of ranks are whole numbers.
 
     Parameters
     ----------

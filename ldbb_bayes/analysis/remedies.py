@@ -1,4 +1,4 @@
-"""The cheapest remedy for a large uncertainty of each parameter, and the remaining uncertainty.
+"""The cheapest remedy for each parameter's uncertainty, and the uncertainty that then remains.
 
 A remedy is a change of the plan (another order of the circles, the other direction of travel,
 turned balls, more circles, a second radius) or a certificate of the instrument. Each remedy is
@@ -31,13 +31,13 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 
-# A remedy (a change of the plan or a certificate) is sufficient if the standard uncertainty with
-# the remedy, divided by the standard uncertainty without the remedy, is at most this number. The
-# remedy then removes at least half of the variance.
+# A remedy (a change of the plan or a certificate) is sufficient if it removes at least half of the
+# variance: the standard uncertainty with the remedy, divided by the standard uncertainty without
+# the remedy, is at most this number.
 CURED_RATIO = 0.5**0.5
-# A change of the plan, or a certificate, counts as a remedy for a large uncertainty only if it
-# reduces the standard uncertainty enough. The standard uncertainty with the change or certificate,
-# divided by the present standard uncertainty, must be less than this number.
+# A change of the plan, or a certificate, counts as a remedy for a large uncertainty only if the
+# standard uncertainty after it, divided by the present standard uncertainty, is less than this
+# number.
 NARROWER = 0.9
 # A change of the plan that adds circles under other conditions counts as a remedy for a large
 # uncertainty only if it is better than taking all readings twice: the standard uncertainty with the
@@ -48,7 +48,7 @@ _BETTER_THAN_REPETITION = 0.9
 
 @dataclass(frozen=True)
 class Remedy(Result):
-    """The cheapest remedy for a large uncertainty of a parameter, and the remaining uncertainty."""
+    """The cheapest remedy for a parameter's uncertainty, and the uncertainty that then remains."""
 
     kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
     #: name of the certificate (a key of ``CERTIFICATES``, such as "mount ± 2 %") if the remedy for

@@ -1,9 +1,9 @@
 """Comparison of slopes with alternative explanations of why compliance seems to change with force.
 
-The readings may not grow in proportion to force for several reasons: compliances change with force
-(slopes), the deflection of the joints is nonlinear, or the mount or the force device is nonlinear.
-Every combination of these explanations is a model. All models have the same prior probability, and
-the evidences of the models determine their posterior probabilities.
+Readings that do not grow in proportion to force can have several causes: compliances change with
+force (slopes), the deflection of the joints is nonlinear, or the mount or the force device is
+nonlinear. Every combination of these explanations is a model. All models have the same prior
+probability, and the evidences of the models determine their posterior probabilities.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Explanations:
 
     @property
     def instead(self) -> tuple[str, ...]:
-        """Names of the alternative explanations that make slopes unnecessary; may be empty.
+        """Names of the alternative explanations that make slopes unnecessary, or an empty tuple.
 
         Slopes are changes of compliance with force. Alternative explanations make slopes
         unnecessary under two conditions: the readings support slopes in the models without

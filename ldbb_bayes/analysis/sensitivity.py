@@ -1,4 +1,4 @@
-"""Comparison of two models under several assumptions about how circles differ from one another."""
+"""Comparison of two models under several assumptions about random differences between circles."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ __all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptio
 # Function that takes a model and returns a copy of the model with another assumption, for example
 # about how circles differ from one another.
 Change = Callable[[HybridModel], HybridModel]
-# Label of the assumption that white noise is the only difference between circles, and that
-# compliances may be negative.
+# Label of the comparison in which all nuisance terms of the models are left out, so that the
+# readings scatter by white noise only, and compliances may be negative.
 WHITE_NOISE = "white noise only, no truncation"
 # Label of the case in which the models are unchanged.
 _UNCHANGED = "as in the model"
@@ -71,8 +71,9 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
     """Return assumptions about how circles may differ from one another; the keys are labels.
 
     Each assumption is a function that takes a model and returns a changed copy. The first function
-    leaves the model unchanged, and the last function leaves only white noise. Every other function
-    changes one model term; it is omitted if it changes none of ``models``.
+    leaves the model unchanged. The last function leaves out all nuisance terms, so that only white
+    noise remains, and allows negative compliances. Every other function changes one model term; it
+    is omitted if it changes none of ``models``.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:
@@ -96,7 +97,7 @@ def _leave_unchanged(model: HybridModel) -> HybridModel:
 
 
 def _change_to(alternative: _Alternative) -> Change:
-    """Return the function that changes a model so that it makes another assumption."""
+    """Return a function that takes a model and returns it with the assumption ``alternative``."""
 
     def change(model: HybridModel) -> HybridModel:
         if alternative.term is None:
@@ -113,10 +114,10 @@ def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return, for each assumption, the two models of ``pair`` changed to make this assumption.
+    """Return copies of the two models ``pair`` that make each of several assumptions instead.
 
-    The keys are labels of assumptions. ``changes`` are the assumptions as `discrepancy_assumptions`
-    returns them. An assumption is left out if the two models are equal after the change.
+    The keys are the labels of the assumptions. ``changes`` holds the assumptions, as returned by
+    `discrepancy_assumptions`. An assumption is left out if it makes the two models equal.
     """
     pair = tuple(pair)
     pairs = {}

@@ -29,12 +29,12 @@ __all__ = [
 _UPPER = ("upper",)
 _LOWER = ("lower",)
 _BOTH = ("lower", "upper")
-# Quantities of the machine's circular path that may have a tolerance. Each value states which
-# limit, the upper or the lower, is meant if the tolerance is one number without a sign.
+# Quantities of the machine's circular path that may have a tolerance. The value states whether a
+# tolerance that is a single number without a sign is an upper or a lower limit.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
 # Stiffnesses of a plane that may have a tolerance: the least and the greatest stiffness along the
-# bar, and the ratio of the two. Each value states which limit, the upper or the lower, is meant if
-# the tolerance is one number without a sign.
+# bar, and the ratio of the greatest to the least. The value states whether a tolerance that is a
+# single number without a sign is an upper or a lower limit.
 STIFFNESS_QUANTITIES = {"k_min": _LOWER, "k_max": _LOWER, "k_ratio": _UPPER}
 # Internal units of the stiffnesses in ``STIFFNESS_QUANTITIES``; the ratio has no unit.
 _STIFFNESS_UNITS = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": ""}
@@ -46,8 +46,8 @@ _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(
     _DIRECT_COMPLIANCE.pattern + r"|stiffness_.|(G|k_min|k_max|k_ratio)(_..)?"
 )
-# A tolerance for a compliance may apply to forces from ``_LEAST_FORCE_SHARE`` times the smallest
-# force tested to ``_LARGEST_FORCE_SHARE`` times the largest force tested.
+# A compliance is compared with its tolerance at a force between ``_LEAST_FORCE_SHARE`` times the
+# smallest force tested and ``_LARGEST_FORCE_SHARE`` times the largest force tested.
 _LEAST_FORCE_SHARE = 0.1
 _LARGEST_FORCE_SHARE = 1.5
 # Meaning of the sign before the number of a tolerance: the number is the upper limit (≤), the lower
@@ -94,7 +94,7 @@ class Tolerance(Shown):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Lower and upper limit of the tolerance; a limit that is not given is infinite."""
+        """Lower and upper limit of the tolerance; a missing limit is infinite."""
         return (
             -np.inf if self.lower is None else self.lower,
             np.inf if self.upper is None else self.upper,

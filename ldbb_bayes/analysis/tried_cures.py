@@ -1,11 +1,12 @@
-"""Uncertainties that a campaign would have with remedies for large uncertainties.
+"""Uncertainties of a campaign's parameters after remedies: changed plans or new certificates.
 
-A remedy is a change of the plan (another order of the circles, the other direction of travel,
-turned balls, more circles, a second radius) or a certificate of the instrument. The model is bound
-to the changed plan, or to the campaign with the certificate. The hyper-parameters φ (the scales of
-the noise and of other effects) keep their values (`HyperPrior.carried`). Some effects depend on an
-estimate of the machine's compliances. These effects are computed with the estimate from the
-unchanged campaign or its pilot.
+A remedy reduces a large uncertainty. It is a change of the plan (another order of the circles, the
+other direction of travel, turned balls, more circles, a second radius) or a certificate of the
+instrument. The model is bound to the changed plan, or to the campaign with the certificate. The
+hyper-parameters φ (the scales of the noise and of other effects) keep their values
+(`HyperPrior.carried`). Some effects depend on an estimate of the machine's compliances. These
+effects are computed with the estimate from the unchanged campaign or its pilot (the campaign from
+which it was planned).
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 # A second angle is not needed, because this angle turns the phase of a ball's form error by 90° at
 # order 2, by 135° at order 3 and by 180° at order 4.
 _TURN_DEG = 45.0
-# Number of random orders of the circles. Among these orders, the one is chosen in which the
-# positions of the circles are least correlated with the forces.
+# Number of random orders of the circles that are tried. The order is chosen in which the positions
+# of the circles are least correlated with their forces.
 _ORDERS_TRIED = 200
 
 

@@ -16,11 +16,11 @@ from ldbb_bayes.results import Result
 __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "state_of", "undetermined_parameters"]
 
 
-# The readings hardly determine a parameter if its posterior standard deviation, divided by its
-# prior standard deviation, is above a limit. The limit lies between ``_LEAST_RATIO`` and
-# ``_LARGEST_RATIO``, in the widest gap (on a logarithmic scale) between the ratios of the
-# campaign's parameters. Two parameters with nearly the same ratio are therefore judged in the same
-# way.
+# A parameter counts as hardly determined by the readings if its posterior standard deviation,
+# divided by its prior standard deviation, is above a limit. The limit is placed between
+# ``_LEAST_RATIO`` and ``_LARGEST_RATIO``, in the widest gap (on a logarithmic scale) between the
+# ratios of the campaign's parameters. Parameters with nearly the same ratio are thus judged in the
+# same way.
 _LEAST_RATIO = 0.25
 _LARGEST_RATIO = 0.4
 
@@ -170,7 +170,7 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
 def _reservations(
     fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
 ) -> list[Reason]:
-    """Return the reasons for caution that the fit and the verdicts on the parameters give.
+    """Return the reasons for caution that follow from the fit and from the parameters' verdicts.
 
     A verdict states how far the readings determine a parameter. ``stated`` are the names of the
     parameters on the certificate.
@@ -194,7 +194,7 @@ def _reservations(
 
 
 def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
-    """Return the reasons for caution that a comparison of models gives."""
+    """Return the reasons for caution that follow from a comparison of models."""
     reasons = []
     if not comparison.within_tolerance:
         reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))

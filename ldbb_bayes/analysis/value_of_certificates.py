@@ -84,7 +84,7 @@ class Moments(NamedTuple):
 
 
 def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi: Array) -> Moments:
-    """Return means and standard uncertainties of linear combinations of coefficients.
+    """Return the means and standard uncertainties of linear combinations of coefficients.
 
     The results are averaged over the hyper-parameters φ, the scales of the noise and of other
     effects. As in `uncertainty_with`, the variance of a combination is the sum of two parts: the
@@ -104,8 +104,7 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
     """
     sample = _few_values(weight, phi)
     number = len(bound.names)
-    # The columns are reordered, because the posterior density has the nuisance coefficients first
-    # and the parameters last.
+    # Put the nuisance coefficients first and the parameters last, as in the posterior density.
     rows = np.concatenate([combinations[:, number:], combinations[:, :number]], axis=1)
     density = bound.collapsed.conditional(sample.phi)[1]
     mean = density.mean @ rows.T + combinations[:, :number] @ bound.centre

@@ -107,9 +107,9 @@ class ModelVariance:
         return self._variance(self.information)
 
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Return one covariance for every source, shape (q, q) each.
+        """Return the covariance that each source causes in the q quantities, shape (q, q).
 
-        A covariance describes the errors that the source causes in the q quantities. A source is a
+        A covariance describes the joint errors of the q quantities due to one source. A source is a
         model term, the reading noise or the prior of a parameter. A key consists of the name of the
         term, noise or parameter, and the origin of the source. The covariances are scaled so that
         the sum of their diagonals is ``sd``², the variances of the quantities.
@@ -231,9 +231,10 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Variances of the quantities, as the denominators of shares, shape (q,).
+        """Variances of the quantities by which shares are computed, shape (q,).
 
-        A variance of zero is replaced by one.
+        A share is a part of the variance divided by this number. A variance of zero is replaced by
+        one.
         """
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
@@ -255,11 +256,11 @@ class AveragedVariance:
 
     @cached_property
     def shares_removed(self) -> dict[str, Array]:
-        """Shares of the variances that would vanish if the effect of a model term were known.
+        """Fractions of the variances that would vanish if the effect of a model term were known.
 
-        The keys are the class names of the terms. There is one share for each of the q quantities,
-        shape (q,): the part of the quantity's variance, as a fraction, that would vanish if the
-        effect of the term were known exactly.
+        The keys are the class names of the terms. Each value, shape (q,), holds for each of the q
+        quantities the fraction of its variance that would vanish if the effect of the term were
+        known exactly.
         """
         removed: dict[str, Array] = {}
         for model in self.models:

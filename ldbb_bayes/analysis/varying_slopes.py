@@ -42,13 +42,12 @@ __all__ = [
 # computed; ``_CURVE_POINTS`` is the number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
-# The draws of the parameters are made at several values of the hyper-parameters:
-# ``_DRAWS_PER_NODE`` draws at each value. If this gave fewer than ``_FEWEST_NODES`` different
-# values, fewer draws are made at each value.
+# Number of parameter draws at each value of the hyper-parameters. If there would then be fewer than
+# ``_FEWEST_NODES`` values of the hyper-parameters for a model, fewer draws are made at each value.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
-# A subset of slopes states which compliances change with force. If there are at most
-# ``_ALL_SUBSETS`` subsets, the evidences of all subsets are computed; if there are more, only those
+# A subset of slopes states which compliances change with force. If at most ``_ALL_SUBSETS`` subsets
+# are possible, the evidences of all subsets are computed; if more are possible, only the evidences
 # of ``_SEARCHED_SUBSETS`` subsets.
 _ALL_SUBSETS = 729
 _SEARCHED_SUBSETS = 100
@@ -69,7 +68,7 @@ class SlopeSubset:
 
 @dataclass(frozen=True)
 class VaryingSlope:
-    """Posterior probability, ``inclusion_probability``, that a compliance changes with force."""
+    """Posterior probability, ``inclusion_probability``, that one compliance changes with force."""
 
     inclusion_probability: float
 

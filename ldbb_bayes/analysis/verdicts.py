@@ -93,9 +93,9 @@ __all__ = [
 # A parameter β is prior-limited if its contraction, 1 − Var(β | y) / Var(β) for readings y, is
 # below this limit. The posterior sd of β is then more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
-# An error of a parameter's least-squares estimate counts as a rounding error, and is set to zero,
-# if it is below this share of the parameter's prior standard deviation. For a flat prior, a typical
-# value of the parameter replaces the standard deviation.
+# An error of a parameter's least-squares estimate is treated as a rounding error, and set to zero,
+# if it is below this share of the parameter's prior standard deviation. With a flat prior, a
+# typical size of the parameter is used instead of the prior standard deviation.
 _ROUNDING = 1e-12
 
 
@@ -164,9 +164,9 @@ class ParameterIdentifiability(Result):
     #: uncertainty, with the standard uncertainty after this remedy; None if no remedy reduces the
     #: standard uncertainty by more than 10 %, or if no remedies were looked for
     remedy: Remedy | None
-    #: ``remedy`` together with a second remedy, if the parameter remains confounded after
-    #: ``remedy`` alone. None in three cases: the parameter does not remain confounded, there is no
-    #: ``remedy``, or no second remedy reduces the standard uncertainty by more than a further 10 %
+    #: ``remedy`` together with a second remedy, if the parameter is still confounded after
+    #: ``remedy`` alone. None if ``remedy`` is None, if the parameter is no longer confounded after
+    #: it, or if no second remedy reduces the standard uncertainty by more than a further 10 %.
     paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter, composed of mm, N and rad
     prior_mean: Number  #: prior mean of the parameter; NaN for a flat prior
@@ -218,8 +218,9 @@ class ChangeIdentifiability(Result):
     verdict: Verdict
     #: source with the largest share of the variance of the compliance's change with force
     held_by: VarianceSource
-    #: names of the assumed effects with which the compliance's change with force is confounded, and
-    #: the share of the variance of the change that each effect causes
+    #: share of the variance of the compliance's change with force that each confounding effect
+    #: causes; the keys are the names of these assumed effects. Empty if the change is not
+    #: confounded.
     partner_shares: dict[str, float]
     #: cheapest remedy (a change of the plan or a certificate) for a large uncertainty of the
     #: compliance's change with force; None if no remedy reduces ``sd`` by more than 10 %, or if no
@@ -257,8 +258,8 @@ class Identifiability(Result):
     #: for each of ``degeneracies``, what would resolve the degeneracy: kinds of further tests, or a
     #: calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: class names of those terms of the model's preset that the user has switched off. The credible
-    #: intervals of the parameters do not cover the effects of these terms.
+    #: class names of those terms of the model's preset that the user has left out of the model.
+    #: Their effects are not included in the credible intervals of the parameters.
     not_modelled: tuple[str, ...]
     #: effective number of parameters that the readings determine: the sum of the contractions of
     #: all parameters. The contraction of a parameter is one minus its posterior variance divided by
@@ -315,7 +316,7 @@ def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
 def _relative_to(
     expected: SampledSd, bound: BoundModel, certificates: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return standard uncertainties with further certificates, scaled to a plan's forecast.
+    """Return standard uncertainties with further certificates, scaled to match a plan's forecast.
 
     ``certificates`` holds, for each certificate, the standard uncertainty of every parameter. The
     first entry holds the standard uncertainties without a further certificate. For each parameter,
@@ -335,9 +336,9 @@ def _relative_to(
 class SampledSd(NamedTuple):
     """Prior and posterior standard deviations of all p parameters, shape (p,) each.
 
-    The standard deviations come from random draws or from the linear Gaussian model. The posterior
-    standard deviations of the linear Gaussian model are either averaged over the hyper-parameters
-    or computed at one value of the hyper-parameters.
+    The standard deviations come from random draws or from the linear Gaussian model. In the linear
+    Gaussian model, posterior standard deviations are either averaged over the hyper-parameters or
+    computed at one value of the hyper-parameters.
     """
 
     prior: Array
@@ -552,8 +553,8 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
-    # The model with all parameters has every change of a compliance with force. From this model,
-    # `curve_changes` finds the parameters on which each change depends.
+    # Use the model that has all parameters, and therefore every change of a compliance with force.
+    # `curve_changes` states the parameters on which each change depends.
     phi = np.concatenate([model.phi for model in models]).mean(axis=0)
     all_changes = curve_changes(bound, information_of(bound, phi))
     variances = [_variance_of_model(model, all_changes) for model in models]
@@ -697,7 +698,7 @@ def variance_share_removed(information: Information, names: Sequence[str]) -> Ar
 
 
 def not_modelled(bound: BoundModel) -> tuple[str, ...]:
-    """Return the class names of those terms of a model's preset that the user has switched off.
+    """Return the class names of those terms of a model's preset that the user has left out.
 
     The result is empty for the preset ``paper``, which has no terms.
     """
@@ -719,7 +720,7 @@ def judge(
     contraction: float,
     likeness: Mapping[tuple[str, str], float] | None = None,
 ) -> PartneredVerdict:
-    """Return the verdict on a parameter: identified, prior-limited or confounded; see `Verdict`.
+    """Return the verdict on a parameter by the rules in `Verdict`.
 
     Parameters
     ----------

@@ -37,16 +37,17 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["LeftOutCircle", "PriorRange", "Workflow", "check_workflow"]
 
-# Number of circles drawn from the prior. The ranges (largest minus smallest reading) of these
+# Number of circles simulated from the prior. The ranges (largest minus smallest reading) of these
 # circles are compared with the measured ranges.
 _PRIOR_CIRCLES = 2000
-# Probability, under the prior, that the range (largest minus smallest reading) of a circle lies in
-# the interval with which the measured range is compared.
+# Probability of the prior predictive interval with which the measured range of a circle (largest
+# minus smallest reading) is compared.
 _PRIOR_PROB = 0.95
 # Error allowed in every log evidence [nat].
 _TOLERANCE = 1e-2
-# The circles do not scatter as predicted if `Workflow.uniformity_p_value` is below this number. The
-# null hypothesis is that the p-values of all circles left out are uniformly distributed.
+# The circles are said not to scatter as predicted if `Workflow.uniformity_p_value` is below this
+# number. The null hypothesis is that the p-values of the circles, each predicted from the other
+# circles, are uniformly distributed.
 _UNIFORM = 0.05
 # Number of steps of the EM algorithm that computes the stacking weights: the weights of the mixture
 # of models that predicts circles left out best.
@@ -55,14 +56,14 @@ _STACKING_STEPS = 500
 
 @dataclass(frozen=True)
 class PriorRange:
-    """Measured range of one circle, and the interval of ranges that the prior expects.
+    """Measured range of one circle, and the prior predictive interval of this range.
 
     The range of a circle is its largest minus its smallest reading.
     """
 
     measured_um: float
-    low_um: float  #: lower end of the interval of ranges that the prior expects
-    high_um: float  #: upper end of the interval of ranges that the prior expects
+    low_um: float  #: lower end of the prior predictive interval of the range
+    high_um: float  #: upper end of the prior predictive interval of the range
     #: probability, under the prior, of a range at least as large as the measured range. It is not
     #: adjusted for the number of circles. A small value means that such a large range is improbable
     #: under the prior.
@@ -92,8 +93,8 @@ class Workflow(Result):
     """
 
     campaign: str  #: name of the campaign
-    #: range (largest minus smallest reading) of every circle, measured and expected by the prior;
-    #: the keys are names of tests
+    #: measured range (largest minus smallest reading) of every circle, and its prior predictive
+    #: interval; the keys are names of tests
     prior_ranges: dict[str, PriorRange]
     prior_prob: float  #: probability of the intervals in ``prior_ranges``
     rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
@@ -122,7 +123,7 @@ class Workflow(Result):
 
     @property
     def surprising_circles(self) -> tuple[str, ...]:
-        """Names of the circles with a much larger range of readings than the prior expects.
+        """Names of the circles whose range of readings is much larger than the prior predicts.
 
         The range is the largest minus the smallest reading. For a circle named here, the p-value of
         the range, adjusted for the number of circles (Holm), is below 2 %.
@@ -134,11 +135,11 @@ class Workflow(Result):
 
     @property
     def quiet_circles(self) -> tuple[str, ...]:
-        """Names of the circles whose range of readings is smaller than the prior expects.
+        """Names of the circles whose range of readings is smaller than the prior predicts.
 
         The range is the largest minus the smallest reading. For a circle named here, the range is
-        below the interval of ranges that the prior expects. The prior is then wider than necessary
-        for this machine. This is not a fault, because the prior is made for all machines.
+        below its prior predictive interval. The prior is then wider than necessary for this
+        machine. This is not a fault, because the prior is meant for all machines.
         """
         names = []
         for name, expected in self.prior_ranges.items():
@@ -159,11 +160,10 @@ class Workflow(Result):
     def uniformity_p_value(self) -> float:
         """p-value of the hypothesis that the circles scatter as predicted.
 
-        Each circle has a p-value, for its comparison with the prediction from the other circles. If
-        the hypothesis is true, these p-values are uniformly distributed. The test takes into
-        account that they depend on one another. A small result without outlying circles has one of
-        two causes: many circles deviate a little more than the other circles predict, or many
-        circles deviate a little less.
+        Each circle is compared with its prediction from the other circles, which gives a p-value.
+        If the hypothesis is true, these p-values are uniformly distributed. The test takes into
+        account that they depend on one another. If the result is small although no single circle is
+        outlying, many circles deviate either slightly more or slightly less than predicted.
         """
         p_values = np.array([circle.p_value for circle in self.left_out.values()])
         return float(uniformity_p_value(p_values))
@@ -180,8 +180,8 @@ class Workflow(Result):
     def passed(self) -> bool:
         """Whether the checks find no fault of the computation or of the model.
 
-        The property may be true even if a parameter depends on its prior, because such a dependence
-        is not a fault.
+        The result may be true even if a parameter depends on its prior, because this is not a
+        fault.
         """
         nothing_odd = not self.surprising_circles and not self.outlying_circles
         return nothing_odd and self.converged and self.calibration.calibrated
@@ -288,7 +288,7 @@ def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
 
 
 def _prior_ranges(posterior: xr.DataTree, seed: int) -> dict[str, PriorRange]:
-    """Return the measured range of every circle, and the interval that the prior expects.
+    """Return the measured range of every circle, and its prior predictive interval.
 
     The range is the largest minus the smallest reading of a circle. ``seed`` is the seed of the
     circles that are drawn from the prior. The keys are names of tests.
@@ -314,8 +314,7 @@ def _left_out_circles(
 ) -> dict[str, LeftOutCircle]:
     """Return the comparison of every circle with the prediction from the other circles.
 
-    The keys are names of tests. `judge_tests` describes the posteriors ``nodes_by_model`` and
-    ``left_out_nodes``, and the seed of the simulated circles.
+    The keys are names of tests. The arguments have the same meaning as in `judge_tests`.
     """
     judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
     circles = {}
