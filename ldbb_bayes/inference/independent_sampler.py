@@ -2,8 +2,9 @@
 
 y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
 are the p parameters: compliances, their changes with force, and geometric errors. Truncation T
-restricts β to compliances that are not negative; a value of β is called inside if it has no
-negative compliance. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower bound).
+restricts β to compliances that are not negative. In names, ``inside`` means that a value of β has
+no negative compliance. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower
+bound).
 """
 
 from __future__ import annotations
@@ -21,30 +22,30 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# The rejection sampler proposes draws in blocks of 256. It gives up after this number of blocks for
-# every 256 draws that are asked for (rounded up).
+# The rejection sampler proposes 256 draws at a time. If n draws are requested, the sampler gives up
+# after n / 256 (rounded up) times this number of attempts.
 _MOST_ROUNDS = 50
-# Posterior probability that no compliance is negative, below which too many draws would be lost if
-# draws with negative compliances were rejected. The parameters are then drawn from a density that
-# is shifted towards compliances that are not negative.
+# If the posterior probability that no compliance is negative is below this value, too many draws
+# would be lost by rejecting draws with negative compliances. The parameters are then drawn from a
+# density that is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# Expected number of draws without negative compliances for each value of the hyper-parameters. So
-# many draws of the parameters are made for each value that, on average, this number of draws has no
-# negative compliance.
+# For each value of the hyper-parameters, several draws of the parameters are made. Their number is
+# chosen so that, on average, this number of them has no negative compliance.
 _EXPECTED_INSIDE = 4.0
-# Height of the envelope of rejection sampling. A draw from the proposal is accepted with the
-# probability posterior density / envelope. The envelope is this number times the proposal, after
-# the proposal is scaled to have the same integral as the posterior density.
+# Height of the envelope in rejection sampling, which accepts a draw with the probability posterior
+# density / envelope. The envelope is the density from which draws are proposed, scaled to the
+# integral of the posterior density and multiplied by this number.
 _ENVELOPE = 2.0
-# Smallest number by which the rejection sampler divides. It divides by an estimate of the
-# probability that no compliance is negative; a smaller estimate is replaced by this number.
+# The rejection sampler divides by an estimate of the probability that no compliance is negative. An
+# estimate below this number is replaced by this number.
 _LEAST_SHARE = 1e-9
 
 
 class TooRoughError(Exception):
-    """Error raised if the proposal fits the posterior too badly for rejection sampling.
+    """Error raised if the proposal resembles the posterior too little for rejection sampling.
 
-    A proposal is the density from which points are drawn. Use the joint sampler (emcee) instead.
+    The proposal is the density from which points are drawn. The joint sampler (emcee) must be used
+    instead.
     """
 
 
@@ -69,9 +70,10 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     The draws are made by rejection sampling. φ are the scales of the noise and of other effects; β
     are compliances, their changes with force, and geometric errors. φ is drawn from a proposal,
     which is a density fitted to the posterior of φ. β is drawn from its Gaussian density given φ
-    and the readings. φ has a weight, the posterior density divided by the proposal. φ is accepted
-    with a probability that is the weight divided by twice an estimate of the mean weight. If this
-    ratio exceeds one, φ may be used several times, with different β if enough β were drawn.
+    and the readings. The weight of a draw of φ is the posterior density divided by the proposal.
+    The draw is accepted with the probability r, its weight divided by twice an estimate of the mean
+    weight. If r exceeds one, the draw of φ may be returned several times, with different β if
+    enough β were drawn.
 
     If compliances must not be negative, several β are drawn for each φ, and the weight is
     multiplied by the share of these β without negative compliances. On average, the share is the
@@ -125,10 +127,10 @@ def _propose_tilted(
 
     φ is drawn from ``proposal`` and accepted in proportion to its weight. The weight is the
     posterior density of φ under the condition that no compliance is negative, divided by the
-    proposal. β is drawn given φ from a density shifted towards compliances that are not negative.
-    The result is a tuple of two arrays: the accepted values of φ in unbounded coordinates, shape
-    (accepted, h), and the accepted values of β, shape (accepted, p). h is the number of
-    hyper-parameters, p the number of parameters.
+    proposal. β is drawn given the accepted φ, under the same condition. The result is a tuple of
+    two arrays: the accepted values of φ in unbounded coordinates, shape (accepted, h), and the
+    accepted values of β, shape (accepted, p). h is the number of hyper-parameters, p the number of
+    parameters.
     """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
@@ -145,10 +147,10 @@ def _propose_untruncated(
     φ is drawn from ``proposal``. For each φ, several β are drawn, and negative compliances are
     allowed at first. φ is accepted with a probability proportional to its weight, the posterior
     density divided by the proposal. If compliances must not be negative, the weight is multiplied
-    by the share of these β that have no negative compliance; ``share_inside`` is an estimate of
-    this share. The result is a tuple of two arrays: the accepted values of the h hyper-parameters φ
-    in unbounded coordinates, shape (accepted, h), and for each of them one draw of the p parameters
-    β without negative compliances, shape (accepted, p).
+    by the share of these β that have no negative compliance; ``share_inside`` is an estimate of the
+    mean of this share. The result is a tuple of two arrays: the accepted values of the h
+    hyper-parameters φ in unbounded coordinates, shape (accepted, h), and for each of them one draw
+    of the p parameters β without negative compliances, shape (accepted, p).
     """
     tries = 1
     if posterior.truncated:
@@ -175,8 +177,8 @@ def _accept(log_weight: Array, rng: np.random.Generator) -> Index:
 
     ``log_weight``, shape (n,), holds the logarithms of the weights of the draws. A draw with a
     weight below one is accepted with a probability equal to its weight. A draw with a larger weight
-    may be accepted several times, so that the expected number of times that its index occurs is its
-    weight.
+    may be accepted several times. On average, the number of times that an index occurs equals the
+    weight of the draw.
     """
     weight = np.exp(log_weight)
     rounded_up = rng.random(len(weight)) < weight % 1.0
@@ -190,7 +192,7 @@ def _draw_standard(
     *,
     truncated: bool = True,
 ) -> tuple[Array, Array]:
-    """Return random draws of the parameters in standard coordinates, and how many are usable.
+    """Return random draws of the parameters in standard coordinates, and numbers of usable draws.
 
     In standard coordinates the Gaussian density of the p parameters given the hyper-parameters is
     N(0, I). ``conditional`` holds the Gaussian densities for w values of the hyper-parameters. For

@@ -41,32 +41,32 @@ LARGEST_PARETO_K = 0.6
 # reported error. The standard error is computed from the scatter between independently randomised
 # quasi-random sequences.
 _STANDARD_ERRORS = 2.0
-# Smallest error of an integral from a sample of quasi-random points, as a fraction of the standard
-# error that plain random points would give.
+# The error of an integral from quasi-random points is taken to be at least this fraction of the
+# standard error that ordinary random points would give.
 _OF_PLAIN_ERROR = 0.5
-# Pareto shape k̂ of the weights of a random sample above which the error of an integral from the
-# sample is enlarged.
+# If the Pareto shape k̂ of the weights of a random sample is above this value, the error of an
+# integral from the sample is enlarged.
 _HEAVY_TAIL_K = 0.4
 # If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
 # the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
-# The part of an integral beyond the outermost nodes of a lattice is assumed to be at most this
-# multiple of the part that these nodes contribute.
+# The density beyond the outermost nodes of a lattice is assumed to contribute at most this many
+# times as much to the integral as these nodes.
 _BEYOND_EDGE = 3.0
 # Error of the log integral from a lattice, as a fraction of the difference between the log
 # integrals from the lattice's two grids. The log integral from the lattice is the logarithm of the
 # mean of the integrals from the two grids.
 _MEAN_OF_TWO = 0.25
-# Largest difference d between the log integrals from a lattice's two grids [nat] up to which the
-# error of the log integral is in proportion to d: ``_MEAN_OF_TWO`` times d. For a larger d, the
-# error is d², but at least the error at this limit.
+# Let d be the difference between the log integrals from a lattice's two grids [nat]. Up to this
+# value of d, the error of the log integral is ``_MEAN_OF_TWO`` times d. For a larger d, the error
+# is d², but at least ``_MEAN_OF_TWO`` times this value.
 _LARGEST_LINEAR = 0.02
-# Smallest difference between the log integrals from a lattice's two grids that is used to compute
-# an error, as a fraction of the difference before the spacing of the points was last reduced. A
-# smaller difference may be due to chance and is replaced by this limit.
+# The difference between the log integrals from a lattice's two grids may be small by chance. An
+# error is therefore computed from at least this fraction of the difference before the spacing of
+# the points was last reduced.
 _DECLINE = 0.35
-# Smallest share of an integral that is assumed for each of a lattice's two grids. A smaller share
-# is replaced by this number, so that its logarithm is finite.
+# Each of the two grids of a lattice gives a share of the integral. A share below this number is
+# replaced by it, so that the logarithm of the share is finite.
 _TINY = 1e-300
 
 
@@ -103,16 +103,15 @@ class Integral:
     #: density from which the nodes of a sample were drawn at random; None for the nodes of a
     #: lattice
     proposal: ProposalDensity | None
-    #: upper limit of the share of the integral in nodes of small weight at which the density was
-    #: not evaluated
+    #: upper limit of the share of the integral that belongs to the nodes at which the density was
+    #: not evaluated because of their small weight
     left_out: float = 0.0
     #: difference between the values of ln ∫ f from the two grids of a lattice [nat], before the
     #: spacing of its nodes was last reduced; zero for a sample, and for a lattice whose spacing was
     #: not reduced
     coarser_difference: float = 0.0
-    #: error of ln ∫ f [nat] that arises if the density was evaluated only at some nodes (points),
-    #: and its values at the other nodes were inferred (`density_ratio`); zero if the density was
-    #: evaluated at all nodes
+    #: error of ln ∫ f [nat] because the density at most nodes (points) was inferred from its values
+    #: at some nodes (`density_ratio`); zero if the density was evaluated at all nodes
     ratio_error: float = 0.0
 
     @cached_property
@@ -143,7 +142,7 @@ class Integral:
 
     @property
     def edge_error(self) -> float:
-        """Largest share of the integral that may lie beyond the outermost points of a lattice.
+        """Upper estimate of the share of the integral beyond the outermost points of a lattice.
 
         The estimate is three times the share of the integral that these points (nodes) contribute.
         """
@@ -177,8 +176,8 @@ class Integral:
 
         The error is twice the standard error, which is computed from the scatter between
         independently randomised quasi-random sequences. The error is at least half the standard
-        error that plain random points would give, because a few sequences may agree by chance. The
-        error is enlarged if the Pareto shape k̂ of the weights is above 0.4.
+        error that ordinary random points would give, because a few sequences may agree by chance.
+        The error is enlarged if the Pareto shape k̂ of the weights is above 0.4.
         """
         share = np.bincount(self.estimate, self.weight)
         plain_error = np.sqrt(max(1.0 / self.ess - 1.0 / len(self.weight), 0.0))
@@ -270,9 +269,9 @@ class Integral:
             Function that takes the indices of k nodes, shape (k,), and returns ln g at these nodes,
             shape (k,).
         spare : float
-            Largest share of ∫ f in the nodes at which g is not evaluated. The part of ∫ f g in
-            these nodes is estimated with the largest computed value of g, and is added to the
-            error.
+            Largest share of ∫ f that the nodes at which g is not evaluated may contribute. The
+            contribution of these nodes to ∫ f g is estimated with the largest computed value of g,
+            and is added to the error.
         """
         heavy = self._heavy_nodes(spare)
         values = np.full(len(self.free), -np.inf)

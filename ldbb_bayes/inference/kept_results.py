@@ -1,10 +1,10 @@
-"""Cache for results, computed from a posterior, that several tables, figures and files need.
+"""Cache for results that are computed from a posterior and needed several times.
 
 A report asks for the same results of one posterior many times, such as its summary and its
-compliances C(F) as functions of the force F. The cache holds the results that were computed last,
-so that each result is computed only once. A posterior is identified by its contents. The results of
-a changed posterior are therefore computed anew, and the results of a posterior that was written to
-a file and read again are found in the cache.
+compliances C(F) as functions of the force F. The cache holds the latest results, so that a result
+is not computed again each time. A posterior is identified by its contents. The results of a changed
+posterior are therefore computed anew, and the results of a posterior that was written to a file and
+read again are found in the cache.
 """
 
 from __future__ import annotations

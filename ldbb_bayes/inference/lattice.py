@@ -27,11 +27,11 @@ __all__ = ["grow_lattice"]
 # A coarse lattice is used if the error allowed in the logarithm of an integral [nat] is at least
 # this value; for a smaller error, a fine lattice is used.
 _LOOSE_TOLERANCE = 1e-2
-# Step (spacing of the points) with which a coarse lattice starts, in units of the standard
-# deviation of the Gaussian that is fitted to the density at its highest mode.
+# First step (spacing of the points) of a coarse lattice, in units of the standard deviation of the
+# Gaussian that is fitted to the density at its highest mode.
 _LOOSE_STEP = 2.0
-# Step (spacing of the points) with which a fine lattice starts, as a fraction of the step that
-# would suffice, within the tolerance, for the integral of a Gaussian density.
+# First step (spacing of the points) of a fine lattice, as a fraction of the step with which the
+# integral of a Gaussian density would reach the tolerance.
 _STEP_MARGIN = 0.93
 # Depth to which a coarse lattice extends [nat]: points are added until the log density at the
 # outermost points is lower than the highest log density by this number.
@@ -40,9 +40,9 @@ _LOOSE_DEPTH = 9.0
 # outermost points is lower than the highest log density by this number plus ln(1 / tolerance). The
 # tolerance is the error allowed in the log integral.
 _DEPTH = 5.5
-# If too much of the integral lies beyond the outermost points of a lattice, the lattice is extended
-# and computed again. At its new outermost points, the log density is lower by this number [nat]
-# than at the old ones.
+# If too much of the integral may lie beyond the outermost points of a lattice, the lattice is
+# extended and computed again. The depth to which the lattice extends is increased by this number
+# [nat].
 _DEEPER = 3.0
 # Factor by which the spacing of a lattice's points is multiplied if the lattice does not reach the
 # tolerance. The lattice is then computed again.
@@ -107,7 +107,7 @@ def grow_lattice(
 
 
 def _first_step(h: int, tolerance: float) -> float:
-    """Return the step, or spacing of the points, with which a lattice in h dimensions starts.
+    """Return the first step (spacing of the points) of a lattice in h dimensions.
 
     The step is in units of the standard deviation of the Gaussian fitted to the density at its
     highest mode. The step is 2 if ``tolerance``, the error allowed in the log integral [nat], is
@@ -221,7 +221,7 @@ def _grow_grid(
 
 
 def _first_front(starts: Sequence[Array], offset: float) -> Array:
-    """Return the grid points nearest to given points, from which a grid starts to grow.
+    """Return the first points of a grid: the grid points nearest to given points.
 
     ``starts`` holds the given points in h dimensions. These points, and the n grid points returned,
     shape (n, h), are in multiples of the grid's steps. ``offset`` is the fraction of a step by

@@ -45,8 +45,8 @@ class LeastSquares(Result):
 
     #: table of the parameters with the columns unit, estimate and u, in internal units (mm, N,
     #: rad). u is the standard uncertainty from the scatter of the residuals, taken as white noise.
-    #: All estimates and u are NaN if the readings do not determine all parameters, or if there are
-    #: at most as many readings as parameters.
+    #: If the readings do not determine all parameters, or if the number of readings is not larger
+    #: than the number of parameters, all estimates and all u are NaN.
     table: ByRow
     #: root-mean-square residual over all readings and of each test [µm], and fitness of each test
     #: [%] (Eq. 34-35 of the paper)
@@ -71,9 +71,10 @@ def fit_least_squares(
 ) -> LeastSquares:
     """Return least-squares estimates of compliances and geometric errors, as in the paper (Eq. 31).
 
-    If ``degree`` is 1 or 2, the changes of the compliances with force are estimated too. Errors of
-    the balls, the bar and the mount are not modelled. The estimates therefore contain the effects
-    of these errors, and the standard uncertainties u are too small. `sample` models these errors.
+    If ``degree`` is 1 or 2, the changes of the compliances with force are estimated too. The model
+    does not contain errors of the balls, the bar and the mount. These errors therefore bias the
+    estimates, and the standard uncertainties u are too small. The models of `sample` contain these
+    errors.
 
     Parameters
     ----------

@@ -6,12 +6,12 @@ Gaussian with a mean m and a covariance V. The marginal density of a parameter i
 mixture of Gaussians, one for every draw of φ. From seed to seed, the quantiles of the mixture
 scatter less than the quantiles of the draws of β (Rao-Blackwell theorem).
 
-If truncation is active, β is restricted to A β ≥ 0, where the elements of A β are the compliances
-that must not be negative. The density of a parameter β_j is then no longer Gaussian. It is known,
-however, if all combinations of parameters that are independent of β_j are fixed at the values that
-they have in the draw of β. β can then move only along the column V_j of V, and β_j has the density
-N(m_j, V_jj) between the two values beyond which an element of A β would be negative. These
-truncated Gaussians are the components of the mixture.
+If truncation is active, β is restricted to A β ≥ 0; the elements of A β are the compliances that
+must not be negative. The density of a parameter β_j given φ is then no longer Gaussian. It is
+therefore also made conditional on all combinations of parameters that are independent of β_j, with
+their values in the draw of β. Under these conditions, β can change only in the direction of column
+V_j of V, and β_j has the density N(m_j, V_jj), truncated at the two values beyond which an element
+of A β would be negative. These truncated Gaussians are the components of the mixture.
 """
 
 from __future__ import annotations
@@ -35,17 +35,16 @@ _COMPONENTS = 8192
 # Number of bisections in the search for a quantile. With this number, the error of the quantile is
 # below 1e-12 of the range of the draws.
 _BISECTIONS = 42
-# Number of batches of successive draws that are used to compute the standard error of a quantile
-# from the scatter between the batches. Successive draws may be correlated; batches allow for this.
-# Each draw gives one component of the mixture.
+# Number of batches of successive draws. The standard error of a quantile is computed from the
+# scatter of the quantile between the batches, because successive draws may be correlated.
 _BATCHES = 16
 
 
 class MarginalMixtures(NamedTuple):
     """Marginal densities of p parameters, each a mixture of n truncated Gaussians of equal weight.
 
-    The bounds of a Gaussian are infinite if the parameter is not restricted. A Gaussian with the
-    standard deviation zero stands for the drawn value ``beta`` itself.
+    A Gaussian that is not truncated has infinite bounds. A Gaussian with the standard deviation
+    zero stands for a single value, the draw ``beta``.
     """
 
     beta: Array  #: n draws of the p parameters, shape (n, p)
@@ -55,13 +54,14 @@ class MarginalMixtures(NamedTuple):
     high: Array  #: upper bounds of the parameters, shape (n, p)
 
     def cdf(self, x: Array) -> Array:
-        """Return the probabilities that p parameters are at most ``x``; both have shape (p,)."""
+        """Return the probabilities that p parameters are at most ``x``, all of shape (p,)."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low = (self.low - self.mean) / self.sd
             high = (self.high - self.mean) / self.sd
             z = np.clip((x - self.mean) / self.sd, low, high)
-            # If the interval lies in the upper tail of the density, mirror the density: cumulative
-            # probabilities in the upper tail differ so little from one that digits would be lost.
+            # If the interval lies in the upper tail of the Gaussian, use its mirror image.
+            # Cumulative probabilities in the upper tail differ so little from one that their
+            # difference would be inaccurate.
             sign = np.where(low > 0.0, -1.0, 1.0)
             at_low = ndtr(sign * low)
             total = ndtr(sign * high) - at_low
@@ -103,8 +103,8 @@ class MarginalMixtures(NamedTuple):
 def marginal_mixtures(posterior: xr.DataTree) -> MarginalMixtures:
     """Return the marginal densities of all parameters, as mixtures of at most 8192 components.
 
-    Each component comes from one posterior draw. If the posterior is an average over models, each
-    model gives a number of components in proportion to its number of draws. A parameter that a
+    Each component comes from one posterior draw. If the posterior is an average over models, the
+    number of components from each model is proportional to its number of draws. A parameter that a
     model lacks is zero in the components of this model.
     """
     models = averaged_models(posterior)
@@ -154,9 +154,9 @@ def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> Ma
     high = np.full(sd.shape, np.inf)
     truncation = model.bound.truncation
     if truncation.active:
-        # ``rate``, shape (w, rows, p), holds the change of each restricted compliance (an element
-        # of A β) per unit of a parameter, if all parameters change together in proportion to this
-        # parameter's column of the covariance.
+        # ``rate``, shape (w, rows, p), holds the change of each element of A β (a compliance that
+        # must not be negative) per unit of a parameter. All parameters change together, in
+        # proportion to the column of this parameter in the covariance matrix.
         compliances = of_model @ truncation.rows.T
         covariance = conditional.spread(truncation.rows) @ np.swapaxes(spread, 1, 2)
         rate = covariance / sd[:, None] ** 2

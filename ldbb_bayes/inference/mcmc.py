@@ -2,8 +2,8 @@
 
 A walker is a point that moves at random through the d coordinates; the points that it visits are
 the draws. The sampler is emcee. Steps are run in blocks. After each block, the effective sample
-size (ESS) and R-hat of the draws are assessed. Besides walking, a walker may be moved to a new
-point that is drawn independently of its present point; this is called a redraw.
+size (ESS) and R-hat of the draws are assessed. A walker may also jump to a point that is drawn
+independently of its present point; such a jump is called a redraw.
 """
 
 from __future__ import annotations
@@ -32,19 +32,18 @@ __all__ = [
     "run_ensembles",
 ]
 
-# Number of successive blocks of the sampler's steps that have the same length. Thereafter the
-# length of a block doubles.
+# The sampler runs its steps in blocks. After this number of blocks of equal length, the length is
+# doubled.
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# Number of doublings of the block length at which a block also stores twice as many draws. The
-# sampler runs its steps in blocks, whose length doubles several times. At every later doubling, a
-# block stores as many draws as before, and the number of steps from one stored draw to the next
-# doubles instead.
+# The sampler runs its steps in blocks, whose length is doubled several times. At the first
+# doublings, up to this number, the number of draws that a block stores is doubled too. At later
+# doublings, the number of steps from one stored draw to the next is doubled instead.
 _DOUBLINGS_STORED = 2
-# In a move by differential evolution, the step of a walker is a factor times the difference between
-# the points of two other walkers. In this share of the moves by differential evolution, the factor
-# is one, so that walkers can jump between modes.
+# A move by differential evolution changes the point of a walker by a factor times the difference
+# between the points of two other walkers. In this share of such moves, the factor is one, so that
+# walkers can jump between modes.
 _JUMP_SHARE = 0.1
 # Share of the walkers' moves that propose independent points, if there is a source of such points.
 # The points are drawn from a density similar to the posterior.
@@ -52,13 +51,13 @@ _REDRAW_SHARE = 0.9
 # Largest number of draws kept from each ensemble of walkers, unless the required effective sample
 # size needs more.
 _MOST_DRAWS = 25_000
-# Number of independent points that are drawn at once. The points are stored until they are proposed
-# to the walkers; new points are drawn when too few points are left.
+# Number of independent points that are drawn at once and stored until they are proposed to the
+# walkers. When too few points are left, this number of points is drawn again.
 _STOCK = 512
 
 
 class BlockPlan(NamedTuple):
-    """Length of a block of steps of the sampler, and which of the steps are stored as draws."""
+    """How many draws a block of the sampler's steps stores, and how many steps lie between them."""
 
     draws: int  #: number of draws that the block of steps stores for each walker
     thin: int  #: number of steps of the sampler from one stored draw to the next
@@ -94,12 +93,12 @@ class StoppingRule(Shown):
     block: int = 20
     #: share of the stored draws that is discarded as burn-in, from the start of the run
     discard: float = 0.25
-    #: number of autocorrelation times that the draws after burn-in must span; without this
-    #: condition, an ensemble that has hardly moved could pass as converged
+    #: number of autocorrelation times that the draws after burn-in must span. Without this
+    #: condition, R-hat and ESS alone could be met by an ensemble that has hardly moved.
     lengths: float = 6.0
 
     def next_block(self, steps: int) -> BlockPlan:
-        """Return the plan of the next block of steps of the sampler.
+        """Return how many draws the next block stores, and how many steps lie between them.
 
         ``steps`` is the number of steps that the walkers have made before this block. Later blocks
         are longer.
@@ -130,12 +129,12 @@ class Assessment:
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
-        """Return the smallest ratio of an effective sample size to the value required.
+        """Return the smallest effective sample size, as a fraction of the value that it must reach.
 
-        The draws suffice for ``rule`` if the ratio is one or more. The effective sample sizes for
-        mean and tails must reach ``ess`` of the rule. For walkers, the effective sample size for
-        the mean must also reach ``lengths`` times the number of walkers, because the draws must
-        span ``lengths`` autocorrelation times. ``walkers`` is the number of walkers of all
+        Effective sample sizes suffice for ``rule`` if this fraction is at least one. Those for the
+        mean and for the tails must reach ``ess`` of the rule. For walkers, the effective sample
+        size for the mean must also reach ``lengths`` times the number of walkers, because the draws
+        must span ``lengths`` autocorrelation times. ``walkers`` is the number of walkers of all
         ensembles together, or 0 for independent draws.
         """
         shares = [self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess]
@@ -160,8 +159,8 @@ class Progress:
 class EnsembleRun:
     """Random draws of a run of the sampler, and how well the run converged."""
 
-    #: random draws of d coordinates, shape (ensembles, draws, d), in which the draws of one walker
-    #: follow each other
+    #: random draws of d coordinates, shape (ensembles, draws, d); all draws of a walker are next to
+    #: each other
     chain: Array
     assessment: Assessment
     converged: bool  #: whether the draws meet the stopping rule (effective sample size and R-hat)
@@ -169,7 +168,7 @@ class EnsembleRun:
     #: draws of each chain
     steps: int
     walkers: int  #: number of walkers of each ensemble; 1 if the draws are independent
-    acceptance: float  #: share of the proposed moves, or of proposed draws, that were accepted
+    acceptance: float  #: share of the proposed moves (or independent draws) that were accepted
 
 
 class WeightedPoints(NamedTuple):
@@ -180,7 +179,8 @@ class WeightedPoints(NamedTuple):
     """
 
     points: Array  #: coordinates of the random points, shape (size, d)
-    #: ln(target density / proposal density) at each point, up to a constant, shape (size,)
+    #: log importance weight of each point, ln(target density / proposal density), up to a constant,
+    #: shape (size,)
     log_weight: Array
     log_target: Array  #: logarithm of the target density at each point, shape (size,)
 
@@ -238,9 +238,9 @@ def run_ensembles(
     starts : array, shape (ensembles, walkers, d)
         Starting points of the walkers.
     rule : StoppingRule
-        Rule that decides when to stop. Most assessments consider only the coordinate that had the
-        smallest effective sample size in an earlier assessment; all coordinates are considered
-        before the run ends.
+        Rule that decides when to stop. To save time, most assessments consider only one coordinate:
+        the one with the smallest effective sample size in an earlier assessment. Before the run
+        ends, all coordinates are considered.
     seed : SeedSequence
         Seed of the random numbers.
     progress : callable, optional
@@ -369,11 +369,11 @@ class _StoredBlock(NamedTuple):
 def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
     """Return the draws of a run after burn-in, evenly thinned, shape (ensembles, draws, d).
 
-    ``blocks`` holds the stored draws of d coordinates, in order of time. In later blocks, a smaller
-    share of the steps is stored. The share ``discard`` of ``rule`` is discarded from the start of
-    the run as burn-in. In the result, the draws of one walker follow each other. The number of
-    steps from one draw to the next is the same as in the last block, or larger if there are very
-    many draws.
+    ``blocks`` holds the stored draws of d coordinates, in order of time. In later blocks, more
+    steps lie between successive stored draws. The first draws of the run, a fraction ``discard`` of
+    ``rule``, are left out as burn-in. In the result, all draws of a walker are next to each other.
+    The number of steps between successive draws is that of the last block, or larger if there are
+    very many draws.
     """
     steps_between_draws = blocks[-1].thin
     evenly_spaced = []
@@ -429,9 +429,9 @@ class RedrawMove:
     def _log_weight_of(self, coordinates: Array) -> Array:
         """Return the log importance weights of all walkers, shape (walkers,).
 
-        ``coordinates``, shape (walkers, d), holds the d coordinates of each walker. The weights are
-        known from the last `RedrawMove`. Weights are computed anew only for walkers that a move of
-        another kind has displaced since then.
+        ``coordinates``, shape (walkers, d), holds the d coordinates of each walker. The weights
+        after the last `RedrawMove` are stored. They are computed anew only for walkers that a move
+        of another kind has displaced since.
         """
         displaced = np.ones(len(coordinates), dtype=bool)
         if self._last_coordinates.size:
@@ -442,10 +442,10 @@ class RedrawMove:
         return log_weight
 
     def _next_independent_points(self, size: int, random: np.random.RandomState) -> WeightedPoints:
-        """Remove ``size`` weighted points from the stock of independent points, and return them.
+        """Take ``size`` weighted points out of the stored independent points, and return them.
 
-        If the stock has too few points, more points are drawn first. ``random`` generates the
-        random numbers.
+        If too few points are stored, more points are drawn first. ``random`` generates the random
+        numbers.
         """
         stock = self._stock
         while stock is None or len(stock.points) < size:

@@ -26,38 +26,37 @@ Random = np.random.Generator | np.random.RandomState
 # Degrees of freedom that are tried when a Student-t distribution is fitted to points. The values
 # that give the heaviest tails come first.
 _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
-# Largest number of dimensions that counts as few. In few dimensions, Student-t distributions with
-# light tails (many degrees of freedom) are not fitted: they gain little, and too few points would
-# be drawn far from the centre of the density to integrate.
+# Up to this number of dimensions, Student-t distributions with light tails (many degrees of
+# freedom) are not fitted. They would improve the fit little, and too few points would be drawn in
+# the tails of the integrated density.
 _FEW_DIMENSIONS = 5
-# Number of the values in ``_FREEDOMS`` (degrees of freedom of a Student-t distribution) that are
-# tried in few dimensions. These are the first values, which give the heaviest tails.
+# In few dimensions (see ``_FEW_DIMENSIONS``), only this number of the first values in ``_FREEDOMS``
+# is tried. They give the heaviest tails.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
-# Values of the coordinate z (see `SplitT`) that are tried as the point at which the two sides of a
-# split Student-t distribution meet.
+# The two sides of a split Student-t distribution meet at a value of the coordinate z (see
+# `SplitT`). These values are tried when the distribution is fitted.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
-# Numbers of steps in the fit of a split Student-t distribution. Its scales and its degrees of
-# freedom are fitted in turn, ``_ALTERNATIONS`` times; each time, the scales are fitted by
-# ``_EM_STEPS`` expectation-maximisation steps.
+# When a split Student-t distribution is fitted, its scales and its degrees of freedom are fitted in
+# turn, ``_ALTERNATIONS`` times. Each time, the scales are fitted by ``_EM_STEPS``
+# expectation-maximisation steps.
 _ALTERNATIONS = 2
 _EM_STEPS = 3
 # Smallest and largest scale (width) of a split Student-t distribution that is fitted, in units of
 # the coordinate z of `SplitT`.
 _SMALLEST_SCALE = 0.05
 _LARGEST_SCALE = 20.0
-# Factor by which a proposal (the density from which points are drawn) is made wider than its fit to
-# the points: for importance sampling, a proposal that is too narrow is worse than a proposal that
-# is too wide.
+# After it is fitted to points, a proposal (the density from which points are drawn) is widened by
+# this factor. For importance sampling, a proposal that is too narrow is worse than one that is too
+# wide.
 _WIDER = 1.05
 # Largest number of weighted points to which the tails of a proposal (the density from which points
 # are drawn) are fitted. If there are more points, this number of points is picked in proportion to
 # the weights.
 _FITTED_POINTS = 1024
-# Smallest share of a component in a mixture. If the weights of the points that belong to a
-# component sum to less than this share, the component is not fitted to the points again, and gets
-# this share.
+# Smallest share of a component in a mixture. A component whose points have a total weight below
+# this value is not fitted to the points again, and its share is set to this value.
 _SMALLEST_SHARE = 0.02
 
 
@@ -65,8 +64,8 @@ _SMALLEST_SHARE = 0.02
 class SplitT:
     """Distribution of ``x = centre + root @ z``, where each of h elements of z follows a split t.
 
-    The elements of z are independent if ``dependence`` is None. Otherwise mean and width of an
-    element depend on some of the elements before it (`coordinate_dependence`). A split t is a
+    The elements of z are independent if ``dependence`` is None. Otherwise the mean and the width of
+    an element depend on elements with a smaller index (`coordinate_dependence`). A split t is a
     Student-t distribution with different scales and degrees of freedom on its two sides. Its
     density is continuous, as the two sides have the same height at z = 0. The columns of the matrix
     ``root`` are the directions of the elements of z in the space of x.
@@ -83,8 +82,8 @@ class SplitT:
     #: degrees of freedom of the distribution along each of h directions, shape (2, h); the first
     #: row is for z < 0, the second row for z > 0
     freedom: Array
-    #: how mean and width of an element of z depend on some of the elements before it; None if the
-    #: elements are independent
+    #: how the mean and the width of an element of z depend on elements with a smaller index; None
+    #: if the elements are independent
     dependence: Dependence | None = None
 
     def log_density(self, points: Array) -> Array:
@@ -129,7 +128,7 @@ class SplitT:
 
 
 def _side_masses(scale: Array, freedom: Array) -> Array:
-    """Return the integral of each side of a split Student-t density that is 1 at its centre.
+    """Return the integrals of both sides of an unnormalised split Student-t density, 1 at z = 0.
 
     The integral is ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz over the values of the
     coordinate z on one side of 0. ``scale``, ``freedom`` (degrees of freedom) and the result have
@@ -140,7 +139,7 @@ def _side_masses(scale: Array, freedom: Array) -> Array:
 
 
 def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
-    """Return −ln of a Student-t density of z that is scaled to be 1 at z = 0, shape (n, h).
+    """Return −ln of an unnormalised Student-t density, which is 1 at z = 0, shape (n, h).
 
     ``square``, shape (n, h), holds z² for n points along h directions; ``scale``, shape (h,), holds
     the scales of the density. ``freedom`` holds its degrees of freedom, shape (h,), or is one
@@ -209,8 +208,8 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
     ``points``, shape (n, h), holds n points in h dimensions; ``weight``, shape (n,), holds their
     weights, which sum to one. The weight of each point is divided among the components, in
     proportion to the density of each component at the point times the share of the component in the
-    mixture. The new shares of the components are the weights that they receive, but at least 2 %,
-    scaled to sum to one. A component that receives less is not refitted.
+    mixture. The new share of a component is the total weight that it receives, but at least 2 %;
+    the shares are then scaled to sum to one. A component that receives at most 2 % is not refitted.
     """
     by_component = proposal.by_component(points)
     weights = weight * np.exp(by_component - np.logaddexp.reduce(by_component, axis=0))
@@ -227,9 +226,9 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
 def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
     """Return a component of a mixture, refitted to mean, covariance and tails of weighted points.
 
-    ``component`` is the present component; the fit is made in its coordinates z. ``points``, shape
-    (n, h), holds n points in h dimensions; ``weight``, shape (n,), holds their weights, which sum
-    to one.
+    ``component`` is the component before the fit, which is made in its coordinates z. ``points``,
+    shape (n, h), holds n points in h dimensions; ``weight``, shape (n,), holds their weights, which
+    sum to one.
     """
     z = np.linalg.solve(component.root, (points - component.centre).T).T
     ess = 1.0 / (weight**2).sum()
@@ -263,12 +262,12 @@ def _shrink_correlation(correlation: Array, ess: float) -> Array:
     """Return a correlation matrix of h variables, shrunk towards zero, shape (h, h).
 
     The coefficients of ``correlation``, shape (h, h), were computed from about ``ess`` independent
-    points, and therefore scatter by 1 / √ess. All of them are multiplied by the same factor: one
-    minus the share of their sum of squares that is due to this scatter. On average, this factor
-    brings the coefficients closest to their true values (Schäfer and Strimmer, Statistical
-    Applications in Genetics and Molecular Biology 4 (2005) 32). If there are few effective points
-    in many dimensions, hardly any correlation is left, which is much better than correlations that
-    arise by chance.
+    points, and therefore scatter by 1 / √ess. All of them are multiplied by one minus s, where s is
+    the share of their sum of squares that is due to this scatter. On average, this factor brings
+    the coefficients closest to their true values (Schäfer and Strimmer, Statistical Applications in
+    Genetics and Molecular Biology 4 (2005) 32). With few effective points in many dimensions, the
+    coefficients become almost zero, which is much better than keeping correlations that arose by
+    chance.
     """
     h = len(correlation)
     sum_of_squares = (correlation**2).sum() - h
@@ -297,7 +296,7 @@ class _AxisFit(NamedTuple):
 
 
 def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
-    """Return the split Student-t distribution of greatest likelihood along every direction.
+    """Return the split Student-t distribution that maximises the likelihood in every direction.
 
     A split Student-t has different scales and degrees of freedom on its two sides. Scales are found
     by expectation-maximisation (EM) steps. Degrees of freedom, and the coordinate at which the two
@@ -375,7 +374,7 @@ def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array)
 def _best_freedom(
     side: int, square: Array, side_weights: Array, scale: Array, freedom: Array, freedoms: Array
 ) -> Array:
-    """Return the likeliest degrees of freedom of one side along each direction, shape (h,).
+    """Return the maximum-likelihood degrees of freedom of one side in each direction, shape (h,).
 
     ``side`` is 0 for the lower and 1 for the upper side of split Student-t distributions.
     ``freedoms`` holds the degrees of freedom that are tried. ``scale`` and ``freedom`` are the

@@ -39,39 +39,39 @@ __all__ = ["Evidence", "HyperPosterior", "Nodes", "ProbabilityInside"]
 # computed. The step is in units of normal scores, coordinates in which most of the priors are
 # standard normal.
 _DIFFERENCE_STEP = 0.05
-# Smallest curvature (negative second derivative) of the log density that is assumed in any
-# direction; a smaller curvature is replaced by this value. The coordinates are normal scores of the
-# hyper-parameters, in which most of the priors are standard normal.
+# A curvature (negative second derivative) of the log density below this value is replaced by this
+# value. The derivatives are with respect to normal scores of the hyper-parameters, coordinates in
+# which most of the priors are standard normal.
 _LEAST_CURVATURE = 0.3
-# Gain of log density [nat] in one step of the search for a mode (maximum); the search ends when a
-# step gains this value or less.
+# The search for a mode (maximum) ends when a step increases the log density by at most this value
+# [nat].
 _MODE_GAIN = 1e-5
-# Numbers of points from which the starting points of the search for modes (maxima) of the posterior
-# are chosen. The density is computed at ``_STARTS`` points; only the ``_BEST_STARTS`` points of
-# highest density are considered further.
+# Numbers of points for the search for modes (maxima) of the posterior. The density is computed at
+# ``_STARTS`` points. The starting points of the search are chosen from the ``_BEST_STARTS`` points
+# of highest density.
 _STARTS = 256
 _BEST_STARTS = _STARTS // 4
 # Largest number of starting points of the search for modes (maxima) of the posterior.
 _BASINS = 3
-# Smallest distance between two separate modes (maxima) of the posterior, and between two starting
-# points of the search for modes. The distance is in normal scores of the hyper-parameters,
-# coordinates in which most of the priors are standard normal.
+# Two modes (maxima) of the posterior, or two starting points of the search for modes, count as
+# separate if their distance exceeds this value. The distance is measured in normal scores of the
+# hyper-parameters, coordinates in which most of the priors are standard normal.
 _SEPARATION = 1.5
 # Another maximum of the log posterior density of the hyper-parameters is negligible if it is lower
 # than the highest maximum by this value [nat] or more.
 _NEGLIGIBLE_DEPTH = 12.0
-# Maxima of the posterior density are also sought with one scale at a time held near zero. The
-# coordinate of this scale is then held at this number of posterior standard deviations below the
-# mode.
+# A maximum of the posterior density is also sought with one of the scales held near zero. The
+# coordinate of this scale is held below its value at the mode by this number of posterior standard
+# deviations.
 _BELOW_MODE = 4.0
-# Limits for neglecting a maximum of the density with one scale held near zero. The maximum is not
-# sought if the log density at the start of the search is lower than at the mode by more than
-# ``_NEGLIGIBLE_START`` [nat]. A maximum that was found is negligible if it is lower than the mode
-# by at least ``_NEGLIGIBLE_CORNER`` [nat].
+# Maxima of the density with one scale held near zero are neglected if they are too low. The search
+# for such a maximum is not begun if the log density at its start is lower than at the mode by more
+# than ``_NEGLIGIBLE_START`` [nat]. A maximum that was found is neglected if it is lower than the
+# mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
-# Gain of log density [nat] in one step of the search for a maximum with one scale near zero; the
-# search ends when a step gains this value or less.
+# The search for a maximum with one scale held near zero ends when a step increases the log density
+# by at most this value [nat].
 _CORNER_GAIN = 1e-2
 # Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
 # suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from coarse nodes [nat].
@@ -79,39 +79,38 @@ _CORNER_GAIN = 1e-2
 # Gaussian fitted at the highest mode.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
-# Where the probability that no compliance is negative is computed, the nodes (values of the
-# hyper-parameters) of smallest weight are left out. The share of the integral in these nodes is at
+# The probability that no compliance is negative is not computed at the nodes (values of the
+# hyper-parameters) of smallest weight. The share of the integral that belongs to these nodes is at
 # most the tolerance [nat] divided by this number.
 _PARTS_OF_TOLERANCE = 20.0
-# Largest share of the integral in nodes at which the probability that no compliance is negative is
-# not computed, whatever the tolerance.
+# Whatever the tolerance, the nodes at which the probability that no compliance is negative is not
+# computed may hold at most this share of the integral.
 _LARGEST_LEFT_OUT = 5e-4
-# Smallest error [nat] that is asked for in the log probability that no compliance is negative. The
-# error allowed is a quarter of the tolerance of the log evidence, or this value if the quarter is
-# smaller.
+# Smallest tolerance [nat] for the log probability that no compliance is negative. The tolerance is
+# a quarter of that of the log evidence, but at least this value.
 _FINEST_TOLERANCE = 1e-3
 # Random error allowed in the log probability that no compliance is negative at one node (value of
 # the hyper-parameters), as a multiple of the tolerance. The probability is computed from
 # quasi-random points. The points differ between nodes, so that the errors cancel in the mean over
 # hundreds of nodes.
 _NOISE_PER_TOLERANCE = 2.0
-# Factor by which the tolerance is multiplied if nodes (weighted values of the hyper-parameters)
-# miss the tolerance only because of the error of the probability that no compliance is negative.
-# New nodes are then computed with the smaller tolerance.
+# Nodes (weighted values of the hyper-parameters) may miss the tolerance only because of the error
+# of the probability that no compliance is negative. New nodes are then computed with the tolerance
+# multiplied by this factor.
 _NODES_SHARE = 0.7
-# Numbers of nodes (values of the hyper-parameters) over which the probability that no compliance is
-# negative is averaged. The average is first over ``_FEWEST_PICKED`` nodes. As long as its error is
-# too large, ``_PICKED_GROWTH`` times as many nodes are used.
+# The probability that no compliance is negative is first averaged over ``_FEWEST_PICKED`` nodes
+# (values of the hyper-parameters). As long as the error of the average is too large, the number of
+# nodes is multiplied by ``_PICKED_GROWTH``.
 _FEWEST_PICKED = 256
 _PICKED_GROWTH = 4
 # Error allowed in the logarithm of the posterior probability that no compliance is negative [nat],
 # where a rough value suffices.
 _PROBABILITY_TOLERANCE = 0.02
-# Limits that keep the logarithm of a mean probability finite. The mean is taken over the
-# probabilities that no compliance is negative, one for each of many values of the hyper-parameters.
-# They are divided by the largest of them before their mean is computed. If the logarithm of the
-# largest probability is below ``_LEAST_LOG_PROBABILITY``, it is replaced by this limit; if the mean
-# of the quotients is below ``_LEAST_SHARE_INSIDE``, it is replaced by that limit.
+# Limits that keep the logarithm of a mean finite. The mean is that of the probabilities that no
+# compliance is negative, one for each of many values of the hyper-parameters. Before the mean is
+# computed, the probabilities are divided by the largest probability. The logarithm of the largest
+# probability is taken to be at least ``_LEAST_LOG_PROBABILITY``; the mean of the quotients is taken
+# to be at least ``_LEAST_SHARE_INSIDE``.
 _LEAST_LOG_PROBABILITY = -700.0
 _LEAST_SHARE_INSIDE = 1e-300
 # Largest share of the weight in nodes (weighted values of the hyper-parameters) that are left out
@@ -121,9 +120,9 @@ _SPARE = 1e-7
 # Number of Gaussians in the mixture from which quantiles of parameters are computed. Each Gaussian
 # belongs to one value of the hyper-parameters.
 _COMPONENTS = 8192
-# Smallest standard deviation of a Gaussian in the mixture from which quantiles of parameters are
-# computed, as a fraction of the standard deviation of the means of all Gaussians. Narrower
-# Gaussians are widened to this limit.
+# Quantiles of parameters are computed from a mixture of Gaussians. Gaussians that are too narrow
+# are widened: their standard deviation is at least this fraction of the standard deviation of the
+# means of all Gaussians.
 _LEAST_SD_SHARE = 1e-6
 
 
@@ -254,11 +253,11 @@ class HyperPosterior:
         do not reach this tolerance, their ``error`` is larger.
 
         If ``truncated`` of this object is True, the density contains the probability, given φ, that
-        no compliance is negative. The nodes are then first computed for the density that allows
-        negative compliances, and their weights are multiplied by this probability. If these nodes
-        miss the tolerance, other nodes are computed for the density that contains an upper bound of
-        the probability; in their weights, the bound is then replaced by the probability. The nodes
-        with the smaller error are returned.
+        no compliance is negative. First, nodes for the density that allows negative compliances are
+        computed, and their weights are multiplied by this probability. If these nodes miss the
+        tolerance, a second set of nodes is computed, for the density that contains an upper bound
+        of the probability. In the weights of this set, the bound is then replaced by the
+        probability. The set with the smaller error is returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -309,7 +308,7 @@ class HyperPosterior:
         effects). P(T | y, φ) is the probability, given the readings y and φ, of the condition T
         that no compliance is negative. This probability is computed only at some of the nodes
         (`density_ratio`). If the error would then exceed the tolerance, the probability is computed
-        at all nodes.
+        at all nodes except those of smallest weight.
 
         Parameters
         ----------
@@ -318,8 +317,8 @@ class HyperPosterior:
         tolerance : float
             Error allowed in the log integral [nat].
         bounded : bool
-            Whether ``integral`` already contains the upper bound of P(T | y, φ), which is then
-            replaced by P(T | y, φ) itself.
+            Whether the density in ``integral`` contains an upper bound of P(T | y, φ). The bound is
+            then replaced by P(T | y, φ).
         """
         noise = np.zeros(len(integral.free))
 
@@ -347,8 +346,8 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # Errors of the probability that may be common to all nodes do not cancel in the sum and are
-        # added. Random errors are independent between nodes, so that their squares are added.
+        # Errors of the probability that may be common to all nodes do not cancel, and are added.
+        # Random errors of different nodes are independent, and their squares are added.
         counts = truncated.weight > 0.0
         weight = truncated.weight[counts]
         error = float(weight @ errors[counts] + np.linalg.norm(weight * noise[counts]))
@@ -404,10 +403,9 @@ class HyperPosterior:
 
     @cached_property
     def plain(self) -> HyperPosterior:
-        """Posterior density of the hyper-parameters without the condition on compliances.
+        """Posterior density of the hyper-parameters that allows negative compliances.
 
-        The condition is that no compliance is negative. If this object does not have the condition,
-        the result is this object itself.
+        If this object already allows negative compliances, the result is this object itself.
         """
         if not self.truncated:
             return self
@@ -415,11 +413,11 @@ class HyperPosterior:
 
     @cached_property
     def proposal(self) -> Integral:
-        """Importance sample of the hyper-parameters, from a mixture fitted to their posterior.
+        """Weighted random values of the hyper-parameters, drawn from a mixture.
 
-        The sample consists of weighted values. Further values can be drawn from the mixture. If the
-        posterior density contains the probability that no compliance is negative (``truncated``),
-        this probability is replaced by its upper bound.
+        The mixture is fitted to the posterior density, and further values can be drawn from it. The
+        weights represent the posterior density. If this density contains the probability that no
+        compliance is negative (``truncated``), the probability is replaced by an upper bound.
         """
         sample = importance_sample(
             self._smooth_of_scores,
@@ -485,10 +483,10 @@ class HyperPosterior:
     def _starts(self) -> list[Array]:
         """Return the starting points of the search for modes (maxima) of the posterior density.
 
-        At most three points are returned. They have the highest densities among many points, and
-        are not close to each other. If the mode of a similar density was given, only this mode is
-        returned. Each point, shape (h,), holds the h hyper-parameters in normal scores, coordinates
-        in which most of the priors are standard normal.
+        If the mode of a similar density was given, only this mode is returned. Otherwise at most
+        three points are returned. They are chosen from many points for their high density and for a
+        sufficient distance from each other. Each point, shape (h,), holds the h hyper-parameters in
+        normal scores, coordinates in which most of the priors are standard normal.
         """
         if self._near is not None:
             return [self._scores.scores(self._near)]
@@ -534,11 +532,12 @@ class HyperPosterior:
         return corners
 
     def _derivatives_at_fixed(self, axis: int) -> Callable[[Array], tuple[Array, Array]]:
-        """Return a function that gives gradient and Hessian with zeros for one coordinate.
+        """Return a function that computes derivatives with respect to all but one coordinate.
 
-        Both are derivatives of the log posterior density of the h hyper-parameters, shapes (h,) and
-        (h, h). ``axis`` is the index of the coordinate whose derivatives are set to zero, so that a
-        search for a maximum does not change this coordinate.
+        The function returns gradient and Hessian of the log posterior density of the h
+        hyper-parameters, shapes (h,) and (h, h). All derivatives with respect to the coordinate
+        with the index ``axis`` are set to zero, so that a search for a maximum does not change this
+        coordinate.
         """
         may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
 
@@ -578,9 +577,9 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
     no compliance is negative. The probability is an integral of the Gaussian density of the
     parameters, which ``orthant`` holds for every node. ``tolerance`` is the error allowed in the
     logarithm of the mean of P over many nodes [nat], and ``seed`` is the seed of the quasi-random
-    points from which P is computed. An error that all nodes have in common may be as large as a
-    quarter of the tolerance. Random errors that differ between nodes may be larger, because they
-    cancel in the mean.
+    points from which P is computed. The error that all nodes may have in common is allowed to be a
+    quarter of the tolerance. The random errors, which differ between nodes and cancel in the mean,
+    are allowed to be larger.
     """
     return orthant.log_probability_with_noise(
         max(tolerance / 4.0, _FINEST_TOLERANCE),
@@ -664,8 +663,8 @@ class Nodes:
         The nodes, which are values of the hyper-parameters in unbounded coordinates, and their
         weights.
     truncation_error : float
-        Error of the log evidence that is due to the computed probabilities that no compliance is
-        negative [nat].
+        Error of the log evidence due to errors of the probabilities that no compliance is negative
+        [nat].
     """
 
     posterior: HyperPosterior
@@ -696,8 +695,8 @@ class Nodes:
 
         The error of the integral over the nodes must not exceed the tolerance minus the truncation
         error, which is the error of the log probability that no compliance is negative. If the
-        truncation error is half the tolerance or more, finer nodes would hardly help. In this case
-        the error of the integral may be as large as the tolerance itself.
+        truncation error is half the tolerance or more, finer nodes would hardly help; the error of
+        the integral may then be as large as the tolerance itself.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance
@@ -771,12 +770,11 @@ class Nodes:
         """Return posterior quantiles of the p parameters at n probabilities, shape (n, p).
 
         ``levels``, shape (n,), holds the probabilities. The quantiles are computed from a mixture
-        of Gaussians. Each Gaussian is the density of a parameter given one of ``components`` values
-        of the hyper-parameters; these values are picked from the nodes in proportion to the
-        weights. If compliances must not be negative, this condition restricts the parameters along
-        some directions. The coordinates of the parameters along these directions are then drawn at
-        random with the given ``seed``, and each Gaussian is also conditional on the drawn
-        coordinates.
+        of Gaussians. Each Gaussian is the density of a parameter given one value of the
+        hyper-parameters; ``components`` values are picked from the nodes in proportion to the
+        weights. The condition that no compliance is negative, if there is one, restricts the
+        parameters along some directions only. The coordinates along these directions are drawn at
+        random with the given ``seed``, and each Gaussian is conditional on them too.
         """
         rng = np.random.default_rng(seed)
 
@@ -793,7 +791,7 @@ class Nodes:
     def _moments_given(
         self, free: Array, along_axes: Callable[[Orthant], tuple[Array, Array]]
     ) -> _ConditionalMoments:
-        """Return means and variances of the parameters, given each of w hyper-parameter values.
+        """Return means and variances of the parameters given each of w hyper-parameter values.
 
         ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates. If negative
         compliances are allowed, the parameters given the hyper-parameters are Gaussian, and

@@ -2,18 +2,18 @@
 
 φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points
 that represent p(φ | y), where y are the readings. If a campaign has many tests, its posterior of φ
-hardly changes when one test is left out. The nodes for the whole campaign then also represent the
-posterior without the test, if they are weighted by the density without the test. The ratio of the
-two densities needs to be known only at a few hundred of these nodes (`density_ratio`).
+hardly changes when one test is left out. With other weights, the nodes for the whole campaign then
+also represent the posterior without the test. The ratio of the two densities needs to be known only
+at a few hundred of these nodes (`density_ratio`).
 
-The noise factor λ of the test left out (a hyper-parameter that concerns this test alone) is an
-exception. Without the test's readings, λ has its prior, which is much wider than its posterior. The
-ratio of the two densities would therefore vary strongly with λ. To avoid this, the prior of λ in
-the density without the test is replaced by a Gaussian that is about as wide as the posterior of λ.
-This Gaussian is a density of ln λ given the other coordinates of a node, and is fitted to the nodes
-for the whole campaign. Both the Gaussian and the prior integrate to one over λ, so that the
-integral over φ does not change. Afterwards, the values of λ at the nodes are replaced by random
-draws from the prior.
+An exception is the noise factor λ of the test left out, a hyper-parameter of this test alone.
+Without the test's readings, λ has its prior, which is much wider than its posterior. The ratio of
+the two densities would therefore vary strongly with λ. To avoid this, the prior of λ in the density
+without the test is replaced by a Gaussian that is about as wide as the posterior of λ. This
+Gaussian is a density of ln λ given the other coordinates of a node, and is fitted to the nodes for
+the whole campaign. Both the Gaussian and the prior integrate to one over λ, so that the integral
+over φ does not change. Afterwards, the values of λ at the nodes are replaced by random draws from
+the prior.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ __all__ = ["NodesWithoutTest"]
 # Seed of the random draws from the prior that replace the values of the noise factor of a test that
 # is left out.
 _SEED = 0
-# Smallest standard deviation of the Gaussian that is fitted to the logarithm of a noise factor. A
-# smaller standard deviation is replaced by this value.
+# A Gaussian is fitted to the logarithm of a noise factor. If its standard deviation is below this
+# value, it is replaced by this value.
 _LEAST_SD = 1e-6
 
 

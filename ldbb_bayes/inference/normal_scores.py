@@ -1,12 +1,12 @@
 """Normal scores: coordinates in which integrals over the hyper-parameters are computed.
 
 The hyper-parameters φ are the scales of the noise and of other effects. The normal score z of a
-hyper-parameter is a standard normal variable under the prior: Φ(z) is the prior probability of a
-smaller value of the hyper-parameter. The logarithm of a scale that the readings hardly determine
-extends far towards minus infinity, with an exponential tail. The normal score of such a scale has a
-Gaussian tail, so that the posterior of all φ together resembles a Gaussian more closely, and fewer
-nodes (weighted values of φ) suffice for an integral over φ. Noise factors of circles are
-transformed to their logarithms instead, which are nearly normal.
+value of a hyper-parameter is defined by Φ(z) = P, where P is the prior probability of smaller
+values and Φ the standard normal distribution function. The logarithm of a scale that the readings
+hardly determine extends far towards minus infinity, with an exponential tail. Its normal score, in
+contrast, has a Gaussian tail. In normal scores, the posterior of φ therefore resembles a Gaussian
+more closely, and an integral over φ needs fewer nodes (weighted values of φ). For the noise factors
+of circles, the logarithms are used instead, because they are nearly normal.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ __all__ = ["NormalScores"]
 # value, so that the logarithm of the distance is finite.
 _LEAST_DISTANCE = 1e-300
 # A value of a hyper-parameter counts as near a bound if the log prior probability of the interval
-# between the value and the bound is below this limit. The distance of such a value from the bound
-# is computed as the prior probability of the interval divided by the prior density at the bound.
-# The difference between value and bound would be inaccurate.
+# between the value and the bound is below this limit. Subtracting the bound from the value would
+# then be inaccurate. Their distance is computed instead as the prior probability of the interval
+# divided by the prior density at the bound.
 _NEAR_BOUND = -20.0
-# Largest logarithm of a probability. A larger logarithm is replaced by this value, so that the
-# normal quantile for the probability is finite.
+# The logarithm of a probability is taken to be at most this value, so that the normal quantile at
+# this probability is finite.
 _LARGEST_LOG_PROBABILITY = -1e-300
 
 
@@ -44,64 +44,64 @@ class NormalScores:
 
     The normal score of a hyper-parameter φ is a coordinate in which its prior is standard normal.
     Unbounded coordinates, here called free, are defined by `HyperPrior`; most of them are ln(φ −
-    lower bound). Hyper-parameters that are lengths or decays (powers by which form error falls with
-    its order) have normal priors that are restricted to an interval from a to b; for lengths b is
-    infinite. These hyper-parameters are transformed to their normal scores. The logarithms of noise
-    factors of circles are used unchanged as scores. Arrays of points have the shape (..., h).
+    lower bound). Lengths and decays (powers by which form error falls with its order) have
+    truncated normal priors between the bounds a and b; for lengths, b is infinite. These k
+    hyper-parameters are transformed to their normal scores. All other hyper-parameters are noise
+    factors of circles, whose logarithms serve as scores. Arrays of points have the shape (..., h).
     """
 
     prior: HyperPrior
 
     @cached_property
     def _restricted(self) -> NDArray[np.bool_]:
-        """Whether each of h hyper-parameters has a restricted normal prior, shape (h,)."""
+        """Whether each of h hyper-parameters has a truncated normal prior, shape (h,)."""
         return np.array([law != "circle" for law in self.prior.laws])
 
     @cached_property
     def _bounds(self) -> Array:
-        """Bounds a and b of the k hyper-parameters with restricted normal priors, shape (2, k)."""
+        """Bounds a and b of the k hyper-parameters with truncated normal priors, shape (2, k)."""
         return np.asarray(self.prior.bounds[self._restricted].T)
 
     @cached_property
     def _mean(self) -> Array:
-        """Means of the k normal priors before the restriction to intervals, shape (k,)."""
+        """Means of the k normal priors before truncation, shape (k,)."""
         mean = np.where(self.prior.in_mm, 0.0, self.prior.scale)
         return np.asarray(mean[self._restricted])
 
     @cached_property
     def _sd(self) -> Array:
-        """Standard deviations of the k normal priors before the restriction, shape (k,)."""
+        """Standard deviations of the k normal priors before truncation, shape (k,)."""
         sd = np.where(self.prior.in_mm, self.prior.scale, self.prior.decay_sd)
         return np.asarray(sd[self._restricted])
 
     @cached_property
     def _log_above(self) -> Array:
-        """Log probability of values above the upper bound, for k hyper-parameters, shape (k,).
+        """Log prior probability, before truncation, of values above the upper bound, shape (k,).
 
-        The probability is computed with the normal prior before the restriction to an interval.
+        There is one probability for each of the k hyper-parameters with truncated normal priors.
         """
         return np.asarray(log_ndtr(-(self._bounds[1] - self._mean) / self._sd))
 
     @cached_property
     def _log_mass(self) -> Array:
-        """Log probability of values between the bounds, for k hyper-parameters, shape (k,).
+        """Log prior probability, before truncation, of values between the bounds, shape (k,).
 
-        The probability is computed with the normal prior before the restriction to this interval.
+        There is one probability for each of the k hyper-parameters with truncated normal priors.
         """
         return self._log_probability_above(self._bounds[0])
 
     def _log_probability_above(self, values: Array) -> Array:
-        """Return the log probabilities of the intervals between ``values`` and the upper bounds.
+        """Return log prior probabilities, before truncation, of intervals up to the upper bounds.
 
-        The probabilities are computed under the k normal priors before the restriction to
-        intervals. ``values`` and the result have the shape (..., k).
+        The intervals begin at ``values``, which are values of the k hyper-parameters with truncated
+        normal priors. ``values`` and the result have the shape (..., k).
         """
         log_tail = log_ndtr(-(values - self._mean) / self._sd)
         log_share = np.minimum(self._log_above - log_tail, _LARGEST_LOG_PROBABILITY)
         return np.asarray(log_tail + np.log(-np.expm1(log_share)))
 
     def _values(self, scores: Array) -> Array:
-        """Return values of the k hyper-parameters with restricted normal priors, shape (..., k).
+        """Return values of the k hyper-parameters with truncated normal priors, shape (..., k).
 
         ``scores``, shape (..., h), holds the normal scores of all h hyper-parameters.
         """
@@ -111,10 +111,9 @@ class NormalScores:
 
     @cached_property
     def _log_density_at_bounds(self) -> Array:
-        """Log densities of the k restricted normal priors at both bounds, shape (2, k).
+        """Log densities of the k truncated normal priors at their bounds a and b, shape (2, k).
 
-        The priors are restricted to the intervals between the bounds. At an infinite bound, the log
-        density is −inf.
+        At an infinite bound, the log density is −inf.
         """
         white = (self._bounds - self._mean) / self._sd
         log_normal = -0.5 * white**2 - 0.5 * np.log(2.0 * np.pi)
@@ -123,9 +122,9 @@ class NormalScores:
     def _log_distances(self, scores: Array) -> tuple[Array, Array]:
         """Return ln(φ − a) and ln(b − φ), each of shape (..., k).
 
-        φ are the k hyper-parameters with restricted normal priors, and a and b their lower and
-        upper bounds. Where b is infinite, ln(b − φ) is replaced by zero. ``scores``, shape (...,
-        h), holds the normal scores of all h hyper-parameters.
+        φ are the k hyper-parameters with truncated normal priors, and a and b their lower and upper
+        bounds. If b is infinite, ln(b − φ) is replaced by zero. ``scores``, shape (..., h), holds
+        the normal scores of all h hyper-parameters.
         """
         lower, upper = self._bounds
         values = self._values(scores)
@@ -170,15 +169,15 @@ class NormalScores:
         return scores
 
     def _log_probabilities_near_bounds(self, free: Array) -> tuple[Array, Array]:
-        """Return log prior probabilities of the intervals from bounds to values near the bounds.
+        """Return log prior probabilities of intervals between values and bounds near the values.
 
-        Of the h hyper-parameters, k have restricted normal priors, with lower bounds a and upper
+        Of the h hyper-parameters, k have truncated normal priors, with lower bounds a and upper
         bounds b. ``free``, shape (..., h), holds values of all hyper-parameters in unbounded
-        coordinates. The result is a tuple of two arrays, each of shape (..., k): the log
-        probabilities of the intervals from a to the values, and those of the intervals from the
-        values to b. The probabilities are computed as if the prior density were everywhere as large
-        as at the bound; near the bound, this is accurate. Where b is infinite, the log probability
-        of the interval up to b is replaced by infinity.
+        coordinates. The result is a tuple of two arrays, each of shape (..., k): log probabilities
+        of the intervals from a to the values, and of the intervals from the values to b. They are
+        computed as if the prior density in the whole interval were as large as at the bound, and
+        are therefore accurate only for short intervals. If b is infinite, the log probability of
+        the interval up to b is replaced by infinity.
         """
         lower, upper = self._bounds
         restricted = free[..., self._restricted]
@@ -193,11 +192,12 @@ class NormalScores:
     def log_jacobian(self, scores: Array) -> Array:
         """Return the log Jacobian of the unbounded coordinates with respect to scores, shape (...).
 
-        The Jacobian is the volume in unbounded coordinates per unit of volume in normal scores. It
-        follows from the prior density p of each hyper-parameter φ and the standard normal density n
-        of its score z, because n(z) dz = p(φ) dφ. If u is the unbounded coordinate, and a and b are
-        the bounds of φ, then dφ = (φ − a) du, or dφ = (φ − a) (b − φ) / (b − a) du if b is finite.
-        ``scores`` holds the scores in its last dimension.
+        The Jacobian is the volume in unbounded coordinates per unit of volume in normal scores, the
+        product of du/dz over the hyper-parameters. u is the unbounded coordinate of a
+        hyper-parameter φ with the bounds a and b, and z is its score. n(z) dz = p(φ) dφ, where p is
+        the prior density of φ and n the standard normal density. dφ = (φ − a) du if b is infinite,
+        and dφ = (φ − a) (b − φ) / (b − a) du if b is finite. ``scores`` holds the scores in its
+        last dimension.
         """
         values = self._values(scores)
         above, below = self._log_distances(scores)
@@ -211,7 +211,7 @@ class NormalScores:
         return total
 
     def to_free(self, integral: Integral) -> Integral:
-        """Return an integral over normal scores as an integral over unbounded coordinates."""
+        """Convert an integral over normal scores to an integral over unbounded coordinates."""
         log_jacobian = self.log_jacobian(integral.free)
         proposal: ProposalDensity | None = None
         if integral.proposal is not None:

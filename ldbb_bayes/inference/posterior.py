@@ -55,9 +55,9 @@ __all__ = [
 
 # Groups of arrays that a posterior must have, as a DataTree of xarray and as a file.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
-# Dimensions of the arrays in a posterior's tree that hold no random draws. The keys are the names
-# of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one entry for
-# each reading of all tests.
+# Dimensions of those arrays in a posterior's tree that do not hold random draws. The keys are the
+# names of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one entry
+# for each reading of all tests.
 _DIMENSIONS = {
     "force_N": ["test"],
     "pressure_bar": ["test"],
@@ -82,12 +82,12 @@ _UNITS = {
 # Attributes of a `CircularTest` that are arrays. In a posterior these arrays are kept in the group
 # constant_data, not in the JSON record of the campaign.
 _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
-# Angles [°] that a foreseen test gets when a campaign is rebuilt from a posterior. Foreseen tests
-# may be run later; the record of a posterior does not hold their angles.
+# Angles [°] of the tests in the field ``foreseen`` of a campaign (tests that may be run later)
+# after the campaign is rebuilt from a posterior. The record of a posterior does not hold the angles
+# of these tests.
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
-# Limit of the size of a posterior's arrays in memory. If the arrays, decompressed, would have more
-# bytes than ``_LARGEST_EXPANSION`` times the size of the file plus ``_SMALL_FILE_BYTES``, the file
-# counts as damaged.
+# Largest size of a posterior's arrays after decompression: ``_LARGEST_EXPANSION`` times the size of
+# the file plus ``_SMALL_FILE_BYTES``. A file with larger arrays counts as damaged.
 _LARGEST_EXPANSION = 20
 _SMALL_FILE_BYTES = 2**20
 # Number of the present edition of the default model. It is increased whenever the terms or priors
@@ -108,7 +108,7 @@ _LONGEST_REASON = 120
 def build_tree(
     groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, record: Mapping[str, Any]
 ) -> xr.DataTree:
-    """Return a DataTree with groups of arrays, and with a record as JSON text in ``provenance``.
+    """Return a DataTree with groups of arrays; its group ``provenance`` holds a record as JSON.
 
     ``groups`` holds the arrays; the first key is the name of the group, the second key the name of
     the array. Arrays of random draws have the shape (chains, draws, …). ``bound``, the model
@@ -137,7 +137,7 @@ def build_tree(
 def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     """Write a posterior to one netCDF file (h5netcdf).
 
-    If an error occurs, no file is written and an existing file is not changed.
+    If an error occurs, no file is written, and an existing file of this name is not changed.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def _read_tree(source: Path) -> xr.DataTree:
 
 @contextmanager
 def _silent_finalizers() -> Iterator[None]:
-    """Silence errors that arise while Python deletes objects, until the ``with`` block ends.
+    """Suppress messages about errors that arise while Python deletes objects, in a ``with`` block.
 
     Such errors arise when the object of a file that could not be opened is deleted.
     """
@@ -409,7 +409,7 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 
 
 def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
-    """Return all that a posterior states about its campaign, as a key for a cache.
+    """Return the key of a posterior's campaign in the cache of campaigns.
 
     The key consists of the entry ``campaign`` of the posterior's record, and of the angles and
     readings.
@@ -422,7 +422,7 @@ def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
 
 @lru_cache(maxsize=16)
 def _campaign_text(record_json: str) -> str:
-    """Return the entry ``campaign`` of the JSON text of a posterior's record, as JSON text."""
+    """Return the entry ``campaign`` of a posterior's record as JSON text."""
     return json.dumps(json.loads(record_json)["campaign"])
 
 
@@ -500,15 +500,15 @@ def _stack_draws(group: Any, names: tuple[str, ...]) -> Array:
 
 
 def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[ModelDraws]:
-    """Return posterior draws in a list, with one item for each set of alternative explanations.
+    """Return posterior draws, separately for each set of alternative explanations in the models.
 
-    If the posterior is of one model, the list has one item. The models of an average differ in
-    their alternative explanations: effects that look like a change of compliance with force. The
-    effect of an alternative explanation on the readings can be computed only from draws of models
-    that contain this explanation. An item of the list therefore holds the draws of all models with
-    the same alternative explanations. Each draw has all parameters of the average; parameters that
-    the model of the draw lacks are zero. If ``size`` is not None, at most that many draws are
-    returned in total, evenly spaced.
+    If the posterior is of one model, the list returned has one item. The models of an average may
+    differ in their alternative explanations: effects that look like a change of compliance with
+    force. The effect of an alternative explanation on the readings can be computed only from draws
+    of models that contain this explanation. An item of the list therefore holds the draws of all
+    models with the same alternative explanations. Each draw has all parameters of the average;
+    parameters that the model of the draw lacks are zero. If ``size`` is not None, at most that many
+    draws are returned in total, evenly spaced.
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)

@@ -41,9 +41,9 @@ __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_lef
 
 # Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
-# Number of random draws for each value of the hyper-parameters when a test is left out and its
-# circle is predicted from the other tests. Each draw holds the parameters and those nuisances
-# (effects that are modelled but not of interest) that are common to several tests.
+# Number of random draws for each value of the hyper-parameters when the circle of a test is
+# predicted from the other tests. A draw consists of the parameters and of the nuisances (effects
+# that are modelled but not of interest) that are common to several tests.
 _DRAWS_PER_NODE = 8
 
 
@@ -58,11 +58,11 @@ def predict(
     campaign. The effects of the machine and of shared nuisances (effects that are modelled but not
     of interest, such as ball form) are drawn from the posterior. Effects that differ between
     circles are drawn at random for each new circle: set-up shift (of zero and centre), discrepancy
-    (unexplained deviations of a circle), random force error and white noise. Set-up shift and
-    discrepancy of the new circles scatter as much as in the measured circles. Effects that do not
-    occur in the campaign, such as the length of the bar at another radius, are drawn from their
-    prior. If the times of the tests are not stated, the new circles are predicted as if they were
-    run after the measured circles. To predict a circle that is run between measured circles, state
+    (unexplained deviations of a circle), random force error and white noise. The scatter of set-up
+    shift and discrepancy is learnt from the measured circles. Effects that do not occur in the
+    measured circles, such as the length of the bar at another radius, are drawn from their prior.
+    If the times of the tests are not stated, the new circles are predicted as if they were run
+    after the measured circles. To predict a circle that is run between measured circles, state
     ``time_s`` of all tests.
 
     Parameters
@@ -174,14 +174,14 @@ def _draw_shared_of_plan(
     beta: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Return the effects of the machine and of shared nuisances on the planned tests [mm].
+    """Return random draws of the effects of machine and shared nuisances on the planned tests [mm].
 
     Shared nuisances are effects that are modelled but not of interest and that are common to
-    several tests. The result holds random draws of Fourier coefficients of the orders 0 to 12,
-    shape (draws, tests, 25). Nuisances that also occur in the measured tests are drawn from their
-    posterior, all other nuisances from their prior. ``measured`` and ``planned`` are the model
-    applied to the measured and to the planned tests. ``phi``, shape (draws, h), holds draws of the
-    h hyper-parameters; ``beta``, shape (draws, p), holds posterior draws of the p parameters.
+    several tests. The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests,
+    25). Nuisances that also occur in the measured tests are drawn from their posterior, all other
+    nuisances from their prior. ``measured`` and ``planned`` are the model applied to the measured
+    and to the planned tests. ``phi``, shape (draws, h), holds draws of the h hyper-parameters;
+    ``beta``, shape (draws, p), holds posterior draws of the p parameters.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
     learnt: list[str] = []
@@ -216,7 +216,7 @@ def readings_drawn(
 
 
 class _MeasuredAndPlanned(NamedTuple):
-    """One model, applied to the measured tests and applied to the planned tests.
+    """One model, applied twice: to the measured tests and to the planned tests.
 
     In both cases the model has the same nuisances (effects that are modelled but not of interest).
     """
@@ -228,11 +228,11 @@ class _MeasuredAndPlanned(NamedTuple):
 def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
     """Return a model applied to the measured tests, and the same model applied to planned tests.
 
-    The model is first applied to one campaign that consists of the measured and the planned tests.
-    Both results therefore have the same nuisances (effects that are modelled but not of interest),
-    such as ball forms and bar lengths. ``bound`` is the model applied to the measured campaign;
-    ``plan`` holds the planned tests. Raise an `InputError` if the plan is of another machine, or if
-    its tests depend on parameters that the model lacks.
+    The model is first applied to all measured and planned tests together. Therefore it has the same
+    nuisances (effects that are modelled but not of interest, such as ball forms and bar lengths) in
+    both results. ``bound`` is the model applied to the measured campaign; ``plan`` holds the
+    planned tests. Raise an `InputError` if the plan is of another machine, or if its tests depend
+    on parameters that the model lacks.
     """
     campaign = bound.campaign
     machine = (campaign.topology, dict(campaign.frames_mm))

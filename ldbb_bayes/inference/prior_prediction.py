@@ -25,9 +25,10 @@ def prior_circles(bound: BoundModel, size: int, rng: np.random.Generator) -> Ite
 
     A test has n readings. Each of ``size`` draws from the prior of parameters, hyper-parameters and
     nuisances gives one circle, with white noise. If the model does not allow negative compliances,
-    no compliance is negative in any draw. The measured readings are used only to compute an
-    estimate Ĉ of the compliances, to which some prior standard deviations are proportional.
-    ``bound`` is the model, applied to its campaign; its prior must not be flat.
+    no compliance is negative in any draw. Some prior standard deviations are proportional to an
+    estimate Ĉ of the compliances, which is computed from the measured readings. Otherwise the
+    measured readings are not used. ``bound`` is the model, applied to its campaign; its prior must
+    not be flat.
     """
     beta, phi = prior_draws_of(bound, size, rng)
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))

@@ -44,7 +44,7 @@ def marginalize(
     The integral over the hyper-parameters (the scales of the noise and of other effects) is a sum
     over weighted nodes. No Markov chain is needed, because the parameters are Gaussian given the
     hyper-parameters, apart from the condition that compliances must not be negative (truncation).
-    Quantiles are computed by means of random draws.
+    Quantiles are computed from random draws.
 
     Parameters
     ----------
@@ -58,8 +58,8 @@ def marginalize(
         Relative error, between 0 and 1, that is allowed in the integrals from which means and
         standard deviations are computed.
     seed : int
-        Seed of the random points from which quantiles are computed. Because the number of points is
-        finite, the cumulative probability at a quantile has a standard error of at most 0.6 %.
+        Seed of the random points from which quantiles are computed. The standard error of a
+        computed quantile corresponds to an error of at most 0.6 % in its probability.
 
     Returns
     -------

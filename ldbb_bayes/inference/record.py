@@ -52,8 +52,8 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
 
     Parameters are compliances, their changes with force, and geometric errors; hyper-parameters are
     the scales of the noise and of other effects. The arrays have the shapes (size, p) and (size,
-    h). If the model does not allow negative compliances, no compliance is negative in any draw. If
-    the prior of the parameters is flat, it has no draws, and the array of the parameters has the
+    h). If the model does not allow negative compliances, no compliance is negative in any draw. A
+    flat prior of the parameters cannot be drawn from; the array of the parameters then has the
     shape (0, 0). ``rng`` generates the random numbers. ``bound`` is the model, applied to its
     campaign.
     """
@@ -130,8 +130,8 @@ def record_from(
     """Return the record that the group ``provenance`` of a posterior keeps as JSON text.
 
     The record states the campaign, the model, how the sampler ran, the quality of the fit, the
-    versions of the software, the seed of the random numbers and when sampling ``started``.
-    ``bound`` is the model, applied to its campaign.
+    versions of the software, the seed of the random numbers, and the time ``started`` at which
+    sampling began. ``bound`` is the model, applied to its campaign.
     """
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return {

@@ -2,10 +2,10 @@
 
 φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points
 that represent p(φ | y), where y are the readings. Related models have the same hyper-parameters.
-They may differ in three ways: how compliances change with force, which alternative explanations of
-such a change they contain (effects that look like a change of compliance with force), and whether
-negative compliances are allowed. The posteriors of φ under related models are similar. With other
-weights, the nodes of one model therefore represent the posterior of another model as well.
+They may differ in how compliances change with force, in their alternative explanations (effects
+that look like a change of compliance with force), and in whether negative compliances are allowed.
+The posteriors of φ under related models are similar. With other weights, the nodes of one model
+therefore represent the posterior of another model as well.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["RelatedModels", "log_values"]
 
-# Error allowed in the log probability that no compliance is negative: ``_SHARE_OF_TOLERANCE`` times
-# the tolerance of a log evidence, but at least ``_FINEST_TOLERANCE`` [nat].
+# The log probability that no compliance is negative is computed with an error of at most
+# ``_SHARE_OF_TOLERANCE`` times the tolerance of a log evidence; the limit of the error is never
+# below ``_FINEST_TOLERANCE`` [nat].
 _SHARE_OF_TOLERANCE = 0.25
 _FINEST_TOLERANCE = 1e-3
 
@@ -55,9 +56,9 @@ class RelatedModels:
 
         ``posterior`` is the posterior of the hyper-parameters under the other model. The result
         consists of the nodes of the given model with other weights. If possible, the density of the
-        other model is evaluated only at some of the nodes (`density_ratio`). The nodes are computed
-        anew if the other model has other hyper-parameters, or if the error of its log evidence
-        would exceed the tolerance.
+        other model is evaluated only at some of the nodes (`density_ratio`). If the other model has
+        other hyper-parameters, or if the error of its log evidence would exceed the tolerance, new
+        nodes are computed.
         """
         if posterior.bound.hyper_prior.names != self._names:
             return posterior.nodes(self._tolerance)

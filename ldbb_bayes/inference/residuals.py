@@ -27,8 +27,8 @@ __all__ = [
     "tests_in_order",
 ]
 
-# A singular value of a matrix counts as zero if it is below this fraction of the largest singular
-# value. The matrix holds the values of the Fourier functions at the angles of a test.
+# A matrix holds the values of the Fourier functions at the angles of a test. A singular value of
+# this matrix counts as zero if it is below this fraction of the largest singular value.
 RANK_TOLERANCE = 1e-6
 
 

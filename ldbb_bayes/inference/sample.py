@@ -47,19 +47,18 @@ _CHAINS = 4
 # Number of walkers of an ensemble of emcee, unless four times the number of parameters and
 # hyper-parameters is larger.
 _WALKERS = 128
-# Number of independent draws, as a multiple of the required effective sample size. The multiple is
-# larger than one, because the computed effective sample size of every parameter must reach the
-# required value.
+# Number of independent draws, divided by the required effective sample size. The ratio is above
+# one, because the computed effective sample size scatters, and that of every parameter must reach
+# the required value.
 _SURPLUS = 1.3
 # Number of independent draws that are added to each chain, so that the computed effective sample
 # size, which scatters, reaches the required value for every parameter.
 _SURPLUS_DRAWS = 50
-# Effective sample size that a run of emcee must have if nearly independent draws are picked from
-# the run, as a multiple of the number of draws picked.
+# If nearly independent draws are picked from a run of emcee, the effective sample size of the run
+# must be at least this many times the number of draws picked.
 _THINNING = 4.0
-# Further conditions on a run of emcee from which nearly independent draws are picked: R-hat of the
-# run is at most ``_RHAT_WHEN_THINNED``, and the run spans at least ``_LENGTHS_WHEN_THINNED``
-# autocorrelation times.
+# A run of emcee from which nearly independent draws are picked must also have an R-hat of at most
+# ``_RHAT_WHEN_THINNED``, and must span at least ``_LENGTHS_WHEN_THINNED`` autocorrelation times.
 _RHAT_WHEN_THINNED = 1.05
 _LENGTHS_WHEN_THINNED = 2.0
 
@@ -183,9 +182,9 @@ def sampler_named(name: str, *, stacklevel: int = 5) -> str:
     """Return the present name of a sampler, "joint" or "independent".
 
     ``name`` is the present name or a former name; a former name gives a FutureWarning.
-    ``stacklevel`` is the number of calls between the function `renamed`, which gives the warning,
-    and the line that the warning names: 5 if the public function that calls `sampler_named` has a
-    decorator, 4 if it has none. Raise an `InputError` for an unknown name.
+    ``stacklevel`` states which line of code the warning names (see `renamed`): 5 if the public
+    function that calls `sampler_named` has a decorator, 4 if it has none. Raise an `InputError` for
+    an unknown name.
     """
     require(
         name != "emcee",
@@ -205,15 +204,15 @@ def sampler_named(name: str, *, stacklevel: int = 5) -> str:
 class FittedModel(NamedTuple):
     """Posterior draws of a model and a campaign, and how well the model fits.
 
-    Most analyses need the draws as a DataTree (`tree`). The DataTree is built only on request,
-    because building it takes time, which matters if many campaigns are fitted.
+    Most analyses need the draws as a DataTree, which `tree` builds. If many campaigns are fitted
+    and no DataTree is needed, not building it saves time.
     """
 
     draws: ModelDraws  #: model applied to its campaign, with the draws of all chains, joined
     #: arrays of the posterior, as `groups_of` returns them
     groups: Mapping[str, Mapping[str, Array]]
     fit: Fit
-    #: how the sampler ran: the entry ``sampler`` of a posterior's record
+    #: description of the sampler's run: the entry ``sampler`` of a posterior's record
     sampler: Mapping[str, Any]
     seed: int  #: seed of all random numbers
     started: datetime  #: time at which sampling started
@@ -299,10 +298,10 @@ def run_sampler(
     """Return posterior draws of parameters and hyper-parameters, drawn by the named sampler.
 
     ``run`` of the result describes the run of the sampler; ``converged`` of ``run`` states whether
-    the draws meet the stopping rule. If they do not, the sampler gave up. If independent draws are
-    asked for but their weights cannot be trusted, emcee samples parameters and hyper-parameters
-    jointly instead. For independent draws, ``steps`` of ``run`` is the number of draws of one
-    chain, ``walkers`` is 1, and ``acceptance`` is the share of proposals accepted.
+    the draws meet the stopping rule. If ``converged`` is false, the sampler gave up. If ``sampler``
+    is "independent" but the importance weights cannot be trusted, emcee samples parameters and
+    hyper-parameters jointly instead. For independent draws, ``steps`` of ``run`` is the number of
+    draws of one chain, ``walkers`` is 1, and ``acceptance`` is the share of proposals accepted.
 
     Parameters
     ----------
@@ -341,7 +340,7 @@ def _sample_independently(
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None,
 ) -> SampledDraws:
-    """Return independent posterior draws, whose number is doubled until the stopping rule is met.
+    """Return independent posterior draws; their number is doubled until the stopping rule is met.
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``, in four chains.
     Sampling stops in any case before a chain has more draws than ``max_steps`` of ``rule``.

@@ -21,9 +21,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["SharedDraws", "draw_with_shared"]
 
-# Number of times that a draw of the parameters with a negative compliance is replaced by a new draw
-# from the same Gaussian density. If a compliance is then still negative, the parameters are drawn
-# from a density that is shifted towards compliances that are not negative.
+# A draw of the parameters with a negative compliance is replaced by a new draw from the same
+# Gaussian density, at most this number of times. If a compliance is still negative, the parameters
+# are drawn from a density that is shifted towards compliances that are not negative.
 _PLAIN_TRIES = 4
 # Largest number of times that a draw of the parameters is repeated if it was not accepted. The
 # draws are from a density that is shifted towards compliances that are not negative.

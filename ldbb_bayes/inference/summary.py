@@ -32,8 +32,9 @@ __all__ = [
     "summarize_nuisances",
 ]
 
-# Entries of a posterior's record that the JSON result of a fit leaves out. Some serve only to
-# rebuild the campaign and the model. The contents of the others are stated with each parameter.
+# Entries of a posterior's record that the JSON result of a fit leaves out: entries that serve only
+# to rebuild the campaign and the model, and entries whose contents the result states with each
+# parameter.
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
 )
@@ -185,16 +186,16 @@ def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str
     """Return prior standard deviations and prior means; the keys are the names of the parameters.
 
     There is a standard deviation for every parameter and hyper-parameter. For compliances, it is
-    the standard deviation before compliances are restricted to values that are not negative; for a
-    parameter with a flat prior, it is None. There is a mean only for parameters with a proper
-    prior. Units are mm, N and rad.
+    the standard deviation before truncation (the condition that no compliance is negative). For a
+    parameter with a flat prior, the standard deviation is None. There are means only for parameters
+    with a proper prior, not for hyper-parameters. Units are mm, N and rad.
     """
     model = record_of(posterior)["model"]
     return model["prior_sd"], model["prior_mean"]
 
 
 def interval_numbers(draws: Array, prob: float) -> dict[str, float]:
-    """Return a dict with mean, sd, median and the ends of the equal-tailed interval of ``draws``.
+    """Return a dict with mean, sd, median and the limits of the equal-tailed interval of ``draws``.
 
     ``prob`` is the probability of the interval, between 0 and 1.
     """
@@ -225,10 +226,10 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     -------
     DataFrame
         Table with the columns term, unit, mean, sd and prior_sd, and one row per coefficient. Units
-        are made of mm, N, rad, bar, h and K; the unit of a pure number is 1. The prior sd is
-        computed with the hyper-parameters (the scales of the noise and of other effects) at their
-        posterior mean. Coefficients of the work ball's mount are deviations from the nominal
-        deflection of the mount.
+        are made of mm, N, rad, bar, h and K; the unit of a pure number is 1. For the prior sd, the
+        hyper-parameters (the scales of the noise and of other effects) are fixed at their posterior
+        means. Coefficients of the work ball's mount are deviations from the nominal deflection of
+        the mount.
 
     Raises
     ------
