@@ -75,8 +75,8 @@ class Circle(Shown):
     """
 
     radius_mm: float = 150.0  #: nominal distance between the balls [mm]
-    #: position (X, Y, Z) of the work ball [mm]; the coordinate normal to the plane of the circle
-    #: changes only lever arms
+    #: position (X, Y, Z) of the work ball [mm]; the coordinate perpendicular to the plane of the
+    #: circle affects only the lever arms
     centre_mm: Sequence[float] = (0.0, 0.0, 0.0)
     plane: str = "XY"  #: plane of the circle; angles are measured from the plane's first axis
 
@@ -105,7 +105,7 @@ class Circle(Shown):
 
 @dataclass(frozen=True)
 class Joint:
-    """Joint of a linear axis: letter of the axis, what the axis carries, and position of the frame.
+    """Joint of a linear axis: name of the axis, what it carries, and position of the joint's frame.
 
     The frame is the coordinate system of the joint. The compliances and error motions of the joint
     refer to the origin of this frame.
@@ -270,8 +270,8 @@ class Machine(Shown):
     def branch(self, branch: Branch) -> tuple[Joint, ...]:
         """Return the joints of linear axes that carry the tool, or those that carry the workpiece.
 
-        ``branch`` is ``tool`` or ``workpiece``. The joints are in the order from the foundation to
-        the tool or the workpiece.
+        ``branch`` is ``tool`` or ``workpiece``. The joints are listed in their order from the
+        foundation to the tool or the workpiece.
         """
         work, tool = self.topology.split("F")
         axes = work[::-1] if branch == "workpiece" else tool
@@ -303,8 +303,9 @@ class Machine(Shown):
         """Return the position (X, Y, Z) of a ball with all axes at zero, shape (n, 3) [mm].
 
         There is one position for each of n angles of the bar. The work ball is at the circle's
-        centre, and the tool ball is at the origin. A machine may lack one of the linear axes X, Y
-        and Z. The tool ball then has its nominal coordinate on the circle along this axis.
+        centre, and the tool ball is at the origin. If the machine lacks one of the linear axes X, Y
+        and Z, the tool ball's coordinate along the missing axis is its nominal coordinate on the
+        circle instead of zero.
 
         Parameters
         ----------

@@ -58,11 +58,11 @@ _PARALLEL = 1e-10
 # A compliance is treated as having no effect if the norm of its column (the readings per unit of
 # the compliance) is smaller than this fraction of the largest norm of any compliance's column.
 _NULL_SHARE = 1e-10
-# Limit for rounding errors in two comparisons. First, a kept compliance represents a weighted sum
-# of compliances. The weight of a compliance in this sum is ignored if its effect on the readings is
-# smaller than this fraction of the whole effect of the compliance. Second, a matrix counts as
-# positive semi-definite if its eigenvalues are larger than minus this number times the largest
-# element.
+# Relative limit below which a number counts as a rounding error. It is used twice. A compliance
+# that is not kept is expressed as a linear combination of kept compliances; a coefficient of this
+# combination is ignored if the corresponding part of the effect on the readings is below this
+# fraction of the compliance's total effect. A matrix counts as positive semi-definite if its
+# smallest eigenvalue is above minus this fraction of its largest absolute element.
 _ROUNDING_WEIGHT = 1e-7
 # A column holds the readings per unit of a compliance, scaled to length one. A column counts as
 # linearly independent of other columns if its component orthogonal to them is longer than this
@@ -182,16 +182,16 @@ def _wrench(lever: Array, direction: Array) -> Array:
 
 @dataclass(frozen=True)
 class Kept:
-    """Compliances that circles can separate; each is kept as the representative of a set.
+    """Compliances that circular tests can separate; each is kept as the representative of a set.
 
     A proportional set is a set of compliances that change the readings in proportion to each other.
     The readings determine only the weighted sum of the set's compliances; one compliance, the
     representative, is kept for the set.
     """
 
-    #: compliances that circles can separate, in the order of Table 1 of the paper. Each is kept as
-    #: the representative of its proportional set, that is, of the compliances whose effects on the
-    #: readings are proportional to each other.
+    #: compliances that circular tests can separate, in the order of Table 1 of the paper. Each is
+    #: kept as the representative of its proportional set, that is, of the compliances whose effects
+    #: on the readings are proportional to each other.
     names: tuple[ComplianceName, ...]
     #: for each kept compliance, the names of the compliances whose effects on the readings are
     #: proportional to the effect of the kept compliance (proportional set, Table 2 of the paper);
@@ -202,17 +202,17 @@ class Kept:
     #: compliance on the reading divided by the effect of the kept compliance; the unit of a weight
     #: is a power of mm.
     weights: tuple[tuple[float, ...], ...]
-    #: for each kept compliance, the weights of further compliances in the weighted sum that it
-    #: represents. The effects of these further compliances on the readings are linear combinations
-    #: of the effects of several kept compliances.
+    #: for each kept compliance, the weights of those further compliances that also contribute to
+    #: its estimated value. The effect of such a further compliance on the readings is a linear
+    #: combination of the effects of several kept compliances.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: for each kept compliance, whether it cannot be negative, as is the case for a deflection in
-    #: the direction of its load
+    #: for each kept compliance, whether negative values are physically impossible; a deflection in
+    #: the direction of its load, for example, cannot be negative
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
     #: names of compliances whose effect on the reading is a linear combination of the effects of
-    #: several kept compliances. Of each proportional set without a kept compliance, only the
-    #: representative is named.
+    #: several kept compliances. If several such compliances have effects proportional to each
+    #: other, only one of them is named.
     dependent: tuple[str, ...]
     #: rank of the matrix that holds the effects of all compliances on readings at equally spaced
     #: angles of full circles
@@ -226,11 +226,11 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     """Return the compliances that circular tests can separate, and the set that each represents.
 
     The compliances and sets (Table 2 of the paper) are computed numerically from the readings per
-    unit compliance. Two kinds of compliances are examined: the planar compliances of every tested
-    plane, and all further compliances of the joints that change a reading. Compliances that change
-    readings in proportion to each other form a set. The following rules choose the compliance that
-    represents a set, in the order of their importance. For the paper's machine, the rules give the
-    paper's choice:
+    unit compliance. The function examines the planar compliances of every tested plane, and all
+    other compliances of the joints that change a reading. Compliances that change readings in
+    proportion to each other form a set. The following rules choose the compliance that represents a
+    set, in the order of their importance. For the paper's machine, the rules give the paper's
+    choice:
 
     1. prefer a compliance that is not a translation caused by a moment;
     2. prefer the compliance with the fewest rotary components;
@@ -298,9 +298,9 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
 
     A column holds the readings per unit of a compliance. Compliances with proportional columns form
     a set. One compliance of each set is kept as a parameter, unless its column is a linear
-    combination of the columns of compliances that are already kept. The result also states the
-    weighted sum of compliances that each kept compliance represents. ``circles`` are the nominal
-    circles of tests on ``machine``.
+    combination of the columns of compliances that are already kept. The result also contains the
+    weights of the compliances in the sum that each kept compliance represents. ``circles`` are the
+    nominal circles of tests on ``machine``.
     """
     candidates = _candidates(machine, circles)
     names = candidates.names
@@ -362,13 +362,13 @@ def _weights(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
 def _not_negative(
     names: Sequence[ComplianceName], jacobian: Array, coefficients: Array
 ) -> tuple[bool, ...]:
-    """Return, for each kept compliance, whether it cannot be negative.
+    """Return, for each kept compliance, whether negative values are physically impossible.
 
     A kept compliance represents a weighted sum Σ_k ⟨A_k, C_k⟩ of the compliance matrices C_k of the
     joints k. A_k are symmetric matrices of weights, all of shape (6, 6), and ⟨ , ⟩ is the sum of
-    the products of corresponding elements. A compliance matrix is positive semi-definite. The
-    weighted sum can therefore not be negative if every A_k is positive semi-definite. If any A_k is
-    not, the sum can be negative.
+    the products of corresponding elements. A compliance matrix is positive semi-definite. If every
+    A_k is positive semi-definite, the weighted sum can therefore not be negative. If at least one
+    A_k is not positive semi-definite, the sum can be negative.
 
     Parameters
     ----------
@@ -402,7 +402,7 @@ def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]
 
     Rows and columns are in the order X, Y, Z, A, B, C. A compliance relates a motion component i to
     a load component j; its weight is divided equally between the elements (i, j) and (j, i) of the
-    matrix. ``halves`` holds half of the weight of each compliance in ``names``.
+    matrix. ``halves`` holds, for each compliance in ``names``, half of its weight.
     """
     matrices: dict[str, Array] = {}
     for name, half in zip(names, halves, strict=True):

@@ -25,8 +25,8 @@ ComplianceKind = Literal[
 # Names of the six components of a twist (displacement and rotation) or of a wrench (force and
 # moment): X, Y, Z are the components along the axes, and A, B, C the components about the axes.
 COMPONENTS = LINEAR + ROTARY
-# A geometric error is multiplied by this power of the axis coordinate. The keys are the kinds of
-# errors. For kinds that are not listed, the power is 0.
+# Power of the axis coordinate by which a geometric error is multiplied. The keys are the kinds of
+# geometric errors; for kinds that are not listed, the power is 0.
 _ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 
 
@@ -174,9 +174,9 @@ def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
 def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
     """Return the names of all compliances of the joints of a machine, 6 × 6 = 36 for each joint.
 
-    There is one compliance for each pair of a motion (three displacements, three rotations) and a
-    load (three forces, three moments). The joints are those whose axes move in at least one tested
-    plane.
+    Each joint has one compliance for every combination of a motion (three displacements, three
+    rotations) and a load (three forces, three moments). The joints are those whose axes move in at
+    least one tested plane.
     """
     names = []
     for joint in machine.joints:
