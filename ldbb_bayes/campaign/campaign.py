@@ -55,8 +55,8 @@ __all__ = [
     "require_campaign",
 ]
 
-# Type of the field for the order in which the tests of a campaign were run. The text "random"
-# states that this order was drawn at random.
+# Type of the field that describes the order in which the tests of a campaign were run. The value
+# "random" means that the tests were run in random order.
 Order = Literal["random"]
 # Names of those fields of `Campaign` that hold names and dates. No result depends on the values of
 # these fields.
@@ -86,9 +86,9 @@ _DIGESTED_ALWAYS = (
     "centre_x_mm",
     "centre_y_mm",
 )
-# Names and usual values of those fields of a test that contribute to the SHA-256 digest of the
-# campaign only if their value is not the usual one. Older versions of the program lacked these
-# fields; the digests that they computed therefore stay valid.
+# Names and default values of those fields of a test that contribute to the SHA-256 digest of the
+# campaign only if their value differs from the default. Older versions of the program did not have
+# these fields; the digests computed by older versions therefore remain valid.
 _DIGESTED_UNLESS_USUAL = {
     "centre_z_mm": 0.0,
     "setup": 1.0,
@@ -100,8 +100,8 @@ _DIGESTED_UNLESS_USUAL = {
 def _as_tuple(tests: Any) -> Any:
     """Return an iterable of tests as a tuple.
 
-    Strings, mappings, and any object that is not iterable are returned unchanged; the later
-    validation refuses them.
+    Strings, mappings and objects that are not iterable are returned unchanged; they are refused
+    when the field is validated.
     """
     if isinstance(tests, str | bytes | Mapping):
         return tests
@@ -120,14 +120,14 @@ Tests = Annotated[Sequence[CircularTest], BeforeValidator(_as_tuple)]
 class CampaignFields(Shown):
     """Fields of a campaign that describe machine, instrument and conditions, but not the tests.
 
-    The user's script or the file ``campaign.toml`` states the values of these fields.
+    The values of these fields come from the user's script or from the file ``campaign.toml``.
     """
 
     #: machine axes in order from workpiece to tool, such as wCAFYXZSt: w is the workpiece, F the
     #: machine's foundation, S the spindle and t the tool; the other letters name the axes
     topology: str = "wCAFYXZSt"
-    plane: str = "XY"  #: plane (XY, YZ or ZX) of all tests that state no plane
-    radius_mm: Length = 150.0  #: radius [mm] of all tests that state no radius
+    plane: str = "XY"  #: plane (XY, YZ or ZX) of all tests for which no plane is given
+    radius_mm: Length = 150.0  #: radius [mm] of all tests for which no radius is given
     name: Label | None = None  #: name of the campaign
     #: name that distinguishes the machines of a fleet; by default the machine's serial number
     machine_id: Label | None = None
@@ -150,17 +150,17 @@ class CampaignFields(Shown):
     #: resolution of the ball bar's readout [µm]; the model assumes that the standard deviation of
     #: the readings' noise is at least ``resolution_um`` / √12
     resolution_um: Positive = 0.24
-    #: order in which the tests were run: None for the order in which they are listed, "random" for
-    #: an order that was drawn at random. If all tests state ``time_s``, these times are used
-    #: instead.
+    #: order in which the tests were run: None if they were run in the order in which they are
+    #: listed, "random" if they were run in random order. If ``time_s`` is given for all tests,
+    #: these times are used instead.
     order: Order | None = None
     #: whether the model assumes that the length of the bar and the centre of the circle may have
     #: drifted from test to test, as they do while a machine warms up
     drift: StrictBool = True
     #: deflection of the work ball's mount, and whether readings are compensated for this deflection
     mount: MountCompensation = field(default_factory=MountCompensation)
-    #: force law: the force of the bar as a linear function of the regulator's pressure. If a test
-    #: states only its force or only its pressure, the other is computed with this law.
+    #: force law: the force of the bar as a linear function of the regulator's pressure. If only the
+    #: force or only the pressure of a test is given, the other quantity is computed with this law.
     force_law: ForceLaw = field(default_factory=ForceLaw)
     #: position (X, Y, Z) [mm] of the coordinate frame of each joint when all axes are at zero,
     #: relative to the point where the two balls coincide; see `Machine`. The keys are the letters
@@ -173,10 +173,10 @@ class CampaignFields(Shown):
 class Campaign(CampaignFields):
     """Circular tests of one machine: a campaign with readings, or a plan without readings.
 
-    ``lb.Plan`` is another name of the same class. If a test states no radius, plane or centre, the
-    value that the campaign states is used. If a test states only its force or only its pressure,
-    the missing quantity is computed with the campaign's force law, a linear function of the
-    pressure. Tests without a name are named after their force.
+    ``lb.Plan`` is another name of the same class. If no radius, plane or centre is given for a
+    test, the campaign's value is used. If only the force or only the pressure of a test is given,
+    the missing quantity is computed with the campaign's force law, which expresses the force as a
+    linear function of the pressure. Tests without a name are named after their force.
 
     Raises
     ------
@@ -198,21 +198,21 @@ class Campaign(CampaignFields):
 
     tests: Tests  #: circular tests of the campaign, either all with readings or all without
     name: Label = field(default="campaign", kw_only=True)  #: name of the campaign
-    #: centre (X, Y, Z) of the circle [mm] in all tests that state no centre
+    #: centre (X, Y, Z) of the circle [mm] in all tests for which no centre is given
     centre_mm: Annotated[Sequence[Coordinate], AfterValidator(tuple)] = field(
         default=(0.0, 0.0, 0.0), kw_only=True
     )
     #: certified properties of the instrument: balls, bar, mount, force device and angles
     instrument: Instrument = field(default_factory=Instrument, kw_only=True)
-    #: planned tests, without readings, that may be run later. The model of the campaign already
-    #: includes the effects that only these tests can show.
+    #: tests without readings that may be run later. The model of the campaign already includes
+    #: effects that only these tests can reveal.
     foreseen: Tests = field(default=(), kw_only=True)
     #: pilot: the campaign or plan from which this plan was designed. Forecasts of the plan use what
     #: the pilot's readings show about the machine, the scatter and the instrument. Analyses of
     #: readings ignore the pilot.
     pilot: SkipValidation[Campaign | None] = field(default=None, kw_only=True)
-    #: whether the circles of the pilot are treated as already run; the circles of the plan are then
-    #: run in addition. The pilot is the campaign from which the plan was designed.
+    #: whether the tests of this plan are run in addition to the tests of the pilot, which then
+    #: count as already run. The pilot is the campaign or plan from which this plan was designed.
     adds_to_pilot: StrictBool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -253,19 +253,20 @@ class Campaign(CampaignFields):
         )
 
     def _complete(self, test: CircularTest) -> CircularTest:
-        """Return a test in which radius, plane, centre, set-up, force and pressure are filled in.
+        """Return a copy of a test with radius, plane, centre, set-up, force and pressure filled in.
 
-        If the test states no radius, plane or centre, the value that the campaign states is filled
-        in. A missing set-up becomes number 1. If only the force or only the pressure is stated, the
-        missing quantity is computed with the campaign's force law, a linear function of the
-        pressure. Raise an `InputError` if the computed force is not positive.
+        If no radius, plane or centre is given for the test, the campaign's value is filled in. If
+        no set-up is given, set-up 1 is assumed. If only the force or only the pressure is given,
+        the missing quantity is computed with the campaign's force law, which expresses the force as
+        a linear function of the pressure. Raise an `InputError` if the computed force is not
+        positive.
         """
         completed: dict[str, Any] = {
             "radius_mm": self.radius_mm,
             "plane": self.plane,
             "setup": 1,
         }
-        # If the centre that the campaign states has only the coordinates X and Y, Z is zero.
+        # If the campaign's centre has only the coordinates X and Y, Z is taken as zero.
         completed |= dict(zip(CENTRE, (*self.centre_mm, 0.0)[:3], strict=True))
         for name in completed:
             stated = getattr(test, name)
@@ -289,7 +290,7 @@ class Campaign(CampaignFields):
         return force_N
 
     def machine(self) -> Machine:
-        """Return the campaign's machine, whose planes are those of all tests of the campaign.
+        """Return the campaign's machine, with the planes of all tests of the campaign.
 
         The planes of foreseen tests, which may be run later, are included.
         """
@@ -299,7 +300,7 @@ class Campaign(CampaignFields):
     def scope(self) -> tuple[CircularTest, ...]:
         """Tests of the campaign, followed by the foreseen tests, which may be run later.
 
-        The model of the campaign includes every effect that at least one of these tests can show.
+        The model of the campaign includes every effect that at least one of these tests can reveal.
         """
         return (*self.tests, *self.foreseen)
 
@@ -334,8 +335,9 @@ class Campaign(CampaignFields):
     def without(self, *names: str) -> Campaign:
         """Return the campaign without the tests that ``names`` lists.
 
-        If the tests state no times, the remaining tests are assumed to have been run directly one
-        after another. Raise an `InputError` for an unknown name, or if no test remains.
+        If the start times of the tests are not given, the remaining tests are assumed to have been
+        run directly one after another. Raise an `InputError` for an unknown name, or if no test
+        remains.
         """
         check_known("test", names, [test.name for test in self.tests])
         return replace(self, tests=tuple(test for test in self.tests if test.name not in names))

@@ -22,7 +22,7 @@ from ldbb_bayes.files import read_toml, validated
 
 __all__ = ["LARGEST_PLAN", "CampaignContent", "read_campaign_toml"]
 
-# Number of readings of a planned test if campaign.toml states no number.
+# Number of readings of a planned test if campaign.toml does not give this number.
 _PLANNED_READINGS = 720
 # Largest total number of readings that the planned tests of a campaign may have.
 LARGEST_PLAN = 2_000_000
@@ -100,7 +100,7 @@ class _CampaignFile(CampaignFields):
 class CampaignContent(NamedTuple):
     """Content of campaign.toml: the tests, and the values of all other fields of `Campaign`.
 
-    The other fields include the foreseen tests, which are planned tests that may be run later.
+    The other fields include the foreseen tests, which have no readings and may be run later.
     """
 
     tests: tuple[CircularTest, ...]
@@ -170,7 +170,7 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
 
     The value of the key is the name of the certificate's file, a digital calibration certificate
     (DCC). ``content`` is the content of the campaign.toml at ``path`` and is changed in place.
-    Raise an `InputError` if a table and its certificate state the same key.
+    Raise an `InputError` if a value is given both in a table and by the certificate of the table.
     """
     tables = {"bar": content.get("bar"), "force": content.get("force")}
     balls = content.get("balls", {})
@@ -200,12 +200,12 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
 def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> MountCompensation:
     """Return the deflection of the work ball's mount, and whether readings are corrected for it.
 
-    The deflection is in µm per bar of air pressure. campaign.toml may state a stiffness [N/µm]
-    instead of the deflection. The deflection is then computed as the slope of the force law [N/bar]
+    The deflection is in µm per bar of air pressure. Instead of the deflection, campaign.toml may
+    give a stiffness [N/µm]. The deflection is then computed as the slope of the force law [N/bar]
     divided by the stiffness, where the force law is the force of the ball bar as a linear function
     of the pressure. ``path`` is the path of campaign.toml. ``file`` is its validated content, with
     defaults filled in; ``content`` is its content without defaults. Raise an `InputError` if
-    campaign.toml states both stiffness and deflection.
+    campaign.toml gives both stiffness and deflection.
     """
     stated = content.get("mount", {}).keys()
     require(
@@ -236,10 +236,10 @@ def _instrument_of(path: Path, file: _CampaignFile) -> Instrument:
 def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
     """Return the test that one table [[test]] of campaign.toml describes.
 
-    If the table names a file, the readings are read from this file. If not, the test is a planned
-    test. ``toml`` is the path of campaign.toml, and ``entry`` the validated content of the table.
-    ``number`` is 1 for the first table [[test]], 2 for the second, and so on; error messages state
-    this number.
+    If the table names a file, the readings are read from this file. Otherwise the test is a planned
+    test, which has no readings. ``toml`` is the path of campaign.toml, and ``entry`` the validated
+    content of the table. ``number`` is 1 for the first table [[test]], 2 for the second, and so on;
+    error messages state this number.
     """
     if entry.file is None:
         return _planned_test(f"{toml}, test {number}", entry)
@@ -258,7 +258,7 @@ def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
 
 
 def _planned_test(place: str, entry: _PlannedTest) -> CircularTest:
-    """Return the planned or foreseen test that a table of campaign.toml describes.
+    """Return the test without readings that a table [[test]] or [[foreseen]] describes.
 
     ``place`` names the table in error messages; ``entry`` is the validated content of the table.
     """

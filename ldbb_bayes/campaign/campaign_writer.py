@@ -26,9 +26,10 @@ _SCHEMA = 1
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and one CSV file of readings for each test into an existing folder.
 
-    Planned and foreseen tests, which have no readings, get no CSV file. If the angles of a foreseen
-    test are in unequal steps, the same number of angles in equal steps is written instead. The
-    pilot of a plan is written into the subfolder ``pilot``.
+    No CSV file is written for tests without readings, which are the tests of a plan and the
+    foreseen tests (tests that may be run later). If the angles of a foreseen test are unevenly
+    spaced, the same number of evenly spaced angles is written instead. The pilot of a plan is
+    written into the subfolder ``pilot``.
     """
     if campaign.pilot is not None:
         pilot_folder = folder / PILOT_NAME
@@ -55,7 +56,7 @@ def _write_readings(test: CircularTest, path: Path) -> None:
 def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
     """Return the content of campaign.toml without the tests, as nested dictionaries.
 
-    Values that the campaign does not state are None.
+    Values that are not given in the campaign are None.
     """
     tables: dict[str, Any] = {"schema": _SCHEMA}
     for name in ("topology", "plane", "radius_mm", "name", *LABELS):

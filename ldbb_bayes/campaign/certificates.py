@@ -1,7 +1,7 @@
 """Digital calibration certificates (DCC) of bar, force device and balls.
 
-The numbers of a certificate are returned as dictionaries with the keys of ``campaign.toml``. The
-numbers become values of fields of `Instrument`.
+The numbers of a certificate are returned as dictionaries with the keys of ``campaign.toml``. They
+are later stored in fields of `Instrument`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["CalibrationCertificate", "CertifiedQuantity"]
 
-# Text patterns (regular expressions) by which the role of a certified quantity, such as length,
-# force or form, is recognised. The keys are the roles. The first pattern that is found in the
-# quantity's name or in its attribute refType decides the role.
+# Regular expressions that show the role of a certified quantity, that is, what the quantity is,
+# such as a length, a force or a form deviation. The keys are the roles. The role is the key of the
+# first expression that matches the quantity's name or its attribute refType.
 _ROLES: dict[str, str] = DCC_WORDS["roles"]
 _METRES_PER_MICROMETRE = 1e-6
 # Largest number of certified quantities that an error message lists.
@@ -146,8 +146,8 @@ class CalibrationCertificate(Shown):
     """Digital calibration certificate (DCC): its identifier and its numbers.
 
     The methods return dictionaries of what the certificate states about a bar, a force device or a
-    ball. The keys are the keys of ``campaign.toml``. The methods raise an `InputError` if the
-    certificate states nothing about the object.
+    ball. The dictionaries have the keys of ``campaign.toml``. The methods raise an `InputError` if
+    the certificate says nothing about the bar, force device or ball.
     """
 
     path: Path
@@ -188,8 +188,7 @@ class CalibrationCertificate(Shown):
         is computed from what the certificate states:
 
         - An error of indication is used unchanged.
-        - A deviation from the nominal length is used with the opposite sign, because a longer bar
-          reads too small.
+
         - An actual length is subtracted from the nominal length.
 
         If the certificate states several bars, the bar of the nominal length ``length_mm`` is used.
@@ -235,11 +234,11 @@ class CalibrationCertificate(Shown):
         """Return what the certificate states about a force device, with the keys of campaign.toml.
 
         The key U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain.
-        If no gain is stated, U_percent is the expanded uncertainty of the largest certified force,
-        in percent of this force. The key linearity_percent is the largest deviation from a straight
-        line, in percent of the largest force. The key certificate is the name of the certificate.
-        If the certificate does not state one of the two percentages, its key is left out. Raise an
-        `InputError` if the certificate states neither of them.
+        If the certificate states no gain, U_percent is the expanded uncertainty (k = 2) of the
+        largest certified force, in percent of this force. The key linearity_percent is the largest
+        deviation from a straight line, in percent of the largest force. The key certificate is the
+        name of the certificate. If the certificate does not state one of the two percentages, its
+        key is left out. Raise an `InputError` if the certificate states neither of them.
         """
         stated: dict[str, Any] = {}
         sources = []
@@ -329,10 +328,10 @@ class CalibrationCertificate(Shown):
         }
 
     def _quantities_by_role(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
-        """Return the certified quantities of one dimension, such as m, as one list for each role.
+        """Return the certified quantities of one dimension, such as m, in a list for each role.
 
         The keys are the roles. A role says what a quantity is, such as a length or a force.
-        Quantities of an unknown unit are included; quantities without a role are left out.
+        Quantities with an unknown unit are included; quantities without a role are left out.
         """
         by_role: dict[str, list[CertifiedQuantity]] = {}
         for quantity in self.quantities:
@@ -360,7 +359,7 @@ class CalibrationCertificate(Shown):
 def _error_of_length(
     quantity: CertifiedQuantity, lengths: Mapping[str, list[CertifiedQuantity]]
 ) -> tuple[float, float]:
-    """Return the amount by which a bar's readings are too large, and the amount's U, both in µm.
+    """Return the amount by which a bar's readings are too large, and its uncertainty U, in µm.
 
     U is the expanded uncertainty (k = 2) of this amount. ``quantity`` is the certified quantity
     that states the error of the bar's length. ``lengths`` holds lists of all quantities in units of
@@ -388,10 +387,10 @@ def _is_of_length(
 ) -> bool:
     """Return whether a certified quantity belongs to a bar of the nominal length ``length_mm``.
 
-    The quantity belongs to such a bar if the length stands in the name of the quantity or of an XML
-    element that contains the quantity, as in ``Bar 100 mm``. It also belongs to such a bar if one
-    of ``nominals``, the certified nominal lengths, equals ``length_mm`` and stands in the same
-    element as the quantity.
+    The quantity belongs to such a bar if its name, or the name of an XML element that contains it,
+    includes the length, as in ``Bar 100 mm``. The quantity also belongs to such a bar if the XML
+    element that contains the quantity also contains a nominal length (one of ``nominals``) equal to
+    ``length_mm``.
     """
     texts = " ".join((*quantity.holders, quantity.name))
     for match in _LENGTH_IN_NAME.finditer(texts):
@@ -414,9 +413,10 @@ def _several_errors(
     """Return the `InputError` for a certificate that states several errors of a bar's length.
 
     ``candidates`` holds the quantities that state the errors. ``lengths`` holds lists of all
-    quantities in units of length; its keys state what the quantities are. For each of the first
-    twelve errors, the message states a name that distinguishes it from the other errors, and the
-    two numbers that the user may give instead of the certificate: length_error_um and U_um.
+    quantities in units of length; its keys state what the quantities are. The message lists the
+    first twelve errors. For each of them, it gives a name that distinguishes the error from the
+    others, and the two numbers that the user may enter instead of the certificate: length_error_um
+    and U_um.
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:
@@ -483,7 +483,8 @@ def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
 def _listed(quantities: Sequence[CertifiedQuantity]) -> str:
     """Return the names and units of certified quantities as one line of text, for messages.
 
-    Only the first twelve different texts are listed, followed by the number of texts left out.
+    If there are more than twelve different entries, the first twelve are listed, followed by the
+    number of entries left out.
     """
     texts = list(dict.fromkeys(f"{quantity.title!r} ({quantity.unit})" for quantity in quantities))
     listed = ", ".join(texts[:_QUANTITIES_LISTED])

@@ -24,8 +24,8 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["Ball", "Instrument"]
 
-# Largest deviation from sphericity [µm], peak to valley, that ISO 3290 allows for each grade of
-# ball.
+# Largest peak-to-valley deviation from sphericity [µm] that ISO 3290 allows for a ball of each
+# grade.
 _SPHERICITY_BY_GRADE_UM = {
     "G3": 0.08,
     "G5": 0.13,
@@ -40,12 +40,12 @@ _SPHERICITY_BY_GRADE_UM = {
 @raises_input_error("ball")
 @dataclass(frozen=True, config=STRICT)
 class Ball(Shown):
-    """The form of a ball, as stated by a certificate or by a grade of ISO 3290.
+    """Form deviation of a ball, as stated by a certificate or by a grade of ISO 3290.
 
     A certificate states the deviation from sphericity, peak to valley. It may also state harmonics
-    a cos n(θ − phase) of the form, where θ is the angle on the ball. Each harmonic is given as
-    (n, a [µm], phase [deg]); ``U_um`` is the expanded uncertainty (k = 2) of its cosine and sine
-    coefficients.
+    a cos n(θ − phase) of the form deviation, where θ is the angle on the ball. Each harmonic is
+    given as (n, a [µm], phase [deg]); ``U_um`` is the expanded uncertainty (k = 2) of its cosine
+    and sine coefficients.
 
     Raises
     ------
@@ -66,7 +66,7 @@ class Ball(Shown):
     sphericity_um: Certified | None = None
     #: grade of the ball in ISO 3290, from G3 to G200, given instead of ``sphericity_um``
     grade: str | None = None
-    #: harmonics of the ball's form, each as (order, amplitude [µm], phase [deg])
+    #: harmonics of the ball's form deviation, each as (order, amplitude [µm], phase [deg])
     harmonics_um: Annotated[Sequence[Harmonic], AfterValidator(tuple)] = ()
     #: expanded uncertainty (k = 2) of each cosine and sine coefficient of ``harmonics_um`` [µm]
     U_um: Certified | None = None
@@ -107,7 +107,7 @@ class Instrument(Shown):
     """Certified properties of balls, bar, mount, force device and angles.
 
     Fields with U in their names are expanded uncertainties (k = 2). If a field is None, the model
-    assumes a value, which the function `terms.uncertainties` lists.
+    assumes a value; the function `terms.uncertainties` lists the assumed values.
 
     Raises
     ------
@@ -124,8 +124,10 @@ class Instrument(Shown):
     (0.0005, 'mm')
     """
 
-    work: Ball = field(default_factory=Ball)  #: form of the work ball, as its certificate states it
-    tool: Ball = field(default_factory=Ball)  #: form of the tool ball, as its certificate states it
+    #: form deviation of the work ball according to its certificate or grade
+    work: Ball = field(default_factory=Ball)
+    #: form deviation of the tool ball according to its certificate or grade
+    tool: Ball = field(default_factory=Ball)
     #: error of the bar's length [µm]: the amount by which all readings are too large
     bar_length_error_um: Number = 0.0
     #: expanded uncertainty (k = 2) of the bar's length [µm]
@@ -140,8 +142,8 @@ class Instrument(Shown):
     force_linearity_percent: Percent | None = None
     #: random error of the force in each test, as one standard deviation [N]
     force_random_N: Certified | None = None
-    #: expanded uncertainty (k = 2) [deg] of two errors of the angle: the error of the zero from
-    #: which angles are measured, and the lag of the recorded readings behind the angle of the bar
+    #: expanded uncertainty (k = 2) [deg] that applies to each of two errors of the angle: the zero
+    #: error of the angle, and the angle by which the recorded readings lag behind the bar
     angle_U_deg: CertifiedAngle | None = None
     #: name of the bar's calibration certificate; no computed number depends on this name
     bar_certificate: Label | None = None

@@ -50,10 +50,10 @@ _LARGEST_READING_MM = 100.0
 # this multiple of the usual gap (see `usual_gap`).
 _ORDINARY_GAP = 3.0
 # Forces of several tests count as equal if they differ by at most this fraction of the largest
-# force. A pressure regulator does not repeat a force more closely.
+# force. The repeatability of a pressure regulator is not better than this.
 _SAME_FORCE_SHARE = 1e-3
-# Relative tolerance for two decisions: whether the steps from one angle of a test to the next are
-# equal, and whether the angles of a test extend over at most one turn.
+# Relative tolerance with which two questions are decided: whether the angles of a test are evenly
+# spaced, and whether they extend over at most one turn.
 _EVEN_TOLERANCE = 1e-6
 # Relative tolerance within which the arc of a planned test counts as a full turn.
 _TURN_TOLERANCE = 1e-6
@@ -65,8 +65,8 @@ CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 class TestFields(Shown):
     """Conditions of a circular test: load, circle, set-up and direction, without the readings.
 
-    The conditions are stated by the user's script, by the file ``campaign.toml``, or by the layout
-    of an imported file. A field that is not stated is None.
+    The conditions come from the user's script, from the file ``campaign.toml``, or from the
+    description of an imported file's layout. A field is None if no value is given.
     """
 
     __test__ = False
@@ -92,15 +92,15 @@ class TestFields(Shown):
     centre_y_mm: Coordinate | None = None
     #: Z of the circle's centre (the work ball), in machine coordinates [mm]
     centre_z_mm: Coordinate | None = None
-    #: number of the set-up in which the test is run; in all tests of one set-up, the tool ball has
-    #: the same offsets
+    #: number of the set-up in which the test is run; the offsets of the tool ball are the same in
+    #: all tests of one set-up
     setup: SetupNumber | None = None
     temperature_C: Number | None = None  #: temperature during the test [°C]
     time_s: Number | None = None  #: start of the test [s], on a clock common to all tests
 
 
-# Names of those fields of a test that can be read from an imported file even if its table has no
-# column of that name, for example from the name of the file.
+# Names of those fields of a test whose values an import can take from elsewhere, for example from
+# the name of the file, if the table has no column of the same name.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
 # Names of those fields of a test that can be read from a table of readings only if the table has a
 # column of the same name.
@@ -314,7 +314,7 @@ class CircularTest(TestFields):
     def step_deg(self) -> float:
         """Step from one angle of the test to the next [deg]; negative if the angles decrease.
 
-        The step is zero if the angles are in unequal steps or extend over more than one turn.
+        The step is zero if the angles are not evenly spaced or extend over more than one turn.
         """
         steps = np.diff(self.angle_deg)
         is_even = np.allclose(steps, steps[0], rtol=_EVEN_TOLERANCE)
@@ -325,10 +325,11 @@ class CircularTest(TestFields):
     def planned(self) -> CircularTest:
         """Return the same test as a planned test, without readings.
 
-        Angles in unequal steps, or over more than one turn, are replaced with the same number of
-        angles in equal steps over the same arc, which is at most one turn. Angles in equal steps
-        are computed anew from their number, first angle and arc. A planned test that is stored in
-        campaign.toml and read again therefore has exactly the same angles.
+        Angles that are unevenly spaced, or extend over more than one turn, are replaced with the
+        same number of evenly spaced angles over the arc that the test covers, which is at most one
+        turn. Evenly spaced angles are computed anew from their number, first angle and arc. A
+        planned test that is stored in campaign.toml and read again therefore has exactly the same
+        angles.
         """
         readings = len(self.angle_deg)
         if self.step_deg:
@@ -346,7 +347,7 @@ class CircularTest(TestFields):
 
     @property
     def planned_arc_deg(self) -> float:
-        """Arc [deg] that campaign.toml states for angles in equal steps; ±360 for a full turn.
+        """Arc [deg] written into campaign.toml for evenly spaced angles; ±360 for a full turn.
 
         The arc is negative if the angles decrease.
         """
@@ -360,9 +361,9 @@ class CircularTest(TestFields):
     def circle(self) -> Circle:
         """Nominal circle of the test: its radius, centre and plane.
 
-        If the test does not state its radius or a coordinate of its centre, zero is assumed; if it
-        does not state its plane, XY is assumed. Tests of a campaign always state radius, centre and
-        plane, because the campaign fills in missing values.
+        If the radius or a coordinate of the centre is not given, zero is assumed; if the plane is
+        not given, XY is assumed. In the tests of a campaign, radius, centre and plane are always
+        known, because the campaign fills in missing values.
         """
         x, y, z = (float(getattr(self, key) or 0.0) for key in CENTRE)
         return Circle(float(self.radius_mm or 0.0), (x, y, z), self.plane or "XY")

@@ -39,8 +39,9 @@ _NO_RESULTS = (
 # numbers, with unit and uncertainty.
 _NUMBER_ELEMENTS = ("real", "realListXMLList")
 # Names of XML elements by which an expanded uncertainty is recognised. The keys are the names of
-# the elements that state the uncertainty, first in version 2 and then in version 1 of the D-SI
-# (Digital SI). Each value is the name of the inner element that holds the number.
+# the elements that state the uncertainty: the first key is the name in version 2 of the D-SI
+# (Digital SI), the second key the name in version 1. Each value is the name of the inner element
+# that holds the number.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
 # Names of XML elements by which a standard uncertainty in the D-SI (Digital SI) is recognised. The
 # keys are the names of the elements that state the uncertainty. Each value is the name of the inner
@@ -231,7 +232,7 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
 
 
 def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | None:
-    """Return for how many quantities an XML element lists both units and uncertainties.
+    """Return the number of quantities for which an XML element lists both unit and uncertainty.
 
     ``units`` is the list of units; ``uncertainty`` holds the lists of uncertainties, coverage
     factors and coverage probabilities. A list with a single entry applies to all quantities. The

@@ -1,4 +1,4 @@
-"""Check that either all tests in a plane state their direction of travel, or no test does."""
+"""Check that the direction of travel is given for all tests in a plane, or for none."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ __all__ = ["planes_run_both_ways"]
 def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
     """Return the planes in which circles are run, or are planned, in both directions of travel.
 
-    Raise an `InputError` if a test in such a plane states no direction, or if in any other plane
-    some tests state a direction and some do not.
+    Raise an `InputError` if no direction is given for a test in such a plane, or if in any other
+    plane the direction is given for some tests but not for all.
     """
     both = []
     for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
@@ -26,11 +26,11 @@ def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
 
 
 def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
-    """Raise an `InputError` if a test of ``campaign`` in a plane states no direction of travel.
+    """Raise an `InputError` if a test of ``campaign`` in a plane has no direction of travel.
 
-    ``plane`` is the name of the plane. The error message states why a direction is needed, in a
-    clause that begins with "as circles of plane" and the name of the plane. ``reason`` is the end
-    of this clause, such as "run, or are to run, both ways".
+    ``plane`` is the name of the plane. ``reason`` is the part of the error message that says why a
+    direction is needed, such as "run, or are to run, both ways"; it follows the words "as circles
+    of plane" and the name of the plane.
     """
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None

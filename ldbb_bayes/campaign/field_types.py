@@ -29,7 +29,7 @@ __all__ = [
 # Largest number that a set-up may have.
 _LARGEST_SETUP = 1000
 # Configuration of pydantic, the library that checks input. With this configuration, pydantic
-# refuses arguments for which a class has no field.
+# refuses arguments that do not correspond to a field of the class.
 STRICT = ConfigDict(extra="forbid")
 
 
@@ -86,8 +86,8 @@ Certified = Annotated[Number, Field(gt=0.0, le=1e3)]
 # Type of an angle in degrees from a certificate: above zero, at most 10. A larger value is probably
 # in another unit.
 CertifiedAngle = Annotated[Number, Field(gt=0.0, le=10.0)]
-# Type of a harmonic a cos n(θ − phase) of a ball's form: order n from 2 to 12, amplitude a [µm] and
-# phase [deg].
+# Type of a harmonic a cos n(θ − phase) of a ball's form deviation: order n from 2 to 12, amplitude
+# a [µm] and phase [deg].
 Harmonic = tuple[
     Annotated[int, BeforeValidator(_refuse_text), Field(ge=2, le=12)],
     Annotated[Number, Field(ge=0.0)],

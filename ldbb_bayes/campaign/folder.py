@@ -60,10 +60,10 @@ def read_campaign(
         Path of the folder or file.
     certificates : mapping of str to object, optional
         Values of fields of `Instrument`; the keys are the names of the fields. These values replace
-        those that ``campaign.toml`` states; a tidy CSV states no such values.
+        those in ``campaign.toml``; a tidy CSV contains no such values.
     **options : object
         Values of fields of `Campaign`, such as ``radius_mm=150``. They are permitted only with a
-        tidy CSV, because a ``campaign.toml`` states these values itself.
+        tidy CSV, because a ``campaign.toml`` already contains these values.
 
     Returns
     -------
@@ -73,8 +73,8 @@ def read_campaign(
     Raises
     ------
     InputError
-        For anything that cannot be read. The message states the file, the fault, and what the user
-        can do.
+        For anything that cannot be read. The message names the file and the fault, and says what
+        the user can do.
 
     Examples
     --------
@@ -140,9 +140,8 @@ def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
 def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) -> Instrument:
     """Return the instrument with new values of the fields that ``certificates`` names.
 
-    ``certificates`` holds new values; the keys are names of fields of `Instrument`. If a field of
-    the bar or of the force device gets a new value, the name of the old certificate of the bar or
-    force device is removed.
+    ``certificates`` holds new values; the keys are names of fields of `Instrument`. If a value of
+    the bar or of the force device is replaced, the name of the device's old certificate is removed.
     """
     changes: dict[str, Any] = {}
     for name in certificates:
@@ -212,7 +211,7 @@ def files_of(folder: Path) -> set[str]:
 
 
 def pilot_of_plan(folder: Path | None) -> set[str]:
-    """Return a set with the name of the pilot's folder, or an empty set if a plan has no pilot.
+    """Return a set that contains the name of the pilot's folder, or an empty set without a pilot.
 
     The pilot is the campaign or plan from which the plan was designed. Its folder, which is inside
     the folder of the plan, holds only a copy and may be deleted when the plan is replaced.
@@ -230,9 +229,9 @@ def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
     """Return a dictionary with the name, the machine_id and the date that a campaign.toml states.
 
     The keys are name, machine_id and date. If machine_id is missing or empty, its value is the
-    serial number of the machine. A date is a string in ISO 8601. Keys that are not stated, or whose
-    values have more than 200 characters, are left out. The dictionary is empty for a file that
-    cannot be read, and for a CSV file. ``path`` is the path of a campaign folder or of a file.
+    serial number of the machine. A date is a string in ISO 8601. Keys without a value, and keys
+    whose values have more than 200 characters, are left out. The dictionary is empty for a file
+    that cannot be read, and for a CSV file. ``path`` is the path of a campaign folder or of a file.
     """
     file = Path(path)
     if os.path.isdir(path):

@@ -19,9 +19,9 @@ __all__ = ["ForceLaw", "MountCompensation"]
 class ForceLaw(Shown):
     """Force F of the bar as a function of the regulator's pressure P, F = slope · P + offset.
 
-    The default values are valid for the bar in the published experiment (`embedded_campaign`). If a
-    test states only its force or only its pressure, the missing quantity is computed with the
-    campaign's force law.
+    The default values are valid for the bar in the published experiment (`embedded_campaign`). If
+    only the force or only the pressure of a test is given, the missing quantity is computed with
+    the campaign's force law.
 
     Examples
     --------
@@ -36,11 +36,11 @@ class ForceLaw(Shown):
     offset_N: Number = -14.2  #: force of the bar at zero pressure [N]
 
     def force_N(self, pressure_bar: float) -> float:
-        """Return the force of the bar [N] at a pressure of the regulator [bar]."""
+        """Return the force of the bar [N] at a given pressure of the regulator [bar]."""
         return self.slope_N_per_bar * pressure_bar + self.offset_N
 
     def pressure_bar(self, force_N: float) -> float:
-        """Return the pressure of the regulator [bar] that produces a force of the bar [N]."""
+        """Return the pressure of the regulator [bar] that produces a given force of the bar [N]."""
         return (force_N - self.offset_N) / self.slope_N_per_bar
 
 

@@ -31,16 +31,17 @@ _ORDER = 12
 # Smallest arc [deg] that counts as a full circle in the preview. A remark is made on a test whose
 # angles cover a smaller arc.
 _FULL_DEG = 359.0
-# Largest arc [deg] for which a remark on a test states the arc that its angles cover. For a larger
-# arc that is not a full circle, the remark states the largest gap between angles. The limit is a
-# full circle minus one period of the highest order of the fitted Fourier series.
+# Limit [deg] that decides how the preview describes a test whose angles do not cover the full
+# circle. If the covered arc is at most this limit, the remark gives the arc; if the arc is larger,
+# the remark gives the largest gap between angles. The limit is a full circle minus one period of
+# the highest order of the fitted Fourier series.
 _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
-# Width above which a gap between neighbouring angles of a test is reported, as a multiple of the
+# A gap between neighbouring angles of a test is reported if it is wider than this multiple of the
 # usual step from one angle to the next.
 _GAP_STEPS = 10.0
 # A difference between two forces of a test is reported if it exceeds this fraction of the force at
-# the campaign's largest pressure. The two forces are the force that the test states, and the force
-# that the campaign's force law gives for the pressure of the test.
+# the campaign's largest pressure. The two forces are the force given for the test, and the force
+# that follows from the test's pressure by the campaign's force law.
 _FORCE_LAW_SHARE = 0.02
 # Usual range of a campaign's largest force [N]. If the force is outside this range, the unit of the
 # forces is probably wrong.
@@ -48,14 +49,13 @@ _FORCES_N = (5.0, 10_000.0)
 # Usual range of a circle's radius [mm]. If the radius is outside this range, its unit is probably
 # wrong.
 _RADII_MM = (10.0, 2000.0)
-# Smallest peak-to-peak value of a test's readings that is usual, as a multiple of the resolution of
-# the readout. If the value is smaller, the unit of the readings is probably wrong.
+# If the peak-to-peak value of a test's readings is smaller than this multiple of the resolution of
+# the readout, the unit of the readings is probably wrong.
 _SMALLEST_SPAN_RESOLUTIONS = 3.0
-# Largest peak-to-peak value of a test's readings that is usual [µm]. If the value is larger, the
-# unit of the readings is probably wrong.
+# If the peak-to-peak value of a test's readings is larger than this number [µm], the unit of the
+# readings is probably wrong.
 _LARGEST_SPAN_UM = 1000.0
-# Range of the number of readings of a test within which a preview fits a Fourier series to the
-# readings.
+# Numbers of readings for which the preview fits a Fourier series to the readings of a test.
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
 # A reading is a spike if its deviation from the Fourier series fitted to its test exceeds this
 # multiple of the standard deviation of the readings about the series.
@@ -82,17 +82,17 @@ _FALLING = -0.95
 # The MAD of readings times this factor is an estimate of their standard deviation.
 _SD_PER_MAD = 1.4826
 # Smallest resolution [µm] that is accepted if more than nine tenths of the readings are distinct. A
-# smaller step between readings only shows with how many digits they were written.
+# smaller step only shows the number of digits with which the readings were written.
 _FINEST_STEP_UM = 0.005
-# Smallest number of distinct readings from which a resolution is determined if more than nine
-# tenths of the readings are distinct.
+# If more than nine tenths of the readings are distinct, a resolution is determined only if there
+# are at least this number of distinct readings.
 _MIN_VALUES = 50
 
 
 class RemarkKind(StrEnum):
     """Kinds of remarks in the preview of a campaign.
 
-    Remarks are on one test, on the campaign as a whole, or on what a fit will assume.
+    A remark concerns one test, the campaign as a whole, or an assumption of a fit.
     """
 
     TRAVEL = "travel"
@@ -169,7 +169,7 @@ class TestPreview:
     arc_deg: float  #: arc of the circle that the angles of the test cover [deg]
     #: largest gap between neighbouring angles of the test on the circle [deg]
     largest_gap_deg: float
-    #: direction of travel as the test states it: clockwise (CW) or counterclockwise (CCW)
+    #: direction of travel given for the test: clockwise (CW) or counterclockwise (CCW)
     direction: str | None
     #: direction of travel that the order of the test's angles shows: clockwise (CW) or
     #: counterclockwise (CCW)
@@ -336,9 +336,10 @@ def _remark_on_angles(
 ) -> None:
     """Add remarks on the angles of ``test`` to ``remarks``.
 
-    A remark is made if the order of the angles contradicts the stated direction of travel, if the
-    angles cover only an arc, or if there is a wide gap between them. ``campaign`` is the campaign
-    of the test, and ``angles`` holds the steps, gaps and direction of the angles.
+    A remark is made if the order of the angles contradicts the direction of travel given for the
+    test, if the angles do not cover the full circle, or if there is a wide gap between them.
+    ``campaign`` is the campaign of the test, and ``angles`` holds the steps, gaps and direction of
+    the angles.
     """
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
@@ -351,10 +352,10 @@ def _remark_on_angles(
 
 
 def _order_shows_no_travel(campaign: Campaign) -> bool:
-    """Return whether the angles of all tests increase although the tests state both directions.
+    """Return whether the angles increase in all tests although both directions of travel are given.
 
-    If they do, the tables of readings were sorted by angle, and the order of the readings does not
-    show the direction of travel.
+    In this case the tables of readings were probably sorted by angle, so that the order of the
+    readings does not show the direction of travel.
     """
     directions = {test.direction for test in campaign.tests}
     all_rise = all(np.all(np.diff(test.angle_deg) > 0) for test in campaign.tests)
@@ -381,8 +382,8 @@ def _preview_readings(
     """Return quantities computed from the readings of ``test``, such as noise and resolution.
 
     Remarks on the readings, for example on a unit that is probably wrong, are added to ``remarks``.
-    ``stated_um`` is the resolution that the campaign states [µm]. ``angles`` are the steps, gaps
-    and direction of the test's angles.
+    ``stated_um`` is the resolution given for the campaign [µm]. ``angles`` are the steps, gaps and
+    direction of the test's angles.
     """
     reading = test.reading_um
     span = float(np.ptp(reading))
@@ -592,7 +593,7 @@ def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
 
 
 def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark on the times that a fit will use to compute the drift of bar and circle."""
+    """Add a remark on the times from which a fit will compute the drift of bar and circle."""
     number = len(campaign.tests)
     times_s = [test.time_s for test in campaign.tests if test.time_s is not None]
     span_min = None
@@ -618,7 +619,7 @@ def _runs_both_ways(campaign: Campaign, plane: str) -> bool:
 
 
 def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
-    """Return remarks on what looks odd in a campaign as a whole, such as equal forces."""
+    """Return remarks on odd properties of the campaign as a whole, such as equal forces."""
     kinds = RemarkKind
     remarks = _Remarks()
     remarks.add(kinds.ONE_LEVEL, campaign.force_levels == 1)

@@ -40,8 +40,8 @@ _LARGEST_SPAN_RAD = 8.0 * np.pi
 def read_readings(path: Path) -> dict[str, Array]:
     """Return the column of angles and the column of readings in the CSV file of one test.
 
-    The keys of the result are the names of the columns: angle_deg or angle_rad, and reading_um or
-    reading_mm. Raise an `InputError` for a file that cannot be read.
+    The result is a dictionary; its keys are the names of the columns: angle_deg or angle_rad, and
+    reading_um or reading_mm. Raise an `InputError` for a file that cannot be read.
     """
     return _angles_and_readings(path, _read_columns(path, (*_ANGLES, *_READINGS)))
 
@@ -50,8 +50,8 @@ def is_tidy_table(path: Path) -> bool:
     """Return whether a file is a tidy CSV that `tests_of_table` can read.
 
     The first line must hold the names of the columns. A column "test" must be among them, and all
-    names must be known to `tests_of_table`. Other tables must be imported; the import determines
-    what their columns mean.
+    names must be known to `tests_of_table`. All other tables must be imported with
+    `import_campaign`, which determines what their columns mean.
     """
     if path.suffix.lower() != ".csv":
         return False
@@ -88,7 +88,7 @@ def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
 
 
 def _single_value(path: Path, test: str, column: str, values: Any) -> str | float | None:
-    """Return the value that all rows of one test have in a column; None for an empty string.
+    """Return the common value of a column in all rows of one test; None if the cells are empty.
 
     ``test`` and ``column`` are the names of the test and of the column, and ``values`` the column's
     values in the rows of the test. Raise an `InputError` if the values differ.

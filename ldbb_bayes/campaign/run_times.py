@@ -1,4 +1,4 @@
-"""Sources of the times at which tests were run: stated start times, or the order of the tests."""
+"""How the times of the tests are obtained: from given start times, or from the tests' order."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from ldbb_bayes.campaign.campaign import Campaign
 
 __all__ = ["SECONDS_PER_TEST", "TimeSource", "time_source", "times_stated"]
 
-# Time [s] that is assumed from the start of one test to the start of the next if a campaign states
-# no times of its tests.
+# Time [s] that is assumed between the starts of consecutive tests if start times are not given for
+# all tests of a campaign.
 SECONDS_PER_TEST = 360.0
 
 
@@ -19,21 +19,21 @@ class TimeSource(StrEnum):
     The drift of the bar's length and of the circle's centre is computed from these times.
     """
 
-    TIMES = "times"  #: the start time (``time_s``) that every test states
+    TIMES = "times"  #: the start time (``time_s``) given for every test
     LISTED = "listed order"  #: the order in which the tests are listed, one test every six minutes
-    #: no source: the times are unknown, because the campaign states that the order was random
+    #: no source: the times are unknown, because the tests were run in random order
     RANDOM = "random order"
-    #: no source is needed: the campaign states that nothing drifted from test to test
+    #: no source is needed, because the user has declared that nothing drifted between tests
     NO_DRIFT = "no drift"
 
 
 def time_source(campaign: Campaign) -> TimeSource:
     """Return the source of the times at which a campaign's tests were run.
 
-    The drift of the bar's length and of the circle's centre is computed from these times. If the
-    campaign states that nothing drifted, no times are needed. If all tests state their start times,
-    these times are used. If not, it is assumed that the tests were run in the order in which they
-    are listed, unless the campaign states that the order was random.
+    The drift of the bar's length and of the circle's centre is computed from these times. No times
+    are needed if the user has declared that nothing drifted. If start times are given for all
+    tests, these times are used. Otherwise the tests are assumed to have been run in the order in
+    which they are listed, unless the user has declared that the order was random.
     """
     if not campaign.drift:
         return TimeSource.NO_DRIFT
@@ -45,5 +45,5 @@ def time_source(campaign: Campaign) -> TimeSource:
 
 
 def times_stated(campaign: Campaign) -> int:
-    """Return the number of tests of a campaign that state their start time."""
+    """Return the number of tests of a campaign for which a start time is given."""
     return sum(test.time_s is not None for test in campaign.tests)

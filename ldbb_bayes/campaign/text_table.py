@@ -215,8 +215,8 @@ def strict_numbers(
 ) -> Array:
     """Return the numbers in the n cells of a table's column, shape (n,).
 
-    Raise an `InputError` for a cell that is not a finite number, and for a cell with marks between
-    thousands, such as 1,000,000. In a cell such as 1.000, the point is read as a decimal mark.
+    Raise an `InputError` for a cell that is not a finite number, and for a number with thousands
+    separators, such as 1,000,000. In a cell such as 1.000, the point is read as a decimal mark.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def number_error(
         Text of the cell.
     remedy
         Sentence that says what the user can do. If the cell looks like a date, a sentence about
-        dates replaces it.
+        dates is used instead.
     """
     content = "nothing"
     if cell:
