@@ -1,4 +1,4 @@
-"""Nuisance terms for the form of the balls, and for the machine's errors of higher orders.
+"""Nuisance terms for form errors of the balls, and for the machine's errors of higher orders.
 
 Nuisance terms are effects that are modelled but not of interest. A harmonic of order n is cos nθ or
 sin nθ, with θ the angle on the circle.
@@ -33,12 +33,13 @@ _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
 # higher orders, are proportional to n^(−p), where the order n is the number of waves around the
 # circle.
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
-# Prior variance of each coefficient of a ball's form with 2 or 3 waves around the circle, divided
-# by the square of the ball's deviation from sphericity (peak to valley).
+# Prior variance of each coefficient of a ball's form error with 2 or 3 waves around the circle,
+# divided by the square of the ball's deviation from sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
-# At orders n up to this number, a single harmonic cos nθ or sin nθ of a ball's form may account for
-# the ball's whole deviation from sphericity. At higher orders, the prior sds fall as 1/n if the
-# deviation is stated. A deviation that is only assumed says nothing about higher orders.
+# At orders n up to this number, a single harmonic cos nθ or sin nθ of a ball's form error may
+# account for the ball's whole deviation from sphericity. At higher orders, the prior sds that
+# follow from the deviation decrease as 1/n if the deviation is stated by a certificate or grade. If
+# the deviation is only assumed, it is not used at higher orders.
 _LAST_SPHERICITY_ORDER = 3
 
 
@@ -59,11 +60,12 @@ class _CoefficientPrior(NamedTuple):
     """Prior of the coefficients of a ball's form error: cosine and sine of each order."""
 
     #: factor f of each coefficient. The hyper-parameters τ and p contribute f τ² (n/6)^(−2p) to the
-    #: prior variance of a coefficient of the order n. f is half of the number of balls for which
-    #: no certificate or grade states the form at the order n.
+    #: prior variance of a coefficient of the order n. f is half of the number of balls for which no
+    #: certificate or grade gives the form error of the order n.
     share_of_tau: Array
-    sd_um: Array  #: part of each coefficient's prior sd that no hyper-parameter scales [µm]
-    mean_um: Array  #: prior mean of each coefficient of form, from certificates [µm]
+    #: fixed part of each coefficient's prior sd, which does not depend on hyper-parameters [µm]
+    sd_um: Array
+    mean_um: Array  #: prior mean of each coefficient of the form error, from certificates [µm]
 
 
 class _Form(NamedTuple):
@@ -71,7 +73,7 @@ class _Form(NamedTuple):
 
     The names of its coefficients begin with ``stem``. ``turned_rad``, shape (tests,), holds for
     every test the angle on the circle at which the angle on the ball is zero [rad]. ``balls``
-    contains the ball to which the form belongs. For the sum, ``balls`` contains both balls, and
+    contains the ball that has this form error. For the sum, ``balls`` contains both balls, and
     ``turned_rad`` refers to the work ball.
     """
 
@@ -94,19 +96,21 @@ class BallForm(Term):
     θ is the angle on the circle and ψ the clocking angle, by which the ball is turned in its
     socket. Each ball adds to the prior variance of each coefficient. Let S be the ball's deviation
     from sphericity, peak to valley. If its certificate or grade states S, the ball adds S²/24 ·
-    min(1, 3/n)², because the stated deviation is an upper limit of the form at every order. If
-    nothing is stated about a ball, it adds τ²/2 (n/6)^(−2p) at all orders, and also S²/24 at the
-    orders 2 and 3, with ``sphericity_um`` for S. The hyper-parameters are τ, the scale of the form
-    of both balls at order 6, and p, the exponent of the decrease with the order n. Both exist only
-    if the form of at least one ball is not stated. For harmonics that a certificate states, mean
-    and variance are taken from the certificate. If the field ``law`` is ``1/n``, as in the model's
-    first edition (preset ``first``), the prior sd is τ/n instead.
+    min(1, 3/n)², because the stated deviation is an upper limit of the form error of every order.
+    If nothing is stated about a ball, it adds τ²/2 (n/6)^(−2p) at all orders, and also S²/24 at the
+    orders 2 and 3, with ``sphericity_um`` for S. The hyper-parameters are τ and p. τ is the prior
+    sd of the sum of the form errors of two such balls at the order 6, and p is the exponent with
+    which this sd decreases with the order n. τ and p exist only if nothing is stated about at least
+    one ball. For harmonics in a certificate, mean and variance are taken from the certificate. If
+    the field ``law`` is ``1/n``, as in the model's first edition (preset ``first``), the prior sd
+    is τ/n instead.
 
-    If both balls keep their clocking in all tests, the forms of the two balls are modelled as one
-    sum. If the clocking of a ball changes between tests, each ball has its own form. The form of
-    the work ball is then a function of θ − ψ_work. The form of the tool ball is a function of θ +
-    180° − ψ_tool, because the tool ball is touched on its far side. Every plane has separate forms,
-    because its circles run over another great circle of the balls.
+    If both balls keep their clocking in all tests, the sum of the form errors of the two balls is
+    modelled. If the clocking of a ball changes between tests, the two form errors are modelled
+    separately: the form error of the work ball is a function of θ − ψ_work, and that of the tool
+    ball is a function of θ + 180° − ψ_tool, because the bar points in opposite directions as seen
+    from the centres of the two balls. Each plane has separate form errors, because circles in
+    different planes run along different great circles of the balls.
 
     Examples
     --------
@@ -120,7 +124,7 @@ class BallForm(Term):
     #: deviation from sphericity, peak to valley [µm], assumed for a ball without certificate or
     #: grade
     sphericity_um: float = 2.5
-    #: how the prior sd of a ball's form becomes smaller with the order n (number of waves around
+    #: how the prior sd of a ball's form error decreases with the order n (number of waves around
     #: the circle): in proportion to n^(−p) with a hyper-parameter p (``decay``), or in proportion
     #: to 1/n (``1/n``)
     law: Literal["decay", "1/n"] = "decay"
@@ -131,17 +135,18 @@ class BallForm(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the balls' form: the scale τ at Fourier order 6, and the decay p.
+        """Hyper-parameters of the balls' form errors: their scale τ at order 6, and the decay p.
 
         The prior sd of a form error with n waves around the circle is proportional to n^(−p). If
-        the field ``law`` is ``1/n``, there is only τ. If the form of both balls is stated, a
-        campaign's model has neither τ nor p, because no coefficient depends on them.
+        the field ``law`` is ``1/n``, there is only τ. If certificates or grades state the form
+        errors of both balls, the model of a campaign has neither τ nor p, because no coefficient
+        depends on them.
         """
         tau = Scale("tau", "tau_um", "τ", "ball form")
         return (tau, _DECAY) if self.law == "decay" else (tau,)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the balls' form for the tests of a campaign.
+        """Return the columns of the balls' form errors for the tests of a campaign.
 
         ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient. Every plane has one set of columns for each ball, or one set for the sum of
@@ -161,10 +166,10 @@ class BallForm(Term):
         return tuple(columns)
 
     def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
-        """Return the prior of the form of one ball, or of the sum of the forms of both balls.
+        """Return the prior of one ball's form error, or of the sum of both balls' form errors.
 
-        ``balls`` are the balls that contribute to the form. The result is a dict of keyword
-        arguments for `Columns`: those that describe the prior.
+        ``balls`` are the balls that contribute to the form error. The result is a dict of those
+        keyword arguments of `Columns` that describe the prior.
         """
         orders = np.repeat(_FORM_ORDERS, 2).astype(float)
         if self.law == "1/n":
@@ -184,10 +189,10 @@ class BallForm(Term):
         }
 
     def _coefficient_prior(self, balls: Sequence[_TurnedBall], orders: Array) -> _CoefficientPrior:
-        """Return the prior of the form coefficients of one ball, or of the sum of both balls.
+        """Return the prior of the coefficients of a ball's form error, or of the sum of both.
 
-        ``balls`` are the balls that contribute to the form, and ``orders`` holds the order of each
-        coefficient.
+        ``balls`` are the balls that contribute to the form error, and ``orders`` holds the order of
+        each coefficient.
         """
         share_of_tau = np.zeros(len(orders))
         variance = np.zeros(len(orders))
@@ -208,7 +213,7 @@ class BallForm(Term):
         return _CoefficientPrior(share_of_tau, np.sqrt(variance), mean)
 
     def coefficient_sd_um(self, ball: Ball, order: int, tau_um: Array, decay: Array) -> Array:
-        """Return the prior sd of each coefficient of one order in the form of one ball [µm].
+        """Return the prior sd of the coefficients of one order of a ball's form error [µm].
 
         Parameters
         ----------
@@ -217,10 +222,10 @@ class BallForm(Term):
         order : int
             Order n of the harmonics cos nθ and sin nθ, whose coefficients have the same sd.
         tau_um : array or float
-            Values of the hyper-parameter τ, the scale of form at order 6 [µm].
+            Values of the hyper-parameter τ, the scale of the balls' form errors at order 6 [µm].
         decay : array or float
-            Values of the hyper-parameter p, the exponent of the decrease with the order, of the
-            same shape.
+            Values of the hyper-parameter p, the exponent with which the contribution of τ decreases
+            with the order; same shape as ``tau_um``.
 
         Returns
         -------
@@ -240,7 +245,7 @@ class BallForm(Term):
         return np.asarray(np.sqrt(variance))
 
     def _sphericity_sd_um(self, ball: Ball, orders: Array) -> Array:
-        """Return prior sds of form coefficients from a ball's deviation from sphericity [µm], (n,).
+        """Return prior sds of a ball's form error from its deviation from sphericity [µm], (n,).
 
         ``orders``, shape (n,), are the orders of n coefficients, at least 2. If the ball's
         certificate or grade states its deviation from sphericity S, the sd is S/√24 · min(1,
@@ -255,14 +260,13 @@ class BallForm(Term):
         return np.asarray(np.sqrt(_VARIANCE_PER_SPHERICITY) * sphericity * relative)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield what the term assumes about the form of each ball, order by order.
+        """Yield what the term assumes about the form error of each ball, order by order.
 
         ``campaign`` holds the certificates and grades of the balls. The term assumes a prior sd at
-        each order and, for harmonics that a certificate states, also an amplitude. If a certificate
-        or grade states the deviation from sphericity, the orders are 2 to 12. Otherwise they are 2,
-        3 and the orders of all harmonics that a certificate states. The contribution of the
-        hyper-parameter τ, the scale of form, to the prior sds is not included. If the field ``law``
-        is ``1/n``, nothing is yielded.
+        each order and, for harmonics in a certificate, also an amplitude. If a certificate or grade
+        states the deviation from sphericity, the orders are 2 to 12. Otherwise they are 2, 3 and
+        the orders of all harmonics in the certificate. The contribution of the hyper-parameter τ to
+        the prior sds is not included. If the field ``law`` is ``1/n``, nothing is yielded.
         """
         if self.law != "decay":
             return
@@ -285,11 +289,11 @@ class BallForm(Term):
                 )
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
-        """Return whether the prior of a coefficient of form follows from certificates or grades.
+        """Return whether the prior of a form-error coefficient follows from certificates or grades.
 
         ``coefficient`` is the name of the coefficient, and ``campaign`` holds the certificates and
-        grades. For a coefficient of the sum of both balls' forms, the form of both balls must be
-        stated.
+        grades. For a coefficient of the sum of both balls' form errors, certificates or grades must
+        state the form errors of both balls.
         """
         instrument = campaign.instrument
         balls = [instrument.work, instrument.tool]
@@ -306,7 +310,7 @@ class BallForm(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a coefficient of the balls' form, made from its name.
+        """Return the description of a coefficient of the balls' form errors, made from its name.
 
         For example, form_cos2 is described as "2-lobe form (cos 2θ)".
         """
@@ -318,7 +322,7 @@ class BallForm(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return the harmonic, ball and plane of a coefficient of the balls' form in words.
+        """Return a description in words of a form-error coefficient: its harmonic, ball and plane.
 
         ``coefficient`` is the name of the coefficient. For example, the name work_form_cos2 gives
         `` in cos 2θ of the work ball``; reports append these words to the name of the term.
@@ -358,10 +362,10 @@ def _stated_sd_um(ball: Ball) -> float:
 
 
 def _ball_in_words(coefficient: str) -> str:
-    """Return to which ball a coefficient of form belongs: "the work ball" or "the tool ball".
+    """Return the ball to which a form-error coefficient belongs, such as "the work ball".
 
-    ``coefficient`` is the name of the coefficient. Return an empty text for a coefficient of the
-    sum of both balls' forms.
+    ``coefficient`` is the name of the coefficient. The other possible result is "the tool ball".
+    Return an empty string for a coefficient of the sum of both balls' form errors.
     """
     if coefficient.startswith("work"):
         return "the work ball"
@@ -376,12 +380,12 @@ class MachinePattern(Term):
 
     These errors are called the machine's pattern; θ is the angle on the circle. The prior sd of
     each coefficient is ω (n/6)^(−p), with the hyper-parameters ω (scale at order 6) and p (decay
-    with order, the same as for the form of the balls). The pattern is the same in all tests of one
-    plane, direction of travel and radius. The term has an effect only if the clocking of a ball
-    (the angle by which it is turned in its socket) differs between tests, or if a certificate or
-    grade states the form of a ball. Form and pattern can then be separated, because the form turns
-    with the ball and the pattern does not, or because the form is known. Otherwise the form of the
-    balls in the model includes the pattern.
+    with order, the same as for the form errors of the balls). The pattern is the same in all tests
+    of one plane, direction of travel and radius. The term has an effect only if the clocking of a
+    ball (the angle by which it is turned in its socket) differs between tests, or if a certificate
+    or grade states the form error of a ball. Form error and pattern can then be separated, because
+    the form error turns with the ball while the pattern does not, or because the form error is
+    known. Otherwise the form errors of the balls in the model include the pattern.
 
     Examples
     --------
@@ -401,7 +405,8 @@ class MachinePattern(Term):
         The pattern is made of the machine's geometric and cyclic errors of higher orders.
         ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient. The result is an empty tuple if every ball has the same clocking (angle by
-        which it is turned in its socket) in all tests and the form of no ball is stated.
+        which it is turned in its socket) in all tests and no certificate or grade states the form
+        error of a ball.
         """
         if not (setting.clocked or _states_form(setting.instrument)):
             return ()
@@ -414,9 +419,9 @@ class MachinePattern(Term):
 
 
 def _states_form(instrument: Instrument) -> bool:
-    """Return whether ``instrument`` has a certificate or grade that states the form of a ball.
+    """Return whether ``instrument`` has a certificate or grade for the form error of a ball.
 
-    A certificate that states the form only in part (some harmonics) is enough.
+    A certificate that states only some harmonics of the form error is sufficient.
     """
     for ball in (instrument.work, instrument.tool):
         if ball.stated_sphericity_um is not None or ball.harmonics_um:
@@ -429,9 +434,9 @@ def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[C
 
     The pattern is an error of the machine that depends on the angle on the circle: a sum of cosines
     and sines of several orders. A column is the reading per unit of one coefficient; it is zero in
-    tests with another plane or radius. Each direction of travel has columns of its own. The prior
-    sd of a coefficient of the order n is ω (n/6)^(−p), with the hyper-parameters ω (``omega``) and
-    p (``decay``).
+    tests with another plane or radius. Each direction of travel has separate columns. The prior sd
+    of a coefficient of the order n is ω (n/6)^(−p), with the hyper-parameters ω (``omega``) and p
+    (``decay``).
 
     Parameters
     ----------

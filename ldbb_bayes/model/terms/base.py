@@ -58,7 +58,7 @@ class Unit(NamedTuple):
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Value and standard uncertainty that a term assumes for a quantity of the instrument.
+    """Assumed value and standard uncertainty of a property of the instrument.
 
     ``name`` is the name of the coefficient, such as bar_length, ``value`` its assumed value and
     ``sd`` its standard uncertainty.
@@ -69,7 +69,7 @@ class Uncertainty:
     sd: float
     unit: str  #: internal unit of the assumed value and its sd, made of mm, N and rad
     #: name of the field of `Instrument` that holds the uncertainty from a certificate, such as
-    #: bar_U_um; empty text if there is no such field
+    #: bar_U_um; empty string if there is no such field
     certificate: str
     #: whether a certificate states the uncertainty; otherwise the uncertainty is a default value
     stated: bool
@@ -77,7 +77,7 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """All values that a model's terms assume about the instrument, and the certificates' names.
+    """All assumptions of a model's terms about the instrument, and the certificates' names.
 
     Examples
     --------
@@ -110,8 +110,8 @@ def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Un
     Returns
     -------
     Uncertainties
-        Value and standard uncertainty that the terms assume for each quantity of the instrument,
-        and the names of the certificates.
+        Assumed value and standard uncertainty of each property of the instrument, and the names of
+        the certificates.
 
     Examples
     --------
@@ -130,11 +130,11 @@ def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Un
 def assumption(
     campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0
 ) -> Uncertainty:
-    """Return what a term assumes about one of its coefficients, as an `Uncertainty`.
+    """Return a term's assumption about one of its coefficients as an `Uncertainty`.
 
-    The unit follows from the name of the coefficient. The result also says whether a certificate of
-    the campaign states the uncertainty. The uncertainty itself is the argument ``sd``; it is not
-    read from the certificate.
+    The unit is determined from the name of the coefficient. The result also tells whether the
+    uncertainty comes from a certificate of the campaign. The uncertainty itself is given by the
+    caller as ``sd``; it is not read from the certificate.
 
     Parameters
     ----------
@@ -144,8 +144,8 @@ def assumption(
         Name of the coefficient, such as bar_length.
     certificate
         Name of the field of `Instrument` that holds the uncertainty from a certificate, such as
-        bar_U_um. If this field is filled in, the result says that a certificate states the
-        uncertainty. Empty text if no certificate can state the uncertainty.
+        bar_U_um. If this field is filled in, the result tells that the uncertainty comes from a
+        certificate. Empty string if there is no such field.
     sd
         Standard uncertainty of the coefficient that the term assumes, in the internal unit of the
         coefficient (made of mm, N, rad).
@@ -197,14 +197,16 @@ class Term(Shown):
     words: ClassVar[str]
     #: internal unit of the term's coefficients, and the unit in which reports display them
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")
-    #: measurement, in words, that would determine the effect of the term; used in advice
+    #: description of a measurement that would determine the effect of the term; printed in advice
+    #: to the user
     calibration: ClassVar[str] = "a measurement of it"
     #: advice (a sentence) that is printed with an uncertainty budget if the term contributes most
     #: to the uncertainty
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
     #: whether the effect of the term belongs to the instrument (bar, balls, mount or force device)
     instrument: ClassVar[bool] = False
-    #: whether the term's coefficients have the same values in all campaigns with one instrument
+    #: whether the term's coefficients have the same values in all campaigns with the same
+    #: instrument
     common: ClassVar[bool] = False
     #: whether models have the term only if it is added with ``with_term``; by default false for
     #: terms of the package and true for terms that you define
@@ -328,7 +330,7 @@ class Term(Shown):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return the harmonic and the plane of a coefficient in words, such as `` in cos 2θ``.
+        """Return a description in words of a coefficient's harmonic and plane: `` in cos 2θ``.
 
         The words are derived from ``coefficient``, the name of the coefficient. They are empty if
         the name contains no harmonic.
@@ -339,7 +341,7 @@ class Term(Shown):
 
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
-    """Return the permitted values of those settings of a term that have a fixed list of values.
+    """Return the permitted values of those settings of a term that allow only certain values.
 
     ``kind`` is the class of the term. The result is a dict; its keys are the names of the settings.
     """
@@ -351,9 +353,9 @@ def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
 
 
 def order_in_words(coefficient: str) -> str:
-    """Return the harmonic that a coefficient's name contains, such as cos 2θ for form_XY_cos2.
+    """Return the harmonic in a coefficient's name, such as cos 2θ for form_XY_cos2.
 
-    Return "order 0" for names that end in _0, and an empty text for names without a harmonic.
+    Return "order 0" for names that end in _0, and an empty string for names without a harmonic.
     """
     match = _SUFFIX.search(coefficient)
     if match is None or not match["trig"]:
@@ -363,9 +365,9 @@ def order_in_words(coefficient: str) -> str:
 
 
 def plane_in_words(coefficient: str) -> str:
-    """Return the plane that a coefficient's name contains: `` in plane XY`` for form_XY_cos2.
+    """Return the plane in a coefficient's name in words: `` in plane XY`` for form_XY_cos2.
 
-    Return an empty text for names without a plane.
+    Return an empty string for names without a plane.
     """
     match = _SUFFIX.search(coefficient)
     return f" in plane {match['plane']}" if match and match["plane"] else ""

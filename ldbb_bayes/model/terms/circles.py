@@ -33,8 +33,8 @@ _FIRST_EDITION_ORDERS = 4
 # compliances, whose effects have orders up to this number. (Only a rotation caused by a moment can
 # also have an effect of order 4.)
 _ONE_WAY_ORDERS = 3
-# Ratio of two prior sds of the part of hysteresis that is proportional to force: the prior sd in a
-# plane whose circles all run in one direction, to the prior sd in a plane with both directions.
+# For the part of hysteresis that is proportional to force, the prior sd in a plane whose circles
+# all run in one direction is this fraction of the prior sd in a plane with both directions.
 _ONE_WAY_SHARE = 0.6
 
 
@@ -130,7 +130,7 @@ class Discrepancy(Term):
 
 @dataclass(frozen=True)
 class CircleScale(Term):
-    """Noise factor λ of every circle, which multiplies the sd of its set-up shift and discrepancy.
+    """Noise factor λ of each circle, which multiplies the sds of its set-up shift and discrepancy.
 
     The classes `SetupShift` and `Discrepancy` describe set-up shift and discrepancy. λ² has an
     inverse gamma prior, InvGamma(3/2, 3/2). The deviations of a circle therefore follow Student's t
@@ -149,7 +149,7 @@ class CircleScale(Term):
     remedy = "Repeat the odd circle."
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the noise factors λ of all circles as hyper-parameters, one for each test.
+        """Return the hyper-parameters: a noise factor λ for the circle of each test.
 
         ``setting`` describes the test conditions. The result is an empty tuple for campaigns with
         fewer than four tests.
@@ -172,8 +172,8 @@ class CircleScale(Term):
 class _HysteresisPrior(NamedTuple):
     """Prior of the coefficients of hysteresis in one plane.
 
-    The fields hold the prior sds at the Fourier orders 0 and 1. At a higher order n, the prior sds
-    are these values divided by n.
+    The fields hold the prior sds at the Fourier orders 0 and 1. At a higher order n, each prior sd
+    is the value of the field divided by n.
     """
 
     #: prior sd of the part of hysteresis that does not depend on force [mm]; if ``hyper`` names a
@@ -199,7 +199,7 @@ class Hysteresis(Term):
     In a plane whose circles run in both directions, the orders are n = 0 … 12. The prior sd is η/n
     for the part that does not depend on force, with the hyper-parameter η, and
     ``proportional_um_per_kN``/n for the part proportional to force. If all circles of a plane run
-    in one direction, or none states its direction, hysteresis cannot be separated from bar length,
+    in one direction, or no directions are given, hysteresis cannot be separated from bar length,
     geometric errors and compliances. Hysteresis then widens the intervals of these parameters, and
     has only the orders n = 0 … 3, which include nearly all orders of the effects of these
     parameters. The prior sd is then ``constant_um``/n for the part that does not depend on force,
@@ -227,9 +227,9 @@ class Hysteresis(Term):
     #: prior sd, at Fourier order 1, of the part of hysteresis that is proportional to force
     #: [µm/kN]; in planes with one direction of travel, the prior sd is 0.6 of this value
     proportional_um_per_kN: float = 2.0
-    #: kind of prior of the part of hysteresis that does not depend on force, in planes with both
-    #: directions: its sd at Fourier order 1 is the hyper-parameter η (``sampled``) or has the value
-    #: ``constant_um`` (``fixed``)
+    #: how the prior sd, at Fourier order 1, of the part of hysteresis that does not depend on force
+    #: is determined in planes with both directions: it is the hyper-parameter η (``sampled``) or
+    #: the value ``constant_um`` (``fixed``)
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
@@ -296,7 +296,7 @@ class Hysteresis(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return the harmonic of a coefficient of hysteresis in words, made from its name.
+        """Return a description in words of the harmonic of a hysteresis coefficient.
 
         For example, hysteresis_force_cos2 gives `` in cos 2θ times force``. Reports append these
         words to the name of the term. If the coefficient's name contains a plane, the words name
@@ -349,10 +349,10 @@ class Drift(Term):
     centre. ``length_um`` and ``centre_um`` are the prior sds of the coefficients, per hour or
     kelvin. For comparison, a steel bar of 150 mm grows by 1.7 µm/K.
 
-    If at least one test states no time, the model assumes that the tests were run in the order in
-    which they are listed, one every six minutes. If the campaign states that its tests were run in
-    random order (``order = "random"``), a drift with time is modelled only if all tests state their
-    times. If the campaign states that nothing drifts (``drift = false``), the term has no effect.
+    If the time is missing for at least one test, the model assumes that the tests were run in the
+    order in which they are listed, one every six minutes. If the tests were run in random order
+    (``order = "random"``), a drift with time is modelled only if the times of all tests are given.
+    If the user has declared that nothing drifts (``drift = false``), the term has no effect.
 
     Examples
     --------
@@ -376,8 +376,8 @@ class Drift(Term):
         """Return the columns of the drift of bar length and circle centre for a campaign's tests.
 
         ``setting`` describes the test conditions. A column is the reading per unit of one
-        coefficient. The result is an empty tuple if the campaign states that nothing drifts. For a
-        drift with time, the result is also empty if the times of the tests are unknown or all
+        coefficient. The result is an empty tuple if the user has declared that nothing drifts. For
+        a drift with time, the result is also empty if the times of the tests are unknown or all
         equal. For a drift with temperature, raise an `InputError` if a test has no temperature.
         """
         if not setting.drifts:

@@ -21,19 +21,21 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# Entry for a parameter of interest in lists that hold, for each coefficient, the class name of the
-# nuisance term to which the coefficient belongs. Parameters of interest belong to no nuisance term.
+# Some lists hold, for each coefficient, the class name of the nuisance term to which the
+# coefficient belongs. This name is used instead for parameters of interest, which belong to no
+# nuisance term.
 OWN = "Parameters"
-# Entry for the white noise of the readings in lists that hold, for each source of noise, the class
-# name of the nuisance term to which the source belongs. White noise belongs to no nuisance term.
+# Some lists hold, for each source of noise, the class name of the nuisance term to which the source
+# belongs. This name is used instead for the white noise of the readings, which belongs to no
+# nuisance term.
 NOISE = "ReadingNoise"
-# Order n of the harmonics cos nθ, sin nθ to which two scales refer: the scale τ of the balls' form
-# errors and the scale ω of the machine's errors of higher orders. At any order n, the prior sds are
-# proportional to (n/6)^(−decay).
+# Reference order for the scale τ of the balls' form errors and the scale ω of the machine's errors
+# of higher orders. For harmonics cos nθ, sin nθ of this order n, prior sds follow from the scales
+# alone; at any other order, they are also multiplied by (n/6)^(−decay).
 FORM_ORDER = 6.0
 # Kinds of prior distribution of a hyper-parameter: half-normal for scales, decay for the exponent p
-# (the amplitude of form of order n is proportional to n^(−p)), circle for the noise factor λ of one
-# circle.
+# (the prior sd of a form error of order n is proportional to n^(−p)), circle for the noise factor λ
+# of one circle.
 Law = Literal["half-normal", "decay", "circle"]
 
 
@@ -42,8 +44,8 @@ class Scale(NamedTuple):
 
     Most hyper-parameters are prior sds of coefficients or of noise [mm], and have a half-normal
     prior. Two kinds, named in the field ``law``, have no unit: ``decay`` is the exponent p (the
-    amplitude of form of order n is proportional to n^(−p)), and ``circle`` is the factor λ that
-    multiplies the noise of one circle; λ² has the inverse gamma prior InvGamma(3/2, 3/2).
+    prior sd of a form error of order n is proportional to n^(−p)), and ``circle`` is the factor λ
+    that multiplies the noise of one circle; λ² has the inverse gamma prior InvGamma(3/2, 3/2).
 
     Examples
     --------
@@ -64,8 +66,8 @@ class Scale(NamedTuple):
     symbol: str = ""  #: symbol of the hyper-parameter in reports, such as σ
     words: str = ""  #: description of the hyper-parameter in reports, such as white noise
     #: kind of prior of the hyper-parameter: ``half-normal`` for a length, ``decay`` for the
-    #: exponent p (form of order n is proportional to n^(−p)), or ``circle`` for the noise factor λ
-    #: of one circle
+    #: exponent p (the prior sd of a form error of order n is proportional to n^(−p)), or ``circle``
+    #: for the noise factor λ of one circle
     law: Law = "half-normal"
 
     def __repr__(self) -> str:
@@ -115,14 +117,14 @@ class Columns(Shown):
     hyper-parameters s (scale of the effect), λ (noise factor of each test's circle) and d. The
     fields ``hyper``, ``circle`` and ``decay`` name these hyper-parameters; a factor is left out if
     its field names no hyper-parameter. If the field ``stated`` is not None, its value for
-    coefficient j is added in quadrature.
+    coefficient j is added to this sd in quadrature.
 
     Raises
     ------
     InputError
         If the shapes of ``values`` or ``sd`` do not agree with the number of names; if the
         coefficients belong to single tests (``private``) and have a mean; or if ``circle`` names
-        noise factors of circles although the coefficients are the same in all tests.
+        noise factors of circles but the coefficients are the same in all tests.
 
     Examples
     --------
@@ -154,11 +156,12 @@ class Columns(Shown):
     #: name of the hyper-parameter d in a prior sd that is proportional to (n/6)^(−d), where n is
     #: the order of the harmonic. None if the prior sd does not depend on the order
     decay: Hyper | None = None
-    #: order of the harmonic that each of the p coefficients multiplies, shape (p,); needed if
+    #: order of the harmonic to which each of the p coefficients belongs, shape (p,); needed if
     #: ``decay`` is given
     orders: Array | None = None
-    #: part of the prior sd of each of the p coefficients that no hyper-parameter scales, in
-    #: internal units (mm, N, rad), shape (p,). It is added in quadrature to the part that is scaled
+    #: fixed part of the prior sd of each of the p coefficients, in internal units (mm, N, rad),
+    #: shape (p,). It does not depend on hyper-parameters, and is added in quadrature to the part
+    #: that does
     stated: Array | None = None
     #: name of the hyper-parameter λ (noise factor) of each test's circle, shape (tests,); empty if
     #: circles have no noise factors. Noise factors require ``private`` coefficients
@@ -215,9 +218,9 @@ class Columns(Shown):
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of shape (w,) for
         w sets of hyper-parameters; lengths are in mm. The result has the shape (p,) or (w, p). The
-        sds include the part in the field ``stated``, which no hyper-parameter scales. If ``test``,
-        the index of a test from 0, is given, the noise factor λ of this test's circle multiplies
-        the sds of ``private`` coefficients.
+        sds include the fixed part in the field ``stated``, which does not depend on
+        hyper-parameters. If ``test``, the index of a test from 0, is given, the noise factor λ of
+        this test's circle multiplies the sds of ``private`` coefficients.
         """
         circle = None
         if test is not None:

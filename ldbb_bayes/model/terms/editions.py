@@ -1,7 +1,6 @@
 """Nuisance terms (effects modelled but not of interest) of the model's first edition.
 
-The first edition is the model that the first version of this software used. Its preset is named
-``first``.
+The first edition is the model of the first version of this software. Its preset is named ``first``.
 """
 
 from __future__ import annotations

@@ -24,15 +24,16 @@ def _standard_uncertainty(
 ) -> float:
     """Return the standard uncertainty: half of the expanded uncertainty (k = 2) of a certificate.
 
-    If ``expanded`` is None, return the standard uncertainty ``assumed``. ``unit_per_stated``
-    converts the stated value to the unit of the result, such as 0.01 for percent.
+    If ``expanded`` is None, return the standard uncertainty ``assumed``. The certified value is
+    multiplied by ``unit_per_stated`` to convert it to the unit of the result; the factor is 0.01
+    for percent, for example.
     """
     return assumed if expanded is None else 0.5 * expanded * unit_per_stated
 
 
 @dataclass(frozen=True)
 class BarLength(Term):
-    """Error of the bar's length (ball radii, zero setting, bar temperature).
+    """Error of the bar's length, caused by ball radii, zero setting and bar temperature.
 
     The error is constant over the angle on the circle, and has a separate value for every nominal
     radius. Its prior mean and sd follow from the bar's certificate, if there is one. Otherwise the
@@ -125,7 +126,7 @@ class Mount(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the mount's deflection and of its curvature with force.
+        """Return the columns of the mount's deflection per pressure and of its curvature.
 
         ``setting`` describes the test conditions. A column is the reading per unit of one
         coefficient, in every test of a campaign.
@@ -198,7 +199,7 @@ class ForceError(Term):
     #: of the force error from a straight line at half of the largest force. The value is used if no
     #: certificate states the linearity. If it is 0, there is no curvature.
     curvature_sd: float = 0.01
-    #: prior sd of the random force error of every test [N]; used if no certificate states it
+    #: prior sd of the random force error of every test [N]; used if no certificate states this sd
     random_sd_N: float = 4.0
     stem = ("force_gain", "force_curvature", "force_random")
     unit = Unit("1", 1e-2, "%")
@@ -277,14 +278,14 @@ class ForceError(Term):
 
 @dataclass(frozen=True)
 class Angle(Term):
-    """Error of the angle's zero, and lag of the recorded readings behind the angle.
+    """Zero error of the angle, and lag of the recorded readings behind the bar's angle.
 
     Both effects shift the readings by a small angle along the circle. A reading then changes by
     this angle times dρ/dθ. θ is the angle on the circle, and ρ = F j_C·Ĉ + j_G·Ê is the reading
     predicted from the estimated compliances Ĉ and geometric errors Ê; F is the force, j_C the
     reading per unit force and compliance, and j_G the reading per unit geometric error. The error
     of the zero is the same in all tests. The effect of the lag changes its sign with the direction
-    of travel; tests that state no direction count as clockwise.
+    of travel; tests without a direction count as clockwise.
 
     Examples
     --------
@@ -295,7 +296,7 @@ class Angle(Term):
     array([0.1, 0.1])
     """
 
-    #: prior sd [°] of the error of the angle's zero, and also of the angle by which the recorded
+    #: prior sd [°] of the zero error of the angle, and also of the angle by which the recorded
     #: readings lag behind the motion; used if no certificate states an uncertainty
     sd_deg: float = 0.1
     unit = Unit("rad", np.pi / 180.0, "°")
@@ -304,10 +305,10 @@ class Angle(Term):
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the error of the angle's zero and of the readings' lag.
+        """Return the columns of the angle's zero error and of the lag of the readings.
 
-        ``setting`` describes the test conditions. A column is the reading per unit coefficient
-        (per rad), in every test of a campaign.
+        ``setting`` describes the test conditions. A column is the change of the reading per rad, in
+        every test of a campaign.
         """
         slope = derivative(setting.fitted)
         lag = slope * setting.travel[:, None]

@@ -20,22 +20,22 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointLoad", "Position", "joint_load_columns"]
 
-# Exponent a of the effect |u|^a of a bolted contact on the reading. u is the component, along the
-# machine axis, of the unit vector along the bar, and F is the force of the bar. The contact
-# deflects along the axis in proportion to |F u|^(2/3). The reading changes by the component of this
-# deflection along the bar, which is |u| times the deflection; 2/3 + 1 = 5/3.
+# Exponent a of the effect of a bolted contact on the reading, which is proportional to |u|^a. u is
+# the component, along the machine axis, of the unit vector along the bar, and F is the force of the
+# bar. The contact deflects along the axis in proportion to |F u|^(2/3). The reading changes by the
+# component of this deflection along the bar, which is |u| times the deflection; 2/3 + 1 = 5/3.
 _CONTACT_POWER = 5.0 / 3.0
 
 
 class _LawInWords(NamedTuple):
-    """Name of an effect that changes an axis' compliance under a load, and name of the load."""
+    """Words for a nonlinear deflection of an axis: its kind, and the load that causes it."""
 
     effect: str
     load: str
 
 
-# Laws of the nonlinear deflection of an axis, in the order of the axis' coefficients. The keys are
-# the last words of the coefficients' names.
+# Laws of the nonlinear deflection of an axis, in the order of the axis' coefficients. Each key is
+# the last word of the coefficient's name.
 _LAWS = {
     "slope": _LawInWords("stiffening", "its own load"),
     "contact": _LawInWords("contact", "its own load"),
