@@ -1,8 +1,8 @@
 """Information that readings carry about all coefficients of a bound model.
 
-A bound model is the model of one campaign. The coefficients of the model are the parameters of
-interest (compliances, their slopes and geometric errors) and the coefficients of nuisances, which
-are effects that are modelled but not of interest. The hyper-parameters φ of the model are the
+A bound model is a model that has been applied to one campaign. Its coefficients are the parameters
+of interest (compliances, their slopes and geometric errors) and the coefficients of nuisances,
+which are effects that are modelled but not of interest. The hyper-parameters φ of the model are the
 scales of noise and nuisances. The readings of a test are replaced by at most 25 numbers without
 loss of information (module `reduction`); these numbers are called reduced readings.
 """
@@ -26,7 +26,7 @@ __all__ = ["information_of", "informations_of"]
 
 @dataclass(frozen=True, eq=False)
 class _Noise:
-    """Nuisance effect that differs between tests and is therefore treated as noise of each test.
+    """Nuisance effect that varies randomly between tests and is therefore treated as noise.
 
     A nuisance effect is modelled but not of interest. ``term`` is the class name of its term, and
     ``columns`` holds the reading per unit of each of its coefficients.
@@ -36,14 +36,15 @@ class _Noise:
     columns: Columns | BasisNoise
 
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
-        """Return the covariance of this effect in the m reduced readings of one test, (m, m) [mm²].
+        """Return this effect's contribution to the covariance of a test's reduced readings [mm²].
 
-        The reduced readings are at most 25 numbers that replace the readings of the test.
+        The m reduced readings are at most 25 numbers that replace the readings of the test; the
+        result has the shape (m, m).
 
         Parameters
         ----------
         factor
-            Matrix that turns 25 Fourier coefficients into the test's reduced readings, (m, 25).
+            Matrix that converts 25 Fourier coefficients into the test's reduced readings, (m, 25).
         hyper
             Values of the hyper-parameters (scales of noise and nuisances) by name; lengths in mm.
         test
@@ -60,8 +61,8 @@ class _Noise:
 class _SortedColumns(NamedTuple):
     """Columns (readings per unit coefficient) of all nuisance terms, sorted into two groups.
 
-    In one group the coefficients are the same in all tests, in the other they differ between tests.
-    Nuisances are effects that are modelled but not of interest.
+    The columns are sorted by whether their coefficients are the same in all tests or differ between
+    tests. Nuisances are effects that are modelled but not of interest.
     """
 
     #: columns of nuisance terms whose coefficients are the same in all tests
@@ -121,8 +122,9 @@ def _sort_columns(bound: BoundModel) -> _SortedColumns:
     """Return the columns of all nuisance terms of a campaign's model, sorted into two groups.
 
     A column holds the readings per unit of one coefficient of a nuisance, which is an effect that
-    is modelled but not of interest. In one group the coefficients are the same in all tests, in the
-    other they differ between tests. ``bound`` is the model of the campaign.
+    is modelled but not of interest. The first group holds the columns whose coefficients are the
+    same in all tests, the second group those whose coefficients differ between tests. ``bound`` is
+    the model of the campaign.
     """
     shared: list[Columns] = []
     owners: list[str] = []
@@ -166,11 +168,11 @@ def _noise_covariances(
     """Return, for each source of noise, the covariance of one test's reduced readings [mm²].
 
     The result is a dict of arrays of shape (m, m), for m reduced readings (at most 25 numbers that
-    replace the readings of a test). The keys are the class names of the nuisance terms (effects
-    modelled but not of interest) in ``noises``, which act as noise; the white noise of the readings
-    has the key ``NOISE``. ``factor``, shape (m, 25), turns Fourier coefficients into reduced
-    readings. ``hyper`` holds the hyper-parameters by name, with lengths in mm. ``test`` is the
-    index of the test, from 0.
+    replace the readings of a test). ``noises`` are the nuisance terms (effects modelled but not of
+    interest) that are treated as noise. The keys of the result are the class names of these terms;
+    the white noise of the readings has the key ``NOISE``. ``factor``, shape (m, 25), converts
+    Fourier coefficients into reduced readings. ``hyper`` holds the hyper-parameters by name, with
+    lengths in mm. ``test`` is the index of the test, from 0.
     """
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:

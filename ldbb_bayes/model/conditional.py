@@ -25,7 +25,7 @@ class ParameterConditional(Gaussian):
 
     β are the p parameters, y the readings and φ the hyper-parameters (scales of the noise and of
     other effects). ``physical`` is the region A β ≥ 0 in which compliances are not negative, where
-    A has the shape (rows, p). The density itself is not restricted to this region.
+    A has the shape (rows, p). The Gaussian density itself is not truncated to this region.
     """
 
     physical: Truncation
@@ -58,11 +58,11 @@ class ParameterConditional(Gaussian):
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return random parameters without negative compliances, and whether each draw is valid.
 
-        One draw is made by rejection from each of the w Gaussian densities, restricted to
+        One draw is made by rejection sampling from each of the w Gaussian densities, truncated to
         parameters without negative compliances. The first array, shape (w, p), holds the draws of
         the p parameters. The second array, shape (w,), is true for valid draws: the sampler
         accepted the draw, and no compliance is negative. A draw that is not valid does not follow
-        the restricted density and may have negative compliances.
+        the truncated density and may have negative compliances.
         """
         z, accepted = self.orthant.draw_standard(rng)
         beta = self.from_standard(z)

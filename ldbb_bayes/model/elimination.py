@@ -3,8 +3,8 @@
 The observation equations are r = A x + N(0, D(φ)). r are the readings, and x are the coefficients
 of nuisances (effects modelled but not of interest). A (rows, columns) has one column for each
 coefficient. D(φ) is the diagonal noise covariance, and the hyper-parameters φ are the scales of
-noise and nuisances. The module computes the right-hand side L⁻¹ Aᵀ D⁻¹ r and the lower triangular
-factor L of
+noise and nuisances. The module computes the vector L⁻¹ Aᵀ D⁻¹ r, called the right-hand side, and
+the lower triangular Cholesky factor L of the matrix
 
     P = Aᵀ D⁻¹ A = L Lᵀ.
 
@@ -15,17 +15,19 @@ How it works:
    later columns. These later columns are called the border of the group.
 2. Storage. Each column of L in a group is stored as s + m + 1 entries: s for the columns of the
    group, m for the columns of the border, and one for the right-hand side. The entries of all
-   groups are the rows of one array, the workspace. The second dimension of the workspace has one
-   element for each of w values of φ and is contiguous in memory.
+   groups are the rows of one array, the workspace. It holds the entries of P at first; they are
+   overwritten by the entries of L. The second dimension of the workspace has one element for each
+   of w values of φ and is contiguous in memory.
 3. Assembly. Rows of A with the same variance D form a kind. Each entry of P and of Aᵀ D⁻¹ r is a
    sum over the kinds. A term of this sum is 1/D times a scalar product of columns, which does not
    depend on φ (`gram_entries`).
-4. Elimination. The groups are eliminated one after the other. The function `eliminate` computes the
-   s columns of L of a group in place. Products of their entries in the border are then subtracted
-   from the entries of P in the border. Groups of the same shape that do not depend on each other
+4. Elimination. The groups are eliminated one after the other. The function `eliminate` computes, in
+   place, the s columns of L that belong to a group. The entries of these columns in the rows of the
+   border are then multiplied by each other, and the products are subtracted from the entries of P
+   in the rows and columns of the border. Groups of the same shape that do not depend on each other
    form a `Front`: they are eliminated by the same function calls.
 
-Prior variances may be negative: the coefficient then removes noise from the readings instead of
+A prior variance may be negative: its coefficient then removes noise from the readings instead of
 adding noise (`Observations.signs`). With negative prior variances, P = L S Lᵀ, where the diagonal
 matrix S holds the signs ±1 of the Cholesky pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a sum of squares with
 these signs.
@@ -49,7 +51,8 @@ __all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "Eliminat
 # Largest number of values of the hyper-parameters for which matrices are factorised in one pass.
 _MOST_PHI = 512
 # Smallest number of values of the hyper-parameters for which matrices are factorised in one pass.
-# For this number of values, the factors may be larger than the processor's cache.
+# One pass processes this number of values even if their factors do not fit into the processor's
+# cache.
 FEWEST_PHI = 256
 # Number of floating-point numbers that are assumed to fit into the processor's cache.
 _CACHE_SIZE = 1 << 19
@@ -70,13 +73,13 @@ _MANY_TERMS = 12
 
 
 class Update(NamedTuple):
-    """Products that are subtracted from matrix entries when groups of columns are eliminated.
+    """Products that are subtracted from entries of P when groups of columns are eliminated.
 
-    Eliminating a group of columns changes the matrix entries in a set of later columns, which is
-    called the border of the group. The change is a sum of products of two entries of an eliminated
-    column, both in rows of the border. One update computes the products of which the first factor
-    is in the rows ``first`` to ``stop`` − 1 of the border, and the second factor in any row of the
-    border from ``first`` on.
+    P is the matrix that is factorised. Eliminating a group of its columns changes entries in a set
+    of later columns, which is called the border of the group. The change is a sum of products of
+    two entries of an eliminated column, both in rows of the border. An `Update` comprises those
+    products whose first factor is in the rows ``first`` to ``stop`` − 1 of the border; the second
+    factor is in any row of the border from ``first`` on.
     """
 
     #: Slice of the list of all groups of columns that are eliminated together. The slice selects
@@ -86,17 +89,18 @@ class Update(NamedTuple):
     #: Number of borders to which the update applies. A border is the set of later columns that a
     #: group of columns changes. No two of these borders have a column in common.
     borders: int
-    #: Index, within the border (the set of later columns that a group changes), of the first row
-    #: whose entries are multiplied by the entries of all rows from ``first`` on.
+    #: Index of the first row of the border that supplies a first factor of the products. The border
+    #: is the set of later columns that a group changes; the index counts from 0 within the border.
     first: int
-    #: Index, within the border (the set of later columns that a group changes), of the row after
-    #: the last row whose entries are multiplied by the entries of all rows from ``first`` on.
+    #: Index of the row after the last row of the border that supplies a first factor of the
+    #: products. The border is the set of later columns that a group changes; the index counts from
+    #: 0 within the border.
     stop: int
-    #: Rows of the workspace (the array of all matrix entries) from which the products are
+    #: Rows of the workspace (the array with the entries of P) from which the products are
     #: subtracted, shape (borders, stop − first, m + 1 − first). Each border is a set of m later
-    #: columns that groups change. Because the matrix is symmetric, only half of its entries are
-    #: needed. Products for the other half are subtracted from the last row of the workspace, which
-    #: is never read.
+    #: columns that groups change. Because P is symmetric, only half of its entries are needed.
+    #: Products for the other half are subtracted from the last row of the workspace, which is never
+    #: read.
     targets: NDArray[np.intp]
 
 
@@ -107,8 +111,9 @@ class Front(NamedTuple):
     the border of the group.
     """
 
-    #: Rows of the workspace (the array of all matrix entries) that hold the entries of this front's
-    #: columns. A group of s columns that changes m later columns has s (s + m + 1) entries.
+    #: Rows of the workspace that hold the entries of this front's columns. The workspace is the
+    #: array in which the entries of P are overwritten by those of its Cholesky factor L. A group of
+    #: s columns that changes m later columns has s (s + m + 1) entries.
     entries: slice
     #: Number of groups of columns, number s of columns in a group, and number s + m + 1 of entries
     #: of a column: s entries for the columns of the group, m for the later columns that the group
@@ -130,8 +135,8 @@ class Front(NamedTuple):
 
         A front consists of groups of columns that are eliminated together. The columns of these
         groups are computed; then products of their entries are subtracted from the entries of later
-        columns. ``workspace``, shape (entries, w), holds all matrix entries for w values of the
-        hyper-parameters and is changed in place.
+        columns. ``workspace``, shape (entries, w), holds the entries of P for w values of the
+        hyper-parameters; they are overwritten by the entries of the Cholesky factor L.
         """
         w = workspace.shape[1]
         columns = self.shape[1]
@@ -175,11 +180,12 @@ class _Family(NamedTuple):
 
 
 class EliminationPlan:
-    """Order in which columns of a design matrix are eliminated, and places of matrix entries.
+    """Order in which columns of a design matrix A are eliminated, and storage of the results.
 
-    A place is a row of the workspace, the array of all matrix entries. A plan depends only on which
-    elements of the design matrix are zero, and on the signs of the prior variances. Several models
-    of one campaign can therefore share a plan.
+    The results are the entries of the Cholesky factor L of P = Aᵀ D⁻¹ A. They are stored in an
+    array, the workspace, and the plan assigns a row of this array to each entry. A plan depends
+    only on which elements of A are zero, and on the signs of the prior variances. Several models of
+    one campaign can therefore share a plan.
 
     Parameters
     ----------
@@ -192,8 +198,8 @@ class EliminationPlan:
     def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
-        #: For each pair of columns i and j, the index of the row of the workspace (the array of all
-        #: matrix entries) that holds their matrix entry, shape (columns, columns + 1). The last
+        #: For each pair of columns i and j, the index of the row of the workspace that holds the
+        #: entry P_ij and later the corresponding entry of L, shape (columns, columns + 1). The last
         #: element of row i is the index for the right-hand side of column i. The index is −1 for
         #: entries that are not stored.
         self.place = np.full((size, size + 1), -1, dtype=np.intp)
@@ -202,8 +208,8 @@ class EliminationPlan:
             for family in families:
                 for group in family.groups:
                     start = self._place_group(group, start)
-        #: Number of rows of the workspace: one for each matrix entry, and a last row for products
-        #: that are not needed.
+        #: Number of rows of the workspace: one for each stored entry of P, and a last row that
+        #: receives products that are not needed.
         self.entries = start + 1
         self.fronts = [self._front(families, signs) for families in families_of_fronts]
         self.pivots = self.place[np.arange(size), np.arange(size)]
@@ -213,8 +219,8 @@ class EliminationPlan:
     def _place_group(self, group: ColumnGroup, start: int) -> int:
         """Assign rows of the workspace, from the index ``start`` on, to a group of columns.
 
-        The workspace is the array of all matrix entries. Each matrix entry of the group gets one
-        row. Return the index of the first row that is still free.
+        The workspace is the array with the entries of P. Each stored entry in the columns of the
+        group gets one row. Return the index of the first row that is still free.
         """
         members = np.concatenate([group.columns, group.border])
         width = len(members) + 1
@@ -247,7 +253,7 @@ class EliminationPlan:
         )
 
     def _updates(self, families: list[_Family]) -> list[Update]:
-        """Return the changes of later columns that follow from eliminating the groups of a front.
+        """Return the changes of later columns that are caused by eliminating the groups of a front.
 
         The groups of columns in one family change the same later columns, which are called their
         border. Consecutive families are treated together, in the same `Update`, if they have equal
@@ -271,7 +277,7 @@ class EliminationPlan:
     def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
         """Return the rows of the workspace from which products for one border are subtracted.
 
-        The workspace is the array of all matrix entries. A border is the set of m later columns
+        The workspace is the array with the entries of P. A border is the set of m later columns
         that a group of columns changes when it is eliminated. In each product, the first factor is
         an entry in the rows ``first`` to ``stop`` − 1 of the border. The second factor is an entry
         in the rows of the border from ``first`` on, or in the right-hand side. The result has the
@@ -312,7 +318,7 @@ class Elimination:
 
     @property
     def entries(self) -> int:
-        """Number of rows of the workspace, the array of all matrix entries."""
+        """Number of rows of the workspace, the array with the entries of P and then of L."""
         return self._plan.entries
 
     @property
@@ -389,7 +395,7 @@ class Elimination:
     def copy_factor(
         self, workspace: Array, wanted: NDArray[np.intp], *, lower: Array, white_shift: Array
     ) -> None:
-        """Copy the wanted columns of the Cholesky factors L into arrays of the caller.
+        """Copy the wanted columns of the Cholesky factors L into arrays that the caller provides.
 
         Parameters
         ----------
@@ -452,7 +458,7 @@ class DesignRows:
         self._eliminations: dict[int, Elimination] = {}
 
     def elimination(self, last: int) -> Elimination:
-        """Return the Cholesky elimination of all coefficients, in an order that needs little work.
+        """Return the Cholesky elimination of all coefficients, in an order that saves time.
 
         Shared coefficients are coefficients that are the same in all tests. The last ``last``
         shared coefficients are eliminated after all other coefficients, in the order of their
@@ -465,10 +471,11 @@ class DesignRows:
 
     @cached_property
     def private_elimination(self) -> Elimination:
-        """Cholesky elimination of the coefficients of single tests, for known shared coefficients.
+        """Cholesky elimination of the coefficients that belong to single tests.
 
-        Shared coefficients are the same in all tests. Their columns are left out: column 0 of the
-        result is the first column of the design matrix whose coefficient belongs to a single test.
+        Shared coefficients, which are the same in all tests, are treated as known. Their columns
+        are left out: column 0 of the result is the first column of the design matrix whose
+        coefficient belongs to a single test.
         """
         columns = self._columns[:, self._shared :]
         return self._eliminate(columns, self._signs[self._shared :], np.arange(0))
@@ -483,10 +490,10 @@ class DesignRows:
 def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> EliminationPlan:
     """Return the order in which the columns of a design matrix are eliminated.
 
-    ``pattern`` holds one bit for each element of the design matrix, which states whether the
-    element differs from zero. ``shape`` is the shape of the matrix. ``last`` holds the indices of
-    the columns that are eliminated last, and ``signs`` the signs of the prior variances, both as
-    the bytes of an array. Results are kept in a cache.
+    ``pattern`` holds one bit for each element of the design matrix; the bit is set if the element
+    is not zero. ``shape`` is the shape of the matrix. ``last`` holds the indices of the columns
+    that are eliminated last, and ``signs`` the signs of the prior variances, both as the bytes of
+    an array. Results are kept in a cache.
     """
     bits = np.unpackbits(np.frombuffer(pattern, dtype=np.uint8), count=shape[0] * shape[1])
     is_not_zero = bits.reshape(shape).astype(bool)
@@ -497,11 +504,12 @@ def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> 
 def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
     """Sort groups of columns into fronts, and the groups of each front into families.
 
-    Eliminating a group of columns changes a set of later columns, the border of the group. The
-    groups of a front do not depend on each other, because their heights (function `heights`) are
-    equal; they can be eliminated at the same time. They also have equal numbers of columns, and
-    their borders have equal numbers of columns. The groups of a family have the same border. Fronts
-    are in the order of elimination. Within a front, families with more groups come first.
+    Eliminating a group of columns changes a set of later columns, the border of the group. A front
+    consists of groups that can be eliminated at the same time: they do not depend on each other,
+    because their heights (function `heights`) are equal. The groups of a front also have equal
+    numbers of columns, and their borders have equal numbers of columns. A family consists of groups
+    that have the same border. Fronts are in the order of elimination. Within a front, families with
+    more groups come first.
     """
     fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):

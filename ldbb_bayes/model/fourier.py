@@ -1,4 +1,4 @@
-"""Basis functions of a circular test: 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
+"""Fourier basis functions of the angle on the circle: 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
 
 A function of the angle θ on the circle is represented by its 25 coefficients in this basis.
 """
@@ -20,8 +20,8 @@ SIZE = 2 * MAX_ORDER + 1
 # Order n of every Fourier basis function 1, cos θ, sin θ, cos 2θ, …: 0, 1, 1, 2, 2, …, 12, 12.
 ORDERS = np.repeat(np.arange(MAX_ORDER + 1), 2)[1:]
 ORDERS.setflags(write=False)
-# A Fourier coefficient smaller than this fraction of the function's largest coefficient counts as
-# zero, because it is a rounding error.
+# Fourier coefficients are set to zero if they are smaller than this fraction of the function's
+# largest coefficient, because they are then rounding errors.
 _ROUNDING = 1e-13
 
 

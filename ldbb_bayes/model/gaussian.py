@@ -233,13 +233,13 @@ class Gaussian(Shown):
         triangle
             R factor of the matrix, shape (..., at least q, q + 1).
         origin
-            Values that are subtracted from the coefficients to limit rounding errors,
-            shape (..., q).
+            Values that are subtracted from the coefficients to reduce rounding errors, shape (...,
+            q).
         scale
             Diagonal of the diagonal matrix S, shape (..., q).
         constant
-            Part of the logarithm of the function's integral that does not follow from R and
-            ``scale``. If there is a prior, this part includes ln det L.
+            Term that is added to the logarithm of the function's integral, in addition to the terms
+            computed from R and ``scale``. If there is a prior, this term includes ln det L.
         has_prior
             Whether the decomposed matrix also has the rows [Lᵀ, 0] of a prior with the mean
             ``origin`` and the precision matrix S⁻¹ L Lᵀ S⁻¹, where L is lower triangular.
@@ -409,7 +409,7 @@ class Gaussian(Shown):
 
 
 def _lower_with_positive_diagonal(upper: Array) -> Array:
-    """Return lower triangular matrices with a positive diagonal, made from upper triangular ones.
+    """Return upper triangular matrices as lower triangular matrices with a positive diagonal.
 
     ``upper``, shape (..., q, q), holds upper triangular matrices. Each row with a negative diagonal
     entry is multiplied by −1; then the matrices are transposed.
@@ -419,7 +419,7 @@ def _lower_with_positive_diagonal(upper: Array) -> Array:
 
 
 def _column_scales(rows: Array) -> Array:
-    """Return factors, shape (..., q), that bring the norms of the columns of matrices near one.
+    """Return factors, shape (..., q), by which columns are scaled to norms close to one.
 
     ``rows``, shape (..., n, q), holds matrices of n rows and q columns. There is one factor for
     each column. The factors are powers of two, so that multiplication by them causes no rounding

@@ -26,16 +26,16 @@ from ldbb_bayes.results import Array
 __all__ = ["EntryBlock", "GramEntries"]
 
 # Gram entries (scalar products of columns of the design matrix) are computed in blocks. A block is
-# stored as a dense matrix if at least this fraction of its entries is not zero. For each entry, a
-# dense product takes a third of the time of a sparse product (measured).
+# stored as a dense matrix if at least this fraction of its entries is not zero. According to
+# measurements, a dense product takes a third of the time of a sparse product for each entry.
 _DENSE_SHARE = 0.35
 # A block of scalar products of columns is stored as a dense matrix only if each product with this
 # matrix uses at least this number of nonzero entries. With fewer entries, the function calls for
 # dense products take longer than the sparse product.
 _FEWEST_DENSE = 500
 # Number of columns of the precision matrix whose entries are computed by one product with a dense
-# matrix. A smaller number would need more function calls. A larger number would compute more
-# entries before the diagonal, which are not needed.
+# matrix. A smaller number would need more function calls. With a larger number, more entries above
+# the diagonal would be computed, which are not needed.
 _COLUMNS_AT_ONCE = 4
 
 
@@ -43,12 +43,12 @@ class EntryBlock(NamedTuple):
     """Consecutive entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r that belong to several groups of columns.
 
     A is the design matrix, D the noise covariance, and r are the readings. Each group has s columns
-    of P, and n entries are stored for each column. The first s entries of a column belong to the s
-    columns of the same group; entries before the diagonal are not needed.
+    of P, and n entries are stored for each column. The first s entries of a column are in the rows
+    of the s columns of the same group; entries above the diagonal of P are not needed.
     """
 
-    #: Slice that selects the entries of this block from all matrix entries. A block consists of
-    #: several groups of s columns, with n entries for each column.
+    #: Slice that selects the entries of this block from the array of all stored entries of P. A
+    #: block consists of several groups of s columns, with n entries for each column.
     entries: slice
     #: Number of groups of columns in this block, number s of columns in a group, and number n of
     #: entries in a column.
@@ -65,8 +65,8 @@ class _DenseGram(NamedTuple):
 
     block: EntryBlock
     #: Index, within each group of columns, of the first column whose Gram entries (scalar products
-    #: of columns) are in ``products``; the same for all groups. Entries before the diagonal entry
-    #: of this column are left out.
+    #: of columns) are in ``products``; the same for all groups. Entries in rows above the diagonal
+    #: entry of this column are left out.
     first: int
     #: For each group of columns, the indices of the k kinds of rows (rows with the same variance)
     #: over which the scalar products of the group's columns are summed, shape (groups, k).
@@ -95,7 +95,8 @@ class GramEntries:
     Parameters
     ----------
     blocks
-        Blocks of entries. There is one more entry, the last, which belongs to no block and is zero.
+        Blocks of entries. After the entries of all blocks, there is one last entry, which is always
+        zero.
     place
         Index, among all entries, of the scalar product of columns i and j, shape (columns, columns
         + 1). The last column is for products with the readings. The index is used only if column i
@@ -199,8 +200,8 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     calls = -(-columns // _COLUMNS_AT_ONCE)
     if len(products) < max(_DENSE_SHARE * needed * most_kinds, _FEWEST_DENSE * calls):
         return []
-    # If a group of columns has fewer than ``most_kinds`` kinds of rows, products that are zero are
-    # added.
+    # If a group of columns has fewer than ``most_kinds`` kinds of rows, its array is padded with
+    # zeros.
     group_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
     rank = np.cumsum(has_kind, axis=1) - 1
     group_kinds[group, rank[group, kind]] = kind

@@ -71,7 +71,7 @@ __all__ = [
     "require_model",
 ]
 
-# Names of models with compliance of degree 0, 1 and 2 as a polynomial in force.
+# Names of the models in which compliance is a polynomial in force of degree 0, 1 and 2.
 DEGREE_NAMES = ("constant", "linear", "quadratic")
 
 Preset = Literal["default", "first", "paper"]
@@ -84,9 +84,9 @@ _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay",
 # If the model has the term ``CircleScale`` and the campaign has at least this number of circles,
 # each circle has a separate noise factor λ. Otherwise no circle has a noise factor.
 _FEWEST_SCALED_CIRCLES = 4
-# Error tolerance [nat] for the log prior probability that compliances are not negative. The
-# tolerance applies to each group of compliances separately; compliances that depend on a common
-# parameter form a group.
+# Error tolerance [nat] for the log of the normalising constant of the truncated prior. The constant
+# is a product with one factor for each group of compliances that depend on common parameters; the
+# tolerance applies to the log of each factor.
 _TRUNCATION_TOLERANCE = 1e-4
 # Largest number of machines (sets of parameters) that are drawn at random from the prior, to find
 # one without a negative compliance. With the default prior and three tested planes, about one in 60
@@ -131,12 +131,12 @@ class HybridModel(Result):
 
     #: degree of the compliance as a polynomial in force: 0 constant, 1 linear, 2 quadratic
     degree: int = 1
-    #: terms for effects that are modelled but not of interest, such as the form of the balls
+    #: terms for effects that are modelled but not of interest, such as the form errors of the balls
     nuisances: Sequence[Term] = field(default_factory=_default_terms)
     #: prior of the parameters of interest and of the hyper-parameters (scales of noise and other
     #: effects)
     prior: Prior = field(default_factory=Prior.default)
-    #: reference force F0 [N], at which compliances are stated; by default the middle between the
+    #: reference force F0 [N], at which compliances are stated; by default the midpoint between the
     #: campaign's smallest and largest force. With F0 = 0 the model is Eq. 33 of the paper.
     reference_force_N: float | None = None
     #: name of the preset from which the model was made: default, first or paper
@@ -381,10 +381,10 @@ class HybridModel(Result):
     def rivals(self) -> tuple[str, ...]:
         """Names of effects in the model that resemble a change of compliance with force.
 
-        These alternative explanations of the slopes are called rivals. The possible names are
-        ``joint load``, ``curved mount`` (a deflection of the work ball's mount that is not
-        proportional to force) and ``curved force law`` (a force that is not a linear function of
-        pressure).
+        These effects are alternative explanations of the slopes and are called rivals. The possible
+        names are ``joint load``, ``curved mount`` (a deflection of the work ball's mount that is
+        not proportional to force) and ``curved force law`` (a force that is not a linear function
+        of pressure).
         """
         term_by_kind = {type(term): term for term in self.nuisances}
         names = []
@@ -595,7 +595,7 @@ def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[f
     ``name`` is the name of the hyper-parameter, and ``value`` the true value that a user gives for
     a simulation. Lengths are in µm; the decay and the noise factor of a circle have no unit.
     ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the smallest and the largest
-    permitted value. They are used only for the decay p, which states that form errors with n waves
+    permitted value; they are used only for the decay p, which states that form errors with n waves
     around the circle are proportional to n^(−p).
     """
     if law == "decay":
@@ -629,8 +629,8 @@ class Simulation(Result):
     units: dict[str, str]  #: internal unit of each parameter of interest, by name
 
 
-# Cache of the reduced readings of every campaign (at most 25 numbers for each test). A comparison
-# combines one campaign with hundreds of models, which all use the same reduced readings.
+# Cache of the reduced readings of every campaign (at most 25 numbers for each test). It saves time
+# because a comparison applies hundreds of models to the same reduced readings.
 _REDUCED_READINGS: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 
@@ -641,10 +641,11 @@ class _KnownEstimate(NamedTuple):
     estimate: MachineEstimate
 
 
-# Cache of the estimates of every campaign's machine, one for each model, the newest last. An
-# estimate always uses all tests of the campaign, even if the bound model leaves tests out.
+# Cache of estimated machine parameters. For each campaign, it holds one estimate for each model,
+# the newest last. An estimate always uses all tests of the campaign, even if the bound model leaves
+# tests out.
 _ESTIMATES: WeakKeyDictionary[Campaign, list[_KnownEstimate]] = WeakKeyDictionary()
-# Largest number of estimates of the machine that the cache holds for one campaign.
+# Largest number of estimates of the machine's parameters that the cache holds for one campaign.
 _KEPT_ESTIMATES = 64
 # Cache of the models that were most recently bound to whole campaigns, the newest last. A bound
 # model can be shared, because a model in the cache is never changed.
@@ -668,8 +669,8 @@ class BoundModel(Shown):
     campaign : campaign or plan.
     keep_tests : names of the tests to use; by default all. Some properties are always those of the
         whole campaign: the reference force F0, the force range, the region in which compliances are
-        not negative, the estimate Ĉ of the compliances, and whether the model has one form error
-        for both balls or one for each ball.
+        not negative, the estimate Ĉ of the compliances, and whether the form errors of the two
+        balls are modelled as one sum or separately.
     pilot : for a plan, a campaign from which F0, the force range and Ĉ are taken.
 
     Attributes
@@ -774,10 +775,10 @@ class BoundModel(Shown):
 
         ``setting`` describes the conditions of all tests; ``reduced`` holds their reduced readings.
         Models of the presets ``first`` and ``paper``, and models with flat priors, use the
-        least-squares estimate. Other models use the posterior mean with the scales of noise and
-        other effects fixed at their prior medians (module `reference_posterior`). A plan, which has
-        no readings, gets typical values. The estimates are kept in a cache for every campaign and
-        model.
+        least-squares estimate. Other models use the posterior mean that is computed with the scales
+        of noise and other effects fixed at their prior medians (module `reference_posterior`). For
+        a plan, which has no readings, typical values are returned. The estimates are kept in a
+        cache for every campaign and model.
         """
         model = self.model
         of_campaign = _ESTIMATES.setdefault(self.campaign, [])
@@ -1008,9 +1009,9 @@ class BoundModel(Shown):
         """Return the log prior density of the p parameters of interest, shape (...).
 
         ``beta``, shape (..., p), holds values of the parameters in mm, N and rad. If the prior is
-        flat, the log density is 0. If the prior excludes negative compliances, the log density is
-        −inf where a compliance is negative, and the integral of the density over all other values
-        of the parameters is one.
+        flat, the log density is 0 everywhere. If the prior is truncated to exclude negative
+        compliances, the log density is −inf where a compliance is negative, and the density is
+        normalised over the remaining region.
         """
         if self.model.prior.flat:
             return np.zeros(beta.shape[:-1])
@@ -1022,10 +1023,12 @@ class BoundModel(Shown):
 
     @cached_property
     def truncation_prior(self) -> tuple[float, float]:
-        """Log prior probability that no compliance is negative, and its numerical error [nat].
+        """Log normalising constant of the truncated prior, and its numerical error [nat].
 
-        Both numbers are 0 if the prior allows negative compliances. Groups of compliances that
-        depend on no common parameter are independent, so that their log probabilities add.
+        The constant is the probability, under the Gaussian prior before truncation, that no
+        compliance is negative. Both numbers are 0 if the prior is not truncated. Groups of
+        compliances that have no parameter in common are independent, so that their log
+        probabilities are added.
         """
         if not self.truncation.active:
             return 0.0, 0.0
@@ -1041,9 +1044,10 @@ class BoundModel(Shown):
 
     @property
     def log_prob_truncation_prior(self) -> float:
-        """Log prior probability that no compliance is negative.
+        """Log normalising constant of the truncated prior.
 
-        The log probability is 0 if the prior allows negative compliances.
+        The constant is the probability, under the Gaussian prior before truncation, that no
+        compliance is negative. Its logarithm is 0 if the prior is not truncated.
         """
         return self.truncation_prior[0]
 
@@ -1114,7 +1118,7 @@ class BoundModel(Shown):
         raise self._impossible_prior()
 
     def _impossible_prior(self) -> InputError:
-        """Return the error for a prior with which nearly all machines have a negative compliance.
+        """Return the error for a prior under which nearly all machines have a negative compliance.
 
         The message names the compliance with the lowest ratio of prior mean to prior sd. If no
         prior mean is negative, the message names the setting ``slope_scale`` instead.

@@ -50,11 +50,11 @@ _SHAPE = 1.5
 _RATE = 1.5
 
 
-# Substitutes for hyper-parameters that another model may lack. They are needed when a model takes
-# the values of its hyper-parameters from another model. A model lacks the scale ω of the machine's
-# pattern (geometric and cyclic errors of higher orders) if no ball is clocked (turned in its socket
-# between tests) and no ball is certified. The pattern is then part of the balls' form, so that the
-# scale τ of the form replaces ω.
+# Substitutes for hyper-parameters, used when a model takes the values of its hyper-parameters from
+# another model that lacks some of them. A model lacks the scale ω of the machine's pattern
+# (geometric and cyclic errors of higher orders) if no ball is clocked (turned in its socket between
+# tests) and no ball is certified. The pattern is then included in the form errors of the balls, so
+# that ω is replaced by their scale τ.
 _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 
 
@@ -63,9 +63,9 @@ class HyperPrior:
     """Independent prior densities of the h hyper-parameters, which are of three kinds (``laws``).
 
     - A length, such as the sd of the noise, has a half-normal prior with the scale ``scale`` [mm],
-      restricted to values of at least ``lower`` [mm].
+      truncated to values of at least ``lower`` [mm].
     - A decay p (the amplitude of a form error of order n is proportional to n^(−p)) has the prior
-      Normal(``scale``, ``decay_sd``), restricted to [0.5, 3.5].
+      Normal(``scale``, ``decay_sd``), truncated to [0.5, 3.5].
     - The square of the noise factor λ of a circle has an inverse gamma prior, λ² ~ InvGamma(3/2,
       3/2).
 
@@ -116,9 +116,9 @@ class HyperPrior:
         holds values of the other model's hyper-parameters along its last dimension. Each
         hyper-parameter gets the value of the hyper-parameter of the same name in ``other``. If
         ``other`` lacks the scale ω of the machine's pattern (geometric and cyclic errors of higher
-        orders), ω gets the scale τ of the balls' form, because the pattern is then part of the
-        form. All further hyper-parameters that ``other`` lacks get their prior median. Lengths are
-        in mm.
+        orders), ω is set to the scale τ of the balls' form errors, which include the pattern in
+        this case. All further hyper-parameters that ``other`` lacks are set to their prior medians.
+        Lengths are in mm.
         """
         median = self.quantile(np.full(len(self.names), 0.5))
         values = np.broadcast_to(median, (*phi.shape[:-1], len(self.names))).copy()
@@ -247,19 +247,20 @@ class HyperPrior:
 
     @cached_property
     def _mass(self) -> Array:
-        """Probability that each hyper-parameter in mm exceeds its lower bound, shape (lengths,).
+        """Prior probability before truncation that each length exceeds its lower bound, (lengths,).
 
-        Hyper-parameters in mm are lengths, such as the sd of the noise. The probability is computed
-        from the half-normal density that is not restricted by the bound.
+        Lengths are hyper-parameters in mm, such as the sd of the noise. Their prior before
+        truncation is half-normal.
         """
         return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
 
     @cached_property
     def _decay_levels(self) -> Array:
-        """Probabilities that a decay is below its lower and below its upper bound, (2, decays).
+        """Prior probabilities before truncation that a decay is below its two bounds, (2, decays).
 
-        The probabilities are computed from the normal density that is not restricted by the bounds.
-        The decay p states that the amplitude of a form error of order n is proportional to n^(−p).
+        The first row is for the lower bound, the second for the upper bound. The prior before
+        truncation is normal. The decay p states that the amplitude of a form error of order n is
+        proportional to n^(−p).
         """
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
         return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))
@@ -345,9 +346,9 @@ class HyperPrior:
         """Return points from which the search for the posterior's maximum starts, shape (..., h).
 
         The points are in the unbounded coordinates that the method `free` defines. ``level``, shape
-        (..., h), holds a number in [0, 1] for each coordinate, which selects the value of the
-        coordinate. For lengths, 0 gives a large and 1 a small value; for hyper-parameters without
-        unit, 0 gives a small and 1 a large value.
+        (..., h), holds a number between 0 and 1 for each coordinate. For lengths, 0 selects a large
+        and 1 a small value; for hyper-parameters without unit, 0 selects a small and 1 a large
+        value.
         """
         reach = np.where(self.lower > 0.0, 12.0, 6.0)
         inside = self.free(self.quantile(0.1 + 0.8 * level))

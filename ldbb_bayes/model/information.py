@@ -4,9 +4,9 @@ Parameters are compliances, their slopes (changes with force) and geometric erro
 effects that are modelled but not of interest. Hyper-parameters are the scales of noise and
 nuisances. The module computes the uncertainty of each coefficient, and what the uncertainty would
 be if a nuisance were known. `identify`, uncertainty budgets and designs use this module. The
-computation needs the forces and angles of the readings, but not their values. The readings of a
-test are replaced by at most 25 numbers without loss of information (module `reduction`); these
-numbers are called reduced readings.
+computation needs the forces and angles of the readings, but not the readings themselves. The
+readings of a test are replaced by at most 25 numbers without loss of information (module
+`reduction`); these numbers are called reduced readings.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = ["Information"]
 _RANK_TOLERANCE = 1e-9
 # The precision (1 / variance) that the readings alone give to a coefficient is divided by the prior
 # precision of the coefficient. If the ratio is below this number, it counts as a rounding error,
-# and the readings count as independent of the coefficient.
+# and the readings are treated as carrying no information about the coefficient.
 _ROUNDING = 1e-9
 
 
@@ -43,8 +43,8 @@ class Information:
     coefficients are the parameters of interest, and all coefficients of nuisances (effects modelled
     but not of interest) that have the same value in all tests. If no prior is flat, c has the
     posterior covariance (1 + AᵀA)⁻¹. Several methods have an argument ``fixed``, which names terms
-    and coefficients that are treated as known. Known coefficients are left out of c, and known
-    noise is left out of e.
+    and coefficients that are treated as known. Coefficients treated as known are left out of c, and
+    noise treated as known is left out of e.
     """
 
     #: Names of the m coefficients: parameters of interest, then nuisance coefficients, which belong
@@ -58,8 +58,8 @@ class Information:
     scale: Array
     #: Whether the parameters of interest have flat priors.
     flat: bool
-    #: Effect of one unit of each of the m coefficients on the k reduced readings of each test (k ≤
-    #: 25): one array of shape (k, m) for each test.
+    #: Design matrix of each test, shape (k, m): the change of the test's k reduced readings (k ≤
+    #: 25) per unit of each of the m coefficients.
     design: tuple[Array, ...]
     #: Covariances of the k reduced readings (k ≤ 25) of each test, for every independent source of
     #: noise: one dict of arrays of shape (k, k) [mm²] for each test. The keys are the class names
@@ -105,7 +105,7 @@ class Information:
         There is one row for each of the k reduced readings of all tests (at most 25 for each test).
         The matrix is multiplied from the left by the inverse Cholesky factor of the noise
         covariance of the reduced readings. The coefficients are divided by their prior sd.
-        ``fixed`` holds class names of terms whose noise is left out, as if it were known.
+        ``fixed`` holds the class names of terms whose noise is treated as known and left out.
         """
         return np.concatenate(self.blocks(fixed))
 
@@ -119,7 +119,7 @@ class Information:
         Parameters
         ----------
         fixed
-            Class names of the terms whose noise is left out, as if it were known.
+            Class names of the terms whose noise is treated as known and left out.
 
         Returns
         -------
@@ -157,7 +157,7 @@ class Information:
     def root(
         self, fixed: Collection[str] = (), *, times: float = 1.0
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Return a square root of the posterior precision matrix, and the coefficients in it.
+        """Return a square root of the posterior precision matrix, and the free coefficients.
 
         The coefficients are divided by their prior sd. The matrix does not contain coefficients
         that are taken as known.

@@ -61,7 +61,7 @@ class Parameter:
 
 
 class _Row(NamedTuple):
-    """Name, unit, kind and degree of a parameter of interest, without its prior."""
+    """Properties of a parameter of interest without its prior: name, unit, kind and degree."""
 
     name: str
     unit: str
@@ -79,8 +79,8 @@ class ParametersOfInterest:
     """
 
     degree: int
-    #: the compliances that the campaign's circles can separate; each of them also represents
-    #: compliances that cannot be separated from it
+    #: the compliances that the campaign's circles can separate; each also represents those
+    #: compliances that circles cannot distinguish from it
     visible: Kept
     geometric_errors: tuple[GeometricName, ...]
 
@@ -247,8 +247,8 @@ def physical_rows(
         Reference force F0 [N], for the error message.
     """
     at_forces = [compliance_rows(interest.compliances, parameters, lever) for lever in levers_N]
-    # The rows of the result are stored as keys of a dictionary, which keeps their order and drops
-    # equal rows.
+    # The rows of the result are stored as keys of a dictionary, which keeps their order and removes
+    # duplicates.
     rows: dict[tuple[float, ...], None] = {}
     for j in np.flatnonzero(interest.visible.not_negative):
         label = interest.compliances[j].label

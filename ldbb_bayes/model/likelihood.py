@@ -44,8 +44,8 @@ from ldbb_bayes.results import Array
 __all__ = ["StructuredGaussian"]
 
 # Size [bytes] of an array that is allocated and freed once at the start. Afterwards, the memory
-# allocator of the GNU C library (malloc) keeps freed memory blocks of up to this size for reuse,
-# which is faster.
+# allocator of the GNU C library (malloc) keeps freed memory of up to this size for reuse, which
+# saves time.
 _MALLOC_BYTES = 31 << 20
 # Variances of noise and of priors whose absolute value is smaller than this number [mm², or no
 # unit] are replaced by this number, because the likelihood divides by variances. A coefficient with
@@ -105,8 +105,8 @@ class StructuredGaussian:
         Columns and noise of the nuisance terms. `conditional` returns shared coefficients in the
         order of these columns.
     offset
-        Known part of the readings, as 25 Fourier coefficients of every test, shape (tests, 25)
-        [mm]. This part is subtracted from the readings.
+        Known part of the readings, which is subtracted from the readings; 25 Fourier coefficients
+        for every test, shape (tests, 25) [mm].
     hypers
         Names of the h hyper-parameters φ, in the order in which arrays hold their values.
     interest
@@ -236,7 +236,7 @@ class StructuredGaussian:
     def draw_shared(self, phi: Array, standard: Array, rng: np.random.Generator) -> Array:
         """Return random draws of the coefficients that are the same in all tests.
 
-        The last p of these coefficients are given by the caller as standard normal coordinates. The
+        The caller provides the last p of these coefficients as standard normal coordinates. The
         method `conditional` returns the density of these p coefficients, and the method
         `from_standard` of this density converts standard normal coordinates to coefficients. All
         other coefficients are drawn from their density given the readings and the last p
@@ -329,8 +329,8 @@ class StructuredGaussian:
             Values of the h hyper-parameters, shape (values, h); lengths in mm.
         beta
             Values of the p parameters of interest β, shape (values, p), or (p,) if they are the
-            same for all values of φ. If it is None, the quantity ``shift`` is None too, and β does
-            not enter the log density.
+            same for all values of φ. If it is None, the log density does not depend on β, and the
+            quantity ``shift`` is None.
         batch_size
             Largest number of values of φ in a batch.
         """
@@ -372,7 +372,7 @@ class StructuredGaussian:
 def _round_to_ten_digits(values: Array) -> Array:
     """Return variances (``values``) rounded to ten significant digits.
 
-    Variances that differ only by rounding errors then count as equal.
+    After rounding, variances that differ only by rounding errors are equal.
     """
     magnitude = np.floor(np.log10(np.where(values > 0, values, 1.0)))
     size = 10.0 ** (9 - magnitude)

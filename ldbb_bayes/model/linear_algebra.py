@@ -1,4 +1,4 @@
-"""Least-squares solutions of minimum norm, roots of singular covariances, sparse storage."""
+"""Minimum-norm least squares, square roots of singular covariance matrices, sparse storage."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def minimum_norm_solution(
     y
         Readings, shape (n,).
     scale
-        Unit of each parameter, shape (p,), in which the norm of β is computed. By default the units
-        are the reciprocal norms of the columns of ``jacobian``.
+        Units of the parameters, shape (p,), in which the norm of β is computed. By default the
+        units are the reciprocal norms of the columns of ``jacobian``.
     rank_tolerance
         Combinations of parameters whose singular value is below this fraction of the largest
         singular value count as undetermined by the readings.

@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 # Direct compliance of a typical machine tool [mm/N], which corresponds to a stiffness of 20 N/µm.
-# This value is assumed where no readings determine a direct compliance, such as for plans.
+# This value is assumed for a direct compliance if no readings depend on it, as in a plan.
 _USUAL_DIRECT_COMPLIANCE = 5e-5
 
 
@@ -50,12 +50,13 @@ class MachineEstimate(NamedTuple):
     """
 
     compliances: Array
-    compliance_sd: Array  #: standard uncertainties of the compliances; zero if they count as known
+    #: standard uncertainties of the compliances; zero if the compliances are treated as known
+    compliance_sd: Array
     geometric_errors: Array
 
     @classmethod
     def known(cls, compliances: Array, geometric_errors: Array) -> MachineEstimate:
-        """Return an estimate of a machine whose compliances count as known exactly.
+        """Return an estimate of a machine whose compliances are treated as exactly known.
 
         ``compliances`` and ``geometric_errors`` are the estimated values in internal units
         (mm, N, rad). The standard uncertainties of the compliances are zero.
@@ -126,7 +127,7 @@ def estimate_machine(
     solution nearest to the prior mean is returned, with distances in units of the prior sd.
     Compliances that change no reading get the values assumed for a plan. For a plan, which has no
     readings, all compliances get these values, and the geometric errors get their prior means. The
-    compliances of the result count as known exactly.
+    compliances of the result are treated as exactly known.
 
     Parameters
     ----------

@@ -50,7 +50,8 @@ def mixture_quantiles(
 ) -> Array:
     """Return quantiles of mixtures of k Gaussians, shape (levels, ...).
 
-    Each quantile is computed by Newton's method, between bounds that always enclose the quantile.
+    Each quantile is computed by Newton's method, combined with bisection between bounds that always
+    enclose the quantile.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["central_differences", "newton"]
 
-# Fractions of a Newton step that are tried together. The fraction with the largest density is used.
+# Fractions of a Newton step that are tried at once. The fraction with the largest density is used.
 _FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
 # Longest Newton step, in the unit of the coordinates. If a coordinate is the logarithm of a scale,
 # such a step multiplies or divides the scale by 4.5.
@@ -48,7 +48,7 @@ def newton(
     start
         Point where the search starts, shape (h,).
     least_curvature
-        Smallest curvature with which a step is computed.
+        Lower limit of the curvatures with which a step is computed.
     gain
         The search ends when a step raises the log density by at most this amount [nat].
     stop
@@ -85,9 +85,9 @@ def central_differences(
 ) -> tuple[Array, Array]:
     """Return gradient (h,) and Hessian (h, h) of a function at a point, by central differences.
 
-    The function has h coordinates. The mixed derivative for coordinates i and j is computed from
-    the values at two further points: both coordinates are increased in one and decreased in the
-    other.
+    The function has h coordinates. The mixed derivative with respect to coordinates i and j needs
+    two further points: at one point both coordinates are increased, at the other both are
+    decreased.
 
     Parameters
     ----------

@@ -49,9 +49,9 @@ class Rows(NamedTuple):
     #: Design matrix H of the p parameters of interest (compliances, their slopes and geometric
     #: errors), shape (n, p) for n rows.
     interest: Array
-    #: Left-hand side z of each of the n rows, shape (n,). It is a reduced reading [mm] or the prior
-    #: mean of a coefficient. In one row of each test, it is the norm of that part of the readings
-    #: which Fourier series to order 12 cannot describe [mm].
+    #: Left-hand side z of each of the n rows, shape (n,): a reduced reading [mm] or the prior mean
+    #: of a coefficient. One row of each test holds the norm of that part of the readings which
+    #: Fourier series to order 12 cannot describe [mm].
     values: Array
     #: Number of readings that each of the n rows represents, shape (n,); 1 for a row that is the
     #: prior of a coefficient.
@@ -97,7 +97,7 @@ class Observations(NamedTuple):
 
 
 class _Nuisances(NamedTuple):
-    """Nuisances (effects modelled but not of interest), sorted by how they enter the equations.
+    """Nuisances (effects modelled but not of interest), sorted by their role in the equations.
 
     The observation equations are z − H β = A x + N(0, D), with diagonal D. A has two kinds of
     columns: the coefficients of ``shared`` columns are the same in all tests, and the coefficients
@@ -132,7 +132,8 @@ class _Rotated(NamedTuple):
     Q is chosen so that the covariance of all noise in the test becomes diagonal. ``rotation`` is Q,
     shape (m, m). ``factor`` is Q R, where R, shape (m, 25), turns the test's 25 Fourier
     coefficients into its reduced readings. ``noise_sd`` holds one array of shape (m,) for each
-    noise term: the sd of the m rows, divided by the hyper-parameter that scales this noise.
+    noise term: the sd of the noise in each of the m rows, divided by the hyper-parameter that
+    scales this noise.
     """
 
     rotation: Array
@@ -150,8 +151,8 @@ class _CoefficientPriors(NamedTuple):
     #: Prior sd of every nuisance coefficient, divided by the hyper-parameter or product of
     #: hyper-parameters that scales this sd, shape (coefficients,); infinite for a flat prior.
     sd: Array
-    #: Part of the prior sd of every nuisance coefficient that no hyper-parameter scales, shape
-    #: (coefficients,); it is added in quadrature to the part that a hyper-parameter scales.
+    #: Fixed part of the prior sd of every nuisance coefficient, shape (coefficients,). It is not
+    #: multiplied by a hyper-parameter, and is added in quadrature to the part that is.
     stated_sd: Array
     mean: Array
     #: For each nuisance coefficient, the index of the source of variance (hyper-parameter, or
@@ -286,10 +287,10 @@ def _private_columns(
     nuisances: _Nuisances,
     tests: int,
 ) -> list[NDArray[np.intp]]:
-    """Return, for each of ``tests`` tests, the indices of the columns that only this test uses.
+    """Return, for each test, the indices of the columns whose coefficients belong to this test.
 
-    The columns are columns of the design matrix of the nuisances (effects modelled but not of
-    interest). The list is empty if no test has such columns.
+    ``tests`` is the number of tests. The columns are columns of the design matrix of the nuisances
+    (effects modelled but not of interest). The list is empty if no test has such columns.
     """
     size = nuisances.private_size
     if size == 0:
@@ -306,8 +307,8 @@ def _sort_sources(
 
     A source of variance is a hyper-parameter (the sd of an effect) or a product of
     hyper-parameters. The result contains all sources of the terms, the sd σ of white noise, and the
-    constant 1, which is the source of variances that no hyper-parameter scales. ``hypers`` are the
-    names of the hyper-parameters, which determine the order.
+    constant 1, which is the source of variances that do not depend on hyper-parameters. ``hypers``
+    are the names of the hyper-parameters, which determine the order.
     """
     sources = {Source(), Source("sigma")}
     for term in terms:
@@ -492,7 +493,8 @@ def _prior_variance_factors(
     The prior variance of each nuisance coefficient, in units of ``unit``, shape (coefficients,), is
     Σ v · source². A source of variance is a hyper-parameter or a product of hyper-parameters. A
     coefficient whose prior sd is zero gets the factor one; this has no effect, because the rescaled
-    column of the coefficient is zero. Rows of flat priors are placeholders that the caller drops.
+    column of the coefficient is zero. Rows that belong to flat priors are placeholders, which the
+    caller removes.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)
@@ -544,13 +546,13 @@ def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> C
     """Return columns that correct the reading noise for angles that are not spaced uniformly.
 
     If the angles of a test are not spaced uniformly, the noise of its 25 Fourier coefficients is
-    correlated, and larger or smaller than for uniform angles. The columns add or remove the
-    difference. Suppose the 25 Fourier coefficients of a test are fitted to readings with the noise
-    sd σ, and each coefficient is multiplied by the norm of its Fourier function (diagonal matrix
-    S). The covariance of the 25 products is σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ). The
-    orthogonal matrix V and the diagonal matrix λ hold the directions and departures of
-    `NearUniform`. Each column v of V with a significant λ becomes a column S⁻¹ v √(|λ|/(1 + λ))
-    whose coefficient has the sd σ.
+    correlated, and larger or smaller than for uniform angles. The columns make up for the
+    difference: they add noise or remove noise. Suppose the 25 Fourier coefficients of a test are
+    fitted to readings with the noise sd σ, and each coefficient is multiplied by the norm of its
+    Fourier function (diagonal matrix S). The covariance of the 25 products is σ² (1 + V λ Vᵀ)⁻¹ =
+    σ² (1 − V λ/(1 + λ) Vᵀ). The orthogonal matrix V and the diagonal matrix λ hold the directions
+    and departures of `NearUniform`. Each column v of V with a significant λ becomes a column S⁻¹ v
+    √(|λ|/(1 + λ)) whose coefficient has the sd σ.
 
     Parameters
     ----------

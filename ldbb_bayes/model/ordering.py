@@ -2,7 +2,7 @@
 
 The observation equations r = A x + noise have one column of A for each coefficient x. Two columns
 are neighbours if there is a row in which neither of them is zero. When a column is eliminated, all
-its neighbours become neighbours of each other. The time for this is proportional to the square of
+its neighbours become neighbours of each other. The computing time is proportional to the square of
 the number of neighbours. The order is therefore chosen as follows:
 
 1. The column with the fewest neighbours is always eliminated next (minimum degree). The only
@@ -44,7 +44,7 @@ _COLUMN_COST = 200.0
 # Time of the function calls that multiply `PRODUCT_COLUMNS` columns of a border (the later columns
 # that a group changes) by all columns of the border, in units of the time of one multiplication.
 _PRODUCT_CALL_COST = 250.0
-# Time to subtract one product from the matrix entry for two later columns, in units of the time of
+# Time to subtract one product from one entry of the matrix P = Aᵀ D⁻¹ A, in units of the time of
 # one multiplication.
 _UPDATE_COST = 1.0
 # Largest number of computed elimination times that the cache holds. The cache saves time because
@@ -158,7 +158,7 @@ def _members(bits: int) -> Iterator[int]:
 
 
 def _minimum_degree(neighbours: NDArray[np.bool_], last: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return all columns except those in ``last``, in an order that needs little work.
+    """Return all columns except those in ``last``, in an order of elimination that saves time.
 
     ``neighbours``, shape (columns, columns), states for all pairs of columns whether they are
     neighbours, that is, whether there is a row in which neither column is zero. The next column is
@@ -249,9 +249,9 @@ def _cost(shape: tuple[int, int], copies: int) -> float:
     ``shape`` holds the number of columns of the set, and the number of later columns that they
     change. ``copies`` is the number of sets with this shape, which are eliminated by the same
     function calls. Two times are needed only once for all copies: the time of the function calls,
-    and the time to subtract sums of products from the matrix entries of later columns. The result
-    is the sum of these two times divided by ``copies``, plus the time of the multiplications for
-    one set.
+    and the time to subtract sums of products from entries in later columns of the matrix. The
+    result is the sum of these two times divided by ``copies``, plus the time of the multiplications
+    for one set.
     """
     columns = shape[0]
     border = shape[1]

@@ -64,12 +64,12 @@ _SCRAMBLES = 8
 # Numbers of quasi-random points in a scramble (a randomly shifted copy of the set of points). These
 # numbers are tried one after the other until the error of ln P(u ≥ 0) is small enough.
 _SIZES = (32, 128, 512, 2048, 8192)
-# Factor by which the standard error of a probability is enlarged. It corresponds to Student's t
-# distribution and is needed because the standard error is computed from only eight estimates.
+# Factor by which the standard error of a probability is multiplied, because this standard error is
+# computed from only eight estimates. It follows from Student's t distribution.
 _STUDENT = 1.5
-# Lower limit of the stated error of a probability, as a fraction of the error that the same number
-# of independent random points would give. The limit is needed because the eight estimates whose
-# scatter gives the error may agree by chance.
+# The stated error of a probability is at least this fraction of the error that the same number of
+# independent random points would give. This limit is needed because the error is computed from the
+# scatter of eight estimates, which may agree by chance.
 _LEAST_ERROR_SHARE = 0.1
 # Largest number of importance weights that are computed at once, to limit the memory used. There is
 # one weight for every quasi-random point and every probability P(u ≥ 0) of a batch.
@@ -78,8 +78,8 @@ _CHUNK = 1 << 20
 # the lower bounds of the constraints times this factor, modulo 1. The factor is so large that even
 # small differences between the bounds give different shifts.
 _DIGITS = 1e5
-# Absolute error of SciPy's implementation of Owen's T function, from which the probability that two
-# constraints both hold is computed.
+# Absolute error of SciPy's implementation of Owen's T function, which is used to compute the
+# probability that two constraints both hold.
 _OWEN_ERROR = 1e-15
 # P(u ≥ 0) is bounded by P(u₁ ≥ 0, u₂ ≥ 0) for the two constraints that are most likely to fail. The
 # bound is used only if it is at least this number, because smaller bounds are too inaccurate.
@@ -123,7 +123,7 @@ class OrthantMoments(NamedTuple):
 
 
 class NoisyLogProbability(NamedTuple):
-    """Log probabilities ln P(u ≥ 0) of w Gaussian vectors u, and two parts of the errors [nat]."""
+    """Log probabilities ln P(u ≥ 0) of w Gaussian vectors u, with two kinds of errors [nat]."""
 
     log_value: Array  #: log probability that all constraints u ≥ 0 hold, shape (w,)
     #: error of each of the w log probabilities that is due to analytical bounds and to constraints
@@ -133,7 +133,7 @@ class NoisyLogProbability(NamedTuple):
 
 
 class _Solved(NamedTuple):
-    """Constraints on w random vectors in triangular form, and densities from which to draw.
+    """Constraints on w random vectors in triangular form, and densities for random draws.
 
     Each of w standard normal vectors e has q elements. ``axes``, shape (w, d, q), holds the d
     orthonormal directions of each e on which the constraints depend. ``tilted`` states the
@@ -227,8 +227,8 @@ class Orthant:
         """Return ln P(u ≥ 0) for w vectors u, from quasi-random points that differ between vectors.
 
         The errors due to the quasi-random points, called noise, are independent between vectors. In
-        a mean over many vectors they cancel to a large part, so that few points suffice for each
-        vector. In all other respects, the method works like `log_probability`.
+        a mean over many vectors they largely cancel, so that few points suffice for each vector. In
+        all other respects, the method works like `log_probability`.
 
         Parameters
         ----------
@@ -477,7 +477,7 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Constraints on all vectors in triangular form, and the densities from which to draw.
+        """Constraints on all vectors in triangular form, and densities for random draws.
 
         Random vectors are drawn from shifted densities. Constraints that are certain to hold for
         all vectors of the batch are left out.
@@ -749,8 +749,8 @@ def _uncertain_rows(
     with q elements, ``mean`` has the shape (w, m), and ``spread`` has the shape (w, m, q). A
     constraint u_j ≥ 0 counts as certain, and is left out, if the mean of u_j is more than 12 sds
     above zero for every vector. All indices are returned if the mean of at least one u_j is more
-    than three sds below zero: given that this u_j is not negative, constraints that look certain
-    may fail.
+    than three sds below zero: under the condition that this u_j is not negative, constraints that
+    seem certain to hold may fail.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = mean / np.linalg.norm(spread, axis=2)
@@ -794,9 +794,9 @@ def _binding_rows(
 
     There are m constraints on a standard normal vector e of q elements. First, the constraints are
     chosen that hold with equality at the most probable e that satisfies all constraints. Further
-    constraints are then chosen one by one until there are ``rank`` constraints: each time, the
-    constraint is chosen whose row has the longest component perpendicular to all rows chosen
-    before. The result is sorted by increasing ``distance``.
+    constraints are then added one by one until there are ``rank`` constraints. The next constraint
+    is always the one whose row has the longest component perpendicular to the rows of all
+    constraints that are already chosen. The result is sorted by increasing ``distance``.
 
     Parameters
     ----------

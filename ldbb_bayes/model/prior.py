@@ -200,9 +200,9 @@ class Prior(Shown):
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
     slope is always zero, because the model of constant compliance is the linear model with all
-    slopes at zero. If ``means`` names a compliance, the prior sd of this compliance in
-    ``overrides`` states how well the compliance is known, not how large it may be. The prior sds of
-    its slopes are therefore computed from the default prior sd of this kind of compliance.
+    slopes at zero. If ``means`` contains a compliance, the prior sd of this compliance expresses
+    how well the compliance is known, not how large it may be. The prior sds of its slopes are
+    therefore computed from the default prior sd of this kind of compliance.
 
     Raises
     ------
@@ -245,8 +245,8 @@ class Prior(Shown):
     #: scale of the half-normal prior of δ, the sd of the random shifts of the readings' zero and of
     #: the circle's centre between circles [µm]
     delta_um: float = 1.0
-    #: scale of the half-normal prior of κ, the sd of the discrepancy (model inadequacy and change
-    #: from circle to circle) [µm]
+    #: scale of the half-normal prior of κ, the sd of the discrepancy (model inadequacy, and
+    #: variation from circle to circle) [µm]
     kappa_um: float = 1.0
     #: scale of the half-normal prior of τ, the sd of the balls' form error with 6 waves around the
     #: circle [µm]
@@ -258,9 +258,9 @@ class Prior(Shown):
     eta_um: float = 2.0
     #: prior mean of the decay p: the sds of the balls' form errors, and of the machine's errors of
     #: higher orders, are proportional to n^(−p), where the order n is the number of waves around
-    #: the circle. The prior is Gaussian, restricted to [0.5, 3.5].
+    #: the circle. The prior is Gaussian, truncated to [0.5, 3.5].
     decay: float = 2.0
-    #: prior sd of the decay p (see ``decay``) before the restriction to [0.5, 3.5]
+    #: prior sd of the decay p (see ``decay``) before truncation to [0.5, 3.5]
     decay_sd: float = 0.7
     #: whether the prior sd of a slope (change of a compliance with force) is proportional to the
     #: estimate of its compliance. If true, the prior sd is proportional to max(√(Ĉ² + u²),
@@ -268,8 +268,8 @@ class Prior(Shown):
     #: estimate, and sd(C) the prior sd of the compliance. If false, it is proportional to sd(C), as
     #: in the model's first edition (preset ``first``). The factor is ``slope_scale``.
     slopes_of_estimate: bool = True
-    #: whether compliances that are deflections in the direction of the load itself (such as C_XXX,
-    #: C_YYY and C_CCY) must not be negative at the tested forces
+    #: whether the prior is truncated so that compliances that are deflections in the direction of
+    #: the load itself (such as C_XXX, C_YYY and C_CCY) are not negative at the tested forces
     truncated: bool = True
     #: whether all parameters of interest have flat (constant) priors, as in the paper's least
     #: squares
@@ -297,7 +297,7 @@ class Prior(Shown):
             _check_mean(name, mean)
 
     def _convert_settings(self) -> None:
-        """Convert every numerical setting of the prior to a number in the unit its name states.
+        """Convert every numerical setting of the prior to a number in the unit that ends its name.
 
         Settings may be given as texts with a unit: "5 nm/N" for direct_mm_per_N becomes 5e-6.
         """
@@ -341,9 +341,10 @@ class Prior(Shown):
             )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what pickle needs to create the same prior: the class with all its settings.
+        """Return the class and all settings, from which pickle creates the same prior.
 
-        Read-only mappings are replaced by dictionaries, because pickle cannot store them.
+        Read-only mappings are replaced with dictionaries, because pickle cannot store read-only
+        mappings.
         """
         settings = {**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)}
         return partial(Prior, **settings), ()
@@ -357,8 +358,8 @@ class Prior(Shown):
     def first(cls) -> Prior:
         """Return the prior of the model's first edition (preset ``first``).
 
-        The prior of the balls' form is wider than in the default prior, and the prior sds of slopes
-        do not depend on the readings.
+        The prior of the balls' form errors is wider than in the default prior, and the prior sds of
+        slopes do not depend on the readings.
         """
         return cls(tau_um=5.0, slopes_of_estimate=False)
 
@@ -436,14 +437,14 @@ class Prior(Shown):
         """Return the joint prior of the hyper-parameters, with lengths in mm.
 
         Hyper-parameters are the scales (standard deviations) of the noise and of other effects, and
-        numbers without unit, such as the decay p. A form error of order n is proportional to
-        n^(−p).
+        numbers without unit, such as the decay p. The prior sd of a form error of order n is
+        proportional to n^(−p).
 
         Parameters
         ----------
         scales
-            Hyper-parameters of the model. Each holds the scale of its prior [µm], or the name of
-            the field of this `Prior` that holds the scale.
+            Hyper-parameters of the model. Each `Scale` contains the scale of its prior [µm], or the
+            name of the field of this `Prior` in which the scale is given.
         resolution_um
             Resolution of the readout [µm]. The sd σ of white noise is at least resolution/√12; the
             other hyper-parameters are at least zero.

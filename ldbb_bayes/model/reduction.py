@@ -4,7 +4,7 @@ The model describes readings at the angles θ by the 25 Fourier functions 1, cos
 12θ, sin 12θ. Let B be the matrix of these functions at the n angles of a test, and B = Q R its QR
 decomposition. All information that the readings carry about the model is contained in the at most
 25 numbers Qᵀ · readings, and in the sum of squares of the part of the readings that the functions
-cannot describe. This is true for any number of readings.
+cannot describe. This holds for any number of readings.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ class Reduced:
     #: factor of the Fourier functions at the test's angles; shape (m,) with m = min(n, 25). None
     #: for a planned test, which has no readings.
     reading_mm: Array | None
-    #: Triangular factor R of the 25 Fourier functions at the test's n angles, shape (m, 25) with
-    #: m = min(n, 25). It turns Fourier coefficients into reduced readings.
+    #: Triangular factor R of the 25 Fourier functions at the test's n angles, shape (m, 25) with m
+    #: = min(n, 25). It converts Fourier coefficients into reduced readings.
     factor: Array
     #: Sum of squares of the part of the test's readings that the Fourier functions to order 12
     #: cannot describe [mm²].

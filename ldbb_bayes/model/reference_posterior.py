@@ -61,8 +61,8 @@ class _SharedCoefficients(NamedTuple):
 class _StackedReadings(NamedTuple):
     """Reduced readings of all tests, m ≤ 25 numbers for each test."""
 
-    #: Triangular factors of the Fourier functions, shape (tests, m, 25). They turn the 25 Fourier
-    #: coefficients of a test into its m reduced readings.
+    #: Triangular factors of the Fourier functions, shape (tests, m, 25). They convert the 25
+    #: Fourier coefficients of a test into its m reduced readings.
     factors: Array
     readings: Array  #: reduced readings [mm], shape (tests, m, 1)
 
@@ -127,8 +127,9 @@ class ReferencePosterior:
         prior_rows = np.eye(len(sd), len(scale))
         stack = np.concatenate([whitened * scale, prior_rows])
         triangle = np.asarray(np.linalg.qr(stack, mode="r"))
-        # The parameters of interest come last. All nuisance coefficients have been eliminated from
-        # the rows of the triangular factor that belong to the parameters of interest.
+        # The parameters of interest come last. The last rows of the triangular factor therefore
+        # contain only parameters of interest; all nuisance coefficients have been eliminated from
+        # these rows.
         size = int(free.sum())
         of_interest = slice(len(sd) - size, len(sd))
         posterior = Gaussian.from_rows(
@@ -166,7 +167,7 @@ class ReferencePosterior:
 
     @cached_property
     def _stacked(self) -> _StackedReadings:
-        """Reduced readings of all tests (at most 25 numbers a test), in arrays of one shape.
+        """Reduced readings of all tests (at most 25 numbers per test), in arrays of equal size.
 
         If tests have different numbers of reduced readings, zeros are appended. The appended
         readings do not depend on any coefficient.
@@ -204,12 +205,12 @@ class ReferencePosterior:
 def fixed_point(
     posterior: ReferencePosterior, setting: Setting, start: MachineEstimate
 ) -> MachineEstimate:
-    """Return an estimate of a machine for which the model linearised about it gives this estimate.
+    """Return the estimate of a machine's parameters that is obtained by repeated linearisation.
 
     ``posterior`` computes the posterior of the machine's parameters, with fixed scales of the noise
     and of other effects. ``setting`` describes the test conditions. The estimate is computed in
     three steps. In the first step, the model is linearised about ``start``; in each further step,
-    it is linearised about the result of the previous step.
+    it is linearised about the estimate from the previous step.
     """
     estimate = start
     for _ in range(_STEPS):

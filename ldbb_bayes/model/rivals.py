@@ -19,12 +19,12 @@ class Rival(NamedTuple):
     """Effect on the readings that resembles a change of a compliance with force.
 
     The effect is either a whole nuisance term (an effect modelled but not of interest), such as
-    `JointLoad`, or a part of a term that a setting switches on, such as the curvature of `Mount`.
+    `JointLoad`, or an optional part of a term, such as the curvature of `Mount`.
     """
 
     term: type[Term]
-    #: name of a field of the term, such as curvature_um: the value 0 of this field switches the
-    #: effect off; empty text if the effect is the whole term
+    #: name of the field of the term that switches the effect off if it is zero, such as
+    #: curvature_um; empty string if the effect is the whole term
     setting: str
 
 

@@ -91,12 +91,12 @@ class Setting:
     plane: Array  #: plane of each test, such as XY, shape (tests,)
     setup: Array  #: number of each test's set-up, from 1, shape (tests,)
     #: direction of travel along each test's circle, shape (tests,): +1 for clockwise, −1 for
-    #: counterclockwise; +1 too if the test states no direction
+    #: counterclockwise; +1 also if no direction is given for the test
     travel: Array
     #: time of each test minus the mean time of the campaign, or of its pilot campaign [h], shape
-    #: (tests,). If at least one test states no time, all times are derived from the order in which
-    #: the tests are listed. The values are NaN if this order is not the order in which the tests
-    #: were run, or if all tests have the same time.
+    #: (tests,). If the time is missing for at least one test, all times are derived from the order
+    #: in which the tests are listed. The values are NaN if this order is not the order in which the
+    #: tests were run, or if all tests have the same time.
     time_h: Array
     #: temperature of each test minus the mean temperature of the campaign, or of its pilot campaign
     #: [K], shape (tests,); NaN if unknown
@@ -130,7 +130,7 @@ class Setting:
     both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
     largest_force_N: float  #: largest force of the whole campaign [N]
     #: name of the hyper-parameter λ that is the noise factor of each test's circle, shape (tests,);
-    #: empty text if circles have no noise factors
+    #: empty string if circles have no noise factors
     circle: Array
     #: estimate of each compliance in internal units (mm, N, rad), about which effects are
     #: linearised, shape (compliances,)
@@ -149,7 +149,7 @@ class Setting:
     compensated: bool
     #: nominal deflection of the work ball's mount per pressure of the regulator [µm/bar]
     deflection_um_per_bar: float
-    #: values and uncertainties that certificates state for bar, balls, mount, force and angle
+    #: values and uncertainties from certificates for bar, balls, mount, force and angle
     instrument: Instrument
 
     @property
@@ -185,7 +185,7 @@ class Setting:
         return np.asarray(4.0 * share * (1.0 - share))
 
     def driven_axes(self) -> list[tuple[int, float]]:
-        """Return the machine axes that the circles drive, with the magnitude of their compliance.
+        """Return the machine axes that the circles drive, with the magnitudes of their compliances.
 
         The result is a list of pairs: the index of an axis (X is 0, Y is 1, Z is 2), and the
         magnitude of the axis' direct compliance, which is the displacement along the axis per force
@@ -304,7 +304,7 @@ class Setting:
 def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> Array:
     """Return Fourier coefficients of a power of the bar's component along an axis, (tests, 25).
 
-    Let u be the component, along one machine axis, of the unit vector along the bar. It is a
+    u denotes the component, along one machine axis, of the unit vector along the bar; u is a
     function of the angle θ on the circle. The result describes |u|^``power``, multiplied by the
     sign of u if ``signed`` is true; the method `Setting.along` states the formula.
     ``first_harmonics`` are the bytes of an array of shape (tests, 2), which holds the Fourier
@@ -483,16 +483,16 @@ def _by_setup(campaign: Campaign, columns: Array) -> Array:
 def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     """Return the time of every test minus the mean time of the campaign [h], shape (tests,).
 
-    If all tests state their times, these times are used. If not, the tests are assumed to have been
-    run in the order in which they are listed, one every six minutes; if the campaign states that
-    they were run in random order, all values are NaN instead. All values are also NaN if all tests
-    have the same time.
+    If times are given for all tests, these times are used. Otherwise the tests are assumed to have
+    been run in the order in which they are listed, one every six minutes; if the user has declared
+    that the order was random, all values are NaN instead. All values are also NaN if all tests have
+    the same time.
 
-    If a pilot campaign is given and its tests state their times, the mean time of the pilot is
-    used, and tests without times are assumed to be at this mean. If the tests of neither campaign
-    state their times, and the first tests of the plan have the names of the pilot's tests, the
-    times of these tests follow from their order in the pilot. All further tests are assumed to be
-    at the mean.
+    If a pilot campaign is given and times are given for all its tests, the mean time of the pilot
+    is subtracted, and tests without times are assumed to be at this mean. If times are missing in
+    both campaigns, and the first tests of the plan have the names of the pilot's tests, the times
+    of these tests follow from their order in the pilot. All further tests are assumed to be at the
+    mean.
     """
     stated_s = _recorded("time_s", campaign)
     relative_s = np.zeros(len(stated_s))
@@ -515,7 +515,8 @@ def _listed_s(campaign: Campaign) -> Array:
     """Return the time of every test minus the mean time [s], from the order of the tests.
 
     The tests are assumed to have been run in the order in which they are listed, at equal
-    intervals. All results are zero if the campaign states that its tests were run in random order.
+    intervals. All results are zero if the user has declared that the tests were run in random
+    order.
     """
     listed_s = SECONDS_PER_TEST * np.arange(len(campaign.tests))
     if campaign.order is not None:
@@ -540,7 +541,8 @@ def _relative_to_mean(
     ``field`` is the name of the field of a test, such as temperature_C. If a pilot campaign is
     given, the mean over the tests of the pilot is subtracted, and tests without a value are assumed
     to be at this mean. Otherwise the mean over the tests of the campaign is subtracted, and tests
-    without a value get NaN. All values are NaN if no test that enters the mean has a value.
+    without a value get NaN. All values are NaN if there is no value from which the mean can be
+    computed.
     """
     values = _recorded(field, campaign)
     reference = _recorded(field, pilot or campaign)

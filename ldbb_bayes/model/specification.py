@@ -38,10 +38,10 @@ __all__ = [
     "read_truths",
 ]
 
-# Version of the format of model files, which every file states as ``schema``.
+# Version of the format of model files; every file gives it under the key ``schema``.
 SCHEMA = 1
-# Names of the sub-tables of the table [prior] in a model file. Empty sub-tables are not written, so
-# that the SHA-256 digests of existing models stay the same if a name is added here.
+# Names of the sub-tables of the table [prior] in a model file. Empty sub-tables are not written.
+# The SHA-256 digests of existing models therefore do not change when a name is added here.
 _TABLES = ("overrides", "means")
 
 
@@ -102,7 +102,7 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
     path : str or os.PathLike
         Path of the file.
     degree : int, optional
-        Degree of the compliance as a polynomial in force, 0, 1 or 2, for a file that states no
+        Degree of the compliance as a polynomial in force, 0, 1 or 2, for a file that gives no
         degree. By default, the degree of such a file is 0 for the preset ``paper`` and 1 for the
         other presets.
 
@@ -138,8 +138,7 @@ def model_sha256(model: HybridModel) -> str:
 def _model_of(content: dict[str, Any], place: str, degree: int | None) -> HybridModel:
     """Return the model that the content of a model file describes.
 
-    ``degree`` is used only if the file states no degree. ``place`` names the file in error
-    messages.
+    ``degree`` is used only if the file gives no degree. ``place`` names the file in error messages.
     """
     spec = validated(_SpecFile, content, place)
     with placed(place):
@@ -200,7 +199,7 @@ def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) 
 def _converted_settings(
     table: str, types: Mapping[str, type], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the settings of one table of a model file, in the units that their names state.
+    """Return the settings of one table of a model file, in the units given in their names.
 
     A number may be written as a text with a unit. It is then converted to the unit at the end of
     the setting's name: "3000 nm" for ``sd_um`` becomes 3. ``table`` is the name of the table for
@@ -243,10 +242,10 @@ class _TruthsFile(BaseModel):
 
 @dataclass(frozen=True)
 class Truths:
-    """Plan and true values of a simulation, as read from a TOML file."""
+    """Plan and true values for a simulation, as read from a TOML file."""
 
-    #: plan (campaign without readings) that is to be simulated; None if the file states no forces,
-    #: in which case the plan must come from another file
+    #: plan (campaign without readings) that is to be simulated; None if the file contains no
+    #: forces, so that the plan must come from another file
     plan: Campaign | None
     #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad); None
     #: if they are drawn at random from the prior
@@ -263,7 +262,7 @@ def is_truths(path: Path) -> bool:
     """Return whether a file is a TOML file of true values for a simulation.
 
     ``path`` is the path of the file. A valid TOML file (suffix ``.toml``) counts as a file of true
-    values if it lists no tests. The file of a campaign, by contrast, lists tests.
+    values if it lists no tests, unlike the file of a campaign.
     """
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False
@@ -273,7 +272,7 @@ def is_truths(path: Path) -> bool:
 
 
 def read_truths(path: Path) -> Truths:
-    """Return the plan and true values of a simulation from a TOML file.
+    """Return the plan and true values for a simulation from a TOML file.
 
     ``path`` is the path of the file. For a mistake in the file, raise an `InputError` that names
     the file and the place of the mistake.

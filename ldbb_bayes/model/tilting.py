@@ -9,13 +9,13 @@ normal distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
-is bounded by its value at the saddle point. With this bound, rejection sampling is exact, and
-averages of weights are efficient, however small the probability of the constraints is (Botev, J. R.
-Statist. Soc. B 79, 125-148, 2017). The e_j are called edges: they are the lower limits of the
-shifted variables x_j − μ_j. There may be further constraints, which are linear combinations of the
-constraints above. Each further constraint bounds the last x_j on which it depends, from below or
-from above, and therefore only reduces the weights. The functions of this module process w sets of
-constraints at once.
+is bounded by its value at the saddle point. With this bound, rejection sampling is exact, and means
+of the weights are efficient estimates even if the probability of the constraints is very small
+(Botev, J. R. Statist. Soc. B 79, 125-148, 2017). The e_j are called edges: they are the lower
+limits of the shifted variables x_j − μ_j. There may be further constraints, which are linear
+combinations of the constraints above. Each further constraint bounds the last x_j on which it
+depends, from below or from above, and therefore only reduces the weights. The functions of this
+module process w sets of constraints at once.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Proposal(NamedTuple):
 
 
 class _Interval(NamedTuple):
-    """Probability that a standard normal variable is in an interval, and data for random draws.
+    """Probability that a standard normal variable is in an interval, with data for random draws.
 
     The interval is from ``low`` to ``high``, either of which may be infinite. Its probability is
     computed as the difference of two tail probabilities. To keep rounding errors small, left tails
@@ -125,7 +125,7 @@ class _ConvexFunction(NamedTuple):
 
 
 class _Edges(NamedTuple):
-    """Lower limits (edges) of the shifted normal variables, from the search for saddle points.
+    """Lower limits (edges) of the shifted normal variables at the saddle points.
 
     ``edge``, shape (w, d), holds the limits of the d variables for each of w sets of constraints.
     ``solved``, shape (w,), states whether the search succeeded. ``value``, shape (w,), is the value
@@ -186,7 +186,7 @@ class Tilted(NamedTuple):
 
         There is one bound for each of w sets of constraints: the log importance weight at its
         saddle point. The dependent constraints (linear combinations of the independent constraints)
-        are not considered; they could only reduce the bound.
+        are not taken into account; they could only reduce the bound.
         """
         independent = self._replace(last=np.full_like(self.last, -1))
         return independent.log_weight(self.x[:, None])[0]
@@ -290,9 +290,10 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
     """Return log tail probabilities of random points of a standard normal variable in an interval.
 
-    The tail of a point is to its left or to its right, as ``interval.direction`` states. The tail
-    probability is uniformly distributed between its values at the two ends of the interval. It is
-    computed from the random numbers ``uniform``, which are between 0 and 1.
+    The tail of a point is to the left of the point if ``interval.direction`` is −1, and to the
+    right if it is 1. The tail probability is uniformly distributed between the tail probabilities
+    of the two ends of the interval. It is computed from the random numbers ``uniform``, which are
+    between 0 and 1.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:
@@ -378,7 +379,8 @@ def _solve_edges(
     A vector e holds the lower limits (edges) of d shifted normal variables, and m(e) holds their
     inverse Mills ratios. C is ``coupling``, shape (w, d, d). The search starts from e = ``start``;
     ``start`` and ``bound`` have the shape (w, d). Each step is halved until it reduces the value of
-    `_ConvexFunction` or the relative magnitude of its gradient.
+    the convex function (`_ConvexFunction`), or the relative magnitude of the gradient of this
+    function.
     """
     edge = np.array(start)
     current = _evaluate_convex_function(coupling, bound, edge)

@@ -19,15 +19,15 @@ def eliminate(front: Array, *, signs: Array | None = None) -> None:
 
     The factor of a symmetric matrix P is the lower triangular matrix L with P = L S Lᵀ, where S is
     a diagonal matrix of signs ±1, by default the unit matrix. Only the first s columns of L are
-    computed. Right-hand sides b, stored as further entries of the columns of P, become L⁻¹ b. If P
-    has no factor with these signs, entries become NaN, and NumPy warns.
+    computed. Right-hand sides b, stored at the ends of the columns of P, are replaced by L⁻¹ b. If
+    P has no factor with these signs, entries become NaN, and NumPy warns.
 
     Parameters
     ----------
     front
         First s columns of many matrices P, shape (groups, s, n, w) with n ≥ s; the number of
-        matrices is groups · w. Only the part of column j from the diagonal on,
-        ``front[group, j, j:]``, is used. The columns of L overwrite the columns of P.
+        matrices is groups · w. Only the part of column j on and below the diagonal, ``front[group,
+        j, j:]``, is used. The columns of L overwrite the columns of P.
     signs
         Signs ±1 on the diagonal of S, shape (groups, s); None if all are positive.
     """
@@ -110,7 +110,7 @@ def solve_columns(columns: Array, right: Array) -> Array:
 
 
 def log_diagonal(root: Array) -> Array:
-    """Return the log determinants of triangular matrices with a positive diagonal, shape (...).
+    """Return log determinants of triangular matrices with positive diagonals, shape (...).
 
     ``root`` holds the matrices of q rows and columns, shape (..., q, q).
     """

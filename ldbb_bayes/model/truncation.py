@@ -24,15 +24,15 @@ __all__ = ["Truncation"]
 # Number of points of the grid on which the distribution function of one coordinate of a truncated
 # Gaussian vector is computed.
 _GRID = 1025
-# The distribution of one coordinate of a truncated Gaussian vector is computed by integration over
-# other coordinates that have a constraint in common with this coordinate. This is the number of
-# grid points for each coordinate over which the density is integrated.
+# Number of grid points for each coordinate over which a density is integrated. The distribution of
+# one coordinate of a truncated Gaussian vector is computed by integration over the other
+# coordinates that have a constraint in common with this coordinate.
 _COARSE_GRID = 257
-# The grid for a coordinate of a truncated Gaussian vector extends this many sds to both sides of
-# the mean before truncation, but not beyond the values that the truncation permits.
+# The grid for a coordinate of a truncated Gaussian vector covers this number of sds on both sides
+# of the mean before truncation, but only values that the truncation permits.
 _REACH = 9.0
-# If all values that the truncation permits are far from the mean before truncation, the grid
-# extends over this many sds, but not beyond the permitted values.
+# If all values that the truncation permits are far from the mean before truncation, the grid covers
+# this number of sds of permitted values.
 _LEAST_WIDTH = 2.0
 
 
@@ -242,7 +242,7 @@ def _support(
     rows: Array,
     edge: Array,
 ) -> tuple[Array, Array]:
-    """Return the smallest and largest first coordinate of all points z with rows · z ≥ edge.
+    """Return the limits of the first coordinate of the points z with rows · z ≥ edge.
 
     The m constraints on the k elements of z have the coefficients ``rows``, shape (m, k), and the
     lower bounds ``edge``, shape (..., m) for many sets of bounds. Both results have the shape
@@ -265,7 +265,7 @@ def _eliminate_last(
     rows: Array,
     edge: Array,
 ) -> tuple[Array, Array]:
-    """Return constraints without the last coordinate of z that follow from rows · z ≥ edge.
+    """Return the constraints on all but the last coordinate of z that rows · z ≥ edge implies.
 
     The m constraints on the k coordinates of z have the coefficients ``rows``, shape (m, k), and
     the lower bounds ``edge``, shape (..., m) for many sets of bounds. New coefficients and bounds
