@@ -34,9 +34,9 @@ _ANGLE_DECIMALS = 9
 # A parameter is named in the description of a degeneracy only if its effect on the readings is
 # greater than this share of the largest effect of any coefficient in the degeneracy.
 _NAMED_SHARE = 0.02
-# The effect of a coefficient, or of a whole combination of coefficients, on the readings counts as
-# a rounding error if it is below this share of the largest effect of any coefficient in the
-# combination.
+# An effect on the readings counts as a rounding error if it is below this share of the largest
+# effect of any coefficient in the combination considered. This applies to the effect of a single
+# coefficient, and to the effect of the whole combination.
 _ROUNDING = 1e-9
 # A change of a reading counts as too small to be seen if it is below this fraction of the
 # resolution of the readings.
@@ -119,8 +119,8 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     Returns
     -------
     tuple of Degeneracy
-        Degeneracies whose pivot is a nuisance coefficient come first. Degeneracies whose pivot is a
-        parameter follow.
+        The degeneracies, first those whose pivot is a nuisance coefficient, then those whose pivot
+        is a parameter.
     """
     coefficients = _all_coefficients(bound)
     scaled = _effects(bound, coefficients.columns) * coefficients.prior_sd

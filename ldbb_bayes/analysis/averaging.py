@@ -342,11 +342,11 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 
 
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
-    """Return the log posterior probability that no compliance is negative, and its error [nat].
+    """Return the log normalizing constant of the truncated posterior, and its error [nat].
 
-    This is the log of the normalizing constant of a truncated posterior: the probability of the
-    truncation under the posterior that allows negative compliances. The most probable model is
-    used. The error is numerical.
+    Truncation means that compliances must not be negative. The normalizing constant is the
+    probability that no compliance is negative, under the posterior without truncation. It is
+    computed for the most probable model. The error is numerical.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode

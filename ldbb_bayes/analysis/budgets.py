@@ -155,10 +155,10 @@ class _ModelBudget:
 class _ParameterVariance:
     """The variance of one parameter under one model, or in an average over several models.
 
-    ``budgets``, ``rows`` and ``weights`` have one entry for each model that has the parameter: the
-    budget of the model, the index of the parameter in the model, and the probability of the model
-    times the variance of the parameter under this model. ``spread`` is the variance of the
-    parameter's mean over the models; None if there is only one model.
+    Three lists have one entry for each model that has the parameter: ``budgets`` holds the budget
+    of the model, ``rows`` the index of the parameter in the model, and ``weights`` the probability
+    of the model times the variance of the parameter under this model. ``spread`` is the variance of
+    the parameter's mean over the models; None if there is only one model.
     """
 
     budgets: Sequence[_ModelBudget]
@@ -196,9 +196,10 @@ class _Portion:
 
 
 class _NoiseSource(NamedTuple):
-    """Type (A or B of the GUM), standard uncertainty ``u`` and unit of a kind of reading noise.
+    """Type of evaluation (A or B), standard uncertainty ``u`` and unit of a kind of reading noise.
 
-    ``u`` is None if one line of the budget combines several kinds of noise.
+    The types are those of the GUM. ``u`` is None if one line of the budget combines several kinds
+    of noise.
     """
 
     kind: Kind
@@ -449,10 +450,10 @@ def _contribution(
 
 
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
-    """Return type (A or B), standard uncertainty and unit of a noise or of the parameters' priors.
+    """Return type, standard uncertainty and unit of a reading noise or of the parameters' priors.
 
-    ``term`` is the name under which the budget lists the noise or the priors. ``phi`` are the
-    hyper-parameters by name, with lengths in mm.
+    The type is A or B of the GUM. ``term`` is the name under which the budget lists the noise or
+    the priors. ``phi`` are the hyper-parameters by name, with lengths in mm.
     """
     if term == NOISE:
         return _NoiseSource("A", phi["sigma"], "mm")

@@ -135,9 +135,9 @@ class Validation(Result):
         """Names of the quantities whose ranks are not uniformly distributed.
 
         The rank of a quantity is the number of posterior draws below its true value in a simulated
-        campaign. A quantity is named if the empirical distribution of its ranks leaves the limits
-        ``band``. If the ranks of all quantities are uniformly distributed, the probability that no
-        quantity is named is ``prob``.
+        campaign. A quantity is named if the empirical distribution of its ranks is not everywhere
+        between the limits ``band``. If the ranks of all quantities are uniformly distributed, the
+        probability that no quantity is named is ``prob``.
         """
         lower, upper = self.band
         outside = []

@@ -73,14 +73,14 @@ __all__ = [
 # of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # Every model makes an assumption about how circles differ from one another, for example by a shift
-# of the set-up. Comparisons are repeated with other assumptions. The readings reject one of these
-# if its log evidence is lower than that of the assumption in the model by at least this number
-# [nat].
+# of the set-up. Comparisons are repeated with other assumptions. The readings reject another
+# assumption if its log evidence is at least this number [nat] below that of the assumption in the
+# model.
 _REJECTED = 5.0
 # Difference of log evidences [nat] at which a rough computation is enough. If the readings clearly
 # reject another assumption about how circles differ, its evidences are computed only roughly, to
-# save time. This is the case if the log evidences of both models under that assumption are lower by
-# at least this number than the best log evidence under the models' original assumption.
+# save time. This is the case if the log evidences of both models under that assumption are at least
+# this number below the best log evidence under the models' original assumption.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000

@@ -20,8 +20,8 @@ from ldbb_bayes.results import Array, ByName, Result
 __all__ = ["ChangeWithForce", "DrawnValue", "change_with_force"]
 
 # Differences of probabilities are rounded to this number of decimals, to remove rounding errors of
-# the arithmetic. Differences that are truly not zero are much larger, because the probabilities are
-# fractions of the number of posterior draws.
+# the arithmetic. A difference that is not zero is much larger than such an error, because each
+# probability is a share of the posterior draws.
 _DECIMALS_OF_PROBABILITY = 12
 
 

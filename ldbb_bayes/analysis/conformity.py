@@ -91,9 +91,9 @@ class Conformity(Result):
     sd: float  #: standard uncertainty of the quantity: its posterior standard deviation
     #: probability of conformance: the probability that the quantity lies between its limits
     probability: float
-    #: guard band for a normally distributed quantity with a single limit: the quantity conforms if
-    #: its estimate lies inside the limit by at least this distance, and does not conform if its
-    #: estimate lies outside by at least this distance
+    #: guard band for a normally distributed quantity with a single limit. A decision is made if the
+    #: estimate has at least this distance from the limit: the quantity conforms if the estimate
+    #: lies inside, and does not conform if it lies outside.
     guard_band: float
     #: probability that conformance or non-conformance must reach before it is stated as the
     #: decision

@@ -43,8 +43,8 @@ __all__ = [
 # Largest number of significant digits of the standard uncertainty that may be regarded as
 # meaningful.
 _MOST_DIGITS = 2
-# Largest numerical error of the endpoints of the posterior's coverage interval, as a fraction of
-# the numerical tolerance δ (JCGM 101, 8.2).
+# Largest numerical error allowed for the endpoints of the posterior's coverage interval, as a
+# fraction of the numerical tolerance δ (JCGM 101, 8.2).
 _SHARE_OF_TOLERANCE = 0.2
 # The numerical error of an endpoint of the posterior's coverage interval is this number times the
 # standard error of the endpoint, as in JCGM 101, 7.9.4.
@@ -76,7 +76,7 @@ class GumComparison(Result):
     low: float  #: lower endpoint of the equal-tailed interval of the posterior distribution
     high: float  #: upper endpoint of the equal-tailed interval of the posterior distribution
     error: float  #: numerical error of ``low`` and ``high``: twice the larger standard error
-    tolerance: float  #: numerical tolerance δ, from `GumValidation.digits` and ``sd``
+    tolerance: float  #: numerical tolerance δ, which follows from `GumValidation.digits` and ``sd``
     #: largest number of significant digits, 0 to 2, for which the two intervals agree within the
     #: numerical tolerance; ``sd`` is the standard uncertainty that is rounded to these digits
     digits: int

@@ -44,9 +44,9 @@ _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
 # are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
-# The formula for a parameter's effect on the readings has numerical factors. A factor counts as a
-# rounding error if its absolute value is at most this number times max(v, 1), where v is the
-# largest absolute value of the sampled effect.
+# A numerical factor in the formula for a parameter's effect on the readings counts as a rounding
+# error if its absolute value is at most this number times max(v, 1). Here v is the largest absolute
+# value of the sampled effect.
 _ROUNDING = 1e-9
 # Decimals to which a factor of a formula is rounded before it is printed.
 _FACTOR_DECIMALS = 9
@@ -165,7 +165,7 @@ def _check_circles(machine: Machine, circles: Sequence[Circle]) -> None:
 
 
 def _describe_joint(joint: Joint) -> str:
-    """Return a joint in words: its axis, branch (workpiece or tool) and frame [mm]."""
+    """Return a description of a joint: its axis, branch (workpiece or tool) and frame [mm]."""
     frame = ", ".join(f"{x:g}" for x in joint.frame_mm)
     return f"{joint.axis} in the {joint.branch} branch, frame at ({frame}) mm"
 

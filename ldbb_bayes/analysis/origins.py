@@ -5,8 +5,8 @@ Every source in the uncertainty budget of a parameter has one of three origins:
 - *stated*, if a certificate, or a prior that the user gave, states the standard uncertainty of the
   source;
 - *measured here*, if the readings of this campaign alone determine the effect of the source well
-  enough: with a flat prior of the effect, its standard uncertainty is less than half of its prior
-  standard deviation;
+  enough: the standard uncertainty of the effect, computed with a flat prior, is less than half of
+  the effect's prior standard deviation;
 - *assumed*, if neither is the case.
 
 The origin is determined for each coefficient separately, at the Fourier order of the coefficient.
@@ -160,8 +160,9 @@ def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object
 def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
     """Return whether the user gave the prior of a parameter of interest.
 
-    This is the case if the model's `Prior` has a mean or an sd for this parameter by name, or if a
-    setting of the `Prior` that determines the parameter's sd differs from the preset.
+    The prior counts as given by the user in two cases: the model's `Prior` names this parameter and
+    states a mean or an sd for it, or a setting of the `Prior` from which the parameter's sd is
+    computed differs from the preset.
     """
     prior = bound.model.prior
     if parameter in prior.overrides or parameter in prior.means:
@@ -224,7 +225,7 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
 
 
 def _noises_of(bound: BoundModel) -> Mapping[str, tuple[Columns | BasisNoise, ...]]:
-    """Return, for each model term, the columns whose coefficients differ from test to test.
+    """Return, for each model term, the columns of coefficients that differ from test to test.
 
     A column is the change of the readings per unit of a coefficient. A coefficient that has a
     separate value in each test acts as noise. The keys are class names of model terms.

@@ -80,8 +80,8 @@ class JudgedTest:
     #: its family-wise p-value is below 2 % and more than half of the tests remain unflagged.
     flag: bool
     #: −ln of the probability of a larger deviation, in the Fourier order in which the test deviates
-    #: most. Among tests with equal p-values, the test with the largest ``distance`` is flagged
-    #: first.
+    #: most. If several tests have the same p-value, the one with the largest ``distance`` is
+    #: flagged first.
     distance: float
 
 

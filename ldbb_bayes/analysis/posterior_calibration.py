@@ -7,7 +7,7 @@ all unknowns, the steps are:
 
 1. A true θ' is drawn from the posterior p(θ | y).
 2. Readings y' of a repetition of the same tests are simulated from θ'.
-3. The posterior p(θ | y, y') given the measured and the simulated readings together is computed. If
+3. The posterior p(θ | y, y'), given both the measured and the simulated readings, is computed. If
    this posterior is computed correctly, θ' is also a draw from this posterior, and the ranks of θ'
    among other draws from this posterior are uniformly distributed.
 

@@ -40,9 +40,9 @@ CURED_RATIO = 0.5**0.5
 # number.
 NARROWER = 0.9
 # A change of the plan that adds circles under other conditions counts as a remedy for a large
-# uncertainty only if it is better than taking all readings twice: the standard uncertainty with the
-# change, divided by the standard uncertainty from all readings taken twice, must be less than this
-# number.
+# uncertainty only if it is clearly better than taking all readings twice. The standard uncertainty
+# after the change, divided by the standard uncertainty from all readings taken twice, must be less
+# than this number.
 _BETTER_THAN_REPETITION = 0.9
 
 
@@ -51,8 +51,8 @@ class Remedy(Result):
     """The cheapest remedy for a parameter's uncertainty, and the uncertainty that then remains."""
 
     kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
-    #: name of the certificate (a key of ``CERTIFICATES``, such as "mount ± 2 %") if the remedy for
-    #: a large uncertainty is a certificate; empty if the remedy is a change of the plan
+    #: name of the certificate (a key of ``CERTIFICATES``, such as "mount ± 2 %"); empty if the
+    #: remedy is not a certificate but a change of the plan
     certificate: str
     circles: int  #: number of circles that the remedy adds; 0 for a certificate
     #: standard uncertainty of the parameter that remains after the remedy, in internal units
@@ -64,9 +64,9 @@ class Remedy(Result):
 class _Trial:
     """One remedy (a change of the plan or a certificate) that was tried.
 
-    ``ratio``, shape (p,), holds one ratio for each parameter and each change of a compliance with
-    force, p ratios in all: the standard uncertainty with the remedy, divided by the standard
-    uncertainty without the remedy.
+    ``ratio``, shape (p,), holds the standard uncertainty with the remedy, divided by the standard
+    uncertainty without the remedy. There are p ratios: one for each parameter, and one for each
+    change of a compliance with force.
     """
 
     kind: RemedyKind

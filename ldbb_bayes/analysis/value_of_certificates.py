@@ -39,7 +39,7 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "angle ± 0.05°": {"angle_U_deg": 0.05},
 }
 # Largest number of values of the hyper-parameters at which the uncertainties with certificates are
-# computed. If there are more values, a systematic sample of this size is used instead.
+# computed. If there are more values, a systematic sample of this number of values is used.
 _MOST_VALUES = 1024
 
 

@@ -107,7 +107,7 @@ class ModelVariance:
         return self._variance(self.information)
 
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Return the covariance that each source causes in the q quantities, shape (q, q).
+        """Return the covariance of the q quantities' errors from each source, shape (q, q).
 
         A covariance describes the joint errors of the q quantities due to one source. A source is a
         model term, the reading noise or the prior of a parameter. A key consists of the name of the
@@ -231,10 +231,9 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Variances of the quantities by which shares are computed, shape (q,).
+        """Variances by which contributions are divided to obtain shares, shape (q,).
 
-        A share is a part of the variance divided by this number. A variance of zero is replaced by
-        one.
+        A variance of zero is replaced by one.
         """
         return np.where(self.variance > 0.0, self.variance, 1.0)
 

@@ -42,7 +42,7 @@ _MOST_CIRCLES = 24
 
 
 def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Array:
-    """Return draws from the posterior of the scales that an analysis would obtain, by machine.
+    """Return draws from the posterior of the scales, for each of several possible machines.
 
     The scales of the noise and of other effects are the hyper-parameters. The readings of planned
     tests are not known. For each possible machine, one estimate of the true scales is therefore
@@ -109,7 +109,7 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
     # Each matrix below is a function of the symmetric information matrix and has the same
-    # eigenvectors. Its value is unique, although the signs and the order of the eigenvectors are
+    # eigenvectors. The matrix is unique, although the signs and the order of the eigenvectors are
     # arbitrary.
     weight = _along(axes, size / (size + 1.0))
     noise = _along(axes, np.sqrt(size) / (size + 1.0))

@@ -44,17 +44,17 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# Tolerance for the proof that the shares of candidate tests are the best. The share of a candidate
+# Tolerance for the proof that the shares of candidate tests are optimal. The share of a candidate
 # test is its number of runs divided by the number of all runs. Its sensitivity is the derivative of
 # the criterion with respect to the share. The bound is the mean of the sensitivities, weighted by
-# the shares. The shares count as the best if the largest sensitivity exceeds the bound by at most
+# the shares. The shares count as optimal if the largest sensitivity exceeds the bound by at most
 # this fraction of the bound.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests with a share below this number are left out of the table of the best shares.
 _LISTED_SHARE = 1e-4
-# Further circles are said not to improve a parameter if the parameter's standard uncertainty after
-# very many runs of every circle of the design would still be more than this share of the standard
-# uncertainty expected from the design.
+# Further circles are said to be of little use for a parameter if its standard uncertainty after
+# very many runs of every circle would still exceed this share of the standard uncertainty that is
+# expected from the design.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
@@ -66,7 +66,7 @@ _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
 
 @dataclass(frozen=True)
 class Certificate(Result):
-    """Certificate that states whether the shares of candidate tests are proven to be the best.
+    """Optimality certificate: whether the shares of candidate tests are proven to be optimal.
 
     A candidate is a test that could be run; its share is its number of runs divided by the number
     of all runs. The criterion is the figure of merit that the design maximises. The sensitivity of
@@ -116,8 +116,8 @@ class Limits(Result):
     #: parameters whose expected standard deviation would decrease by less than 20 % even if every
     #: test were run very many times
     shared: tuple[str, ...]
-    #: combinations of coefficients whose effects cancel in every reading, and that involve
-    #: parameters of ``shared``
+    #: combinations of coefficients whose effects cancel in every reading; only combinations that
+    #: involve a parameter in ``shared``
     degeneracies: tuple[Degeneracy, ...]
     #: for each item of ``degeneracies``, what would resolve the degeneracy: kinds of further tests,
     #: or a calibration
@@ -172,7 +172,8 @@ class Design(Forecast):
     #: efficiency of the design by its criterion, relative to ``shares``: the best division of the
     #: same number of tests among the candidate tests
     efficiency: float
-    #: certificate that states whether ``shares`` are proven to be the best shares of the tests
+    #: optimality certificate: states whether ``shares`` are proven to be the best shares of the
+    #: tests
     certificate: Certificate
     #: best division of the tests, one row per candidate test with a share above 0.0001: force_N,
     #: the columns that `columns` names, and share, the number of runs of this candidate divided by

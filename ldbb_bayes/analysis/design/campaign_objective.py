@@ -64,8 +64,9 @@ def objective_of(
 ) -> Objective:
     """Return the objective of a search among candidate tests, for the chosen parameters.
 
-    Nuisance coefficients (effects that are modelled but not of interest) are left out if no reading
-    connects them with the chosen parameters, either directly or through other coefficients.
+    Nuisance coefficients (effects that are modelled but not of interest) are omitted unless they
+    are connected with the chosen parameters by common readings, either directly or through other
+    coefficients.
 
     Parameters
     ----------

@@ -133,12 +133,12 @@ class _Progress:
     #: number of circles of every candidate test in the campaign that was tried last, shape
     #: (candidates,)
     counts: Array
-    #: ln(u/v) for the campaign with the largest number of circles, where u is the uncertainty in
-    #: the full forecast, and v the uncertainty in the quick forecast
+    #: ln(u/v) for the largest campaign of the family, where u is an uncertainty in its full
+    #: forecast, and v the same uncertainty in its quick forecast
     lasting_inflation: float = 0.0
     #: coefficient a of the formula ln(u/v) = ``lasting_inflation`` + a/n for a campaign of n
-    #: circles, where u is the uncertainty in the full forecast, and v the uncertainty in the quick
-    #: forecast; None before the first full forecast
+    #: circles; u is an uncertainty in the full forecast, and v the same uncertainty in the quick
+    #: forecast. None before the first full forecast.
     inflation: float | None = None
     forecasts: int = 0  #: number of full forecasts made
     last_failed: int = 0  #: largest number of circles for which the full forecast missed the goals

@@ -101,7 +101,7 @@ class Expected(Result):
 
 @dataclass(frozen=True, eq=False)
 class Forecast(Result):
-    """Forecast of planned tests: expected uncertainties, information gain, evidence on slopes."""
+    """Forecast of planned tests: expected uncertainties, information gain, evidence for slopes."""
 
     #: prior and expected standard deviation of each parameter; the keys are the names of the
     #: parameters
@@ -471,9 +471,9 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
     shift, covariance_inside, axes = bound.truncation.orthants(
         means.reshape(-1, p), spread
     ).moments()
-    # T is the condition that no compliance is negative. In standard coordinates, the covariance of
-    # the parameters without T is the identity. T restricts the parameters along the directions
-    # ``axes``. The covariance along these directions under T is ``covariance_inside``.
+    # T is the condition that no compliance is negative. In standardized coordinates, the covariance
+    # of the parameters without T is the identity matrix. T limits the parameters only along the
+    # directions ``axes``. ``covariance_inside`` is the covariance along these directions under T.
     along_axes = spread @ np.swapaxes(axes, 1, 2)
     change_along_axes = along_axes @ (covariance_inside - np.eye(shift.shape[1]))
     change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes).reshape(means.shape)
@@ -501,8 +501,9 @@ def _draw_posterior_means(
     prior_mean = states.before.mean[is_possible]
     prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
     weight = np.eye(len(scale)) - covariance @ prior_precision[:, None]
-    # Use symmetric roots, because they are similar for similar scales. Equal random numbers then
-    # represent the same readings. In other kinds of roots, columns may change their signs.
+    # Use symmetric matrix roots: they change little if the scales change little, so that equal
+    # random numbers represent the same readings. In other kinds of roots, columns may change their
+    # signs.
     root = _symmetric_root(weight @ covariance)
     deviation = (states.beta[is_possible] - prior_mean) / scale
     mean = (prior_mean / scale)[:, None] + np.einsum("knij,kj->kni", weight, deviation)

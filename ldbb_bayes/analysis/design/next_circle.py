@@ -364,8 +364,8 @@ def _clockings_of(campaign: Campaign) -> list[Clocking]:
 def _objective(space: Space, known: Known) -> Objective:
     """Return an objective with the information of the circles run and of the possible circles.
 
-    All parameters are of interest. ``space`` holds the possible circles, and ``known`` the likely
-    values of the hyper-parameters. An objective needs a criterion, but here it is not used.
+    All parameters are of interest. ``space`` holds the possible circles, and ``known`` holds
+    equally likely values of the hyper-parameters. The criterion of the objective is not used here.
     """
     bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
     names = known.bound.names

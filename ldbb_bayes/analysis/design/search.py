@@ -49,14 +49,14 @@ _TRIED_AT_THE_END = 128
 # save time, only one in ``_HYPER_STEP`` values is used for this average.
 _HYPER_STEP = 4
 # Number of designs that the search starts from. The first design has the best fractions of tests,
-# rounded to whole numbers. The tests of the other designs are drawn at random from the candidates.
-# In every third random design, all candidates have the same probability. In the others, the
-# probabilities of the candidates are the best fractions of tests.
+# rounded to whole numbers. In the other designs, the tests are drawn at random from the candidates.
+# Every third random design uses the same probability for all candidates; the others use the best
+# fractions of tests as probabilities.
 _STARTS = 6
 # Tolerance for the best shares of candidate tests. The share of a candidate is its number of runs
 # divided by the number of all runs. Its sensitivity is the derivative of the criterion with respect
 # to the share. The bound is the mean of the sensitivities, weighted by the shares. The shares are
-# treated as the best if the largest sensitivity exceeds the bound by at most this share of the
+# accepted as the best if the largest sensitivity exceeds the bound by at most this fraction of the
 # bound.
 _SHARES_TOLERANCE = 1e-5
 # Largest number of restarts of the search from randomly changed designs. There are fewer restarts
@@ -191,7 +191,7 @@ def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
 def _likely_candidates(
     objective: Objective, base: Array, size: int, rng: np.random.Generator
 ) -> Array:
-    """Return the indices of candidates that are likely to improve a design by one more test.
+    """Return the indices of candidates of which one more test is likely to improve a design.
 
     The result holds the ``size`` candidates with the largest sensitivities, and ``size`` random
     candidates. The sensitivity is the derivative of the criterion with respect to the number of

@@ -51,7 +51,7 @@ _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
 # The optimization of shares ends when it makes no progress, even if its tolerance is not reached.
-# It makes no progress if no candidates can be added, and a round with the smallest solver tolerance
+# This is the case if no candidate can be added, and if a round with the smallest solver tolerance
 # increases the criterion by at most this share of `Optimum.bound`.
 _NO_GAIN = 1e-13
 
@@ -219,8 +219,9 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
 
     ``objective`` states the criterion as a function of the numbers of tests of these candidates,
     and ``tests`` is the number of all tests. Shares are not negative and sum to one. The solver
-    SLSQP starts from the shares ``start``, shape (candidates,). ``tolerance`` is its tolerance of
-    the criterion, relative to the mean of the sensitivities, weighted by the shares.
+    SLSQP starts from the shares ``start``, shape (candidates,). For the solver, the criterion is
+    divided by the weighted mean of the sensitivities at the start; ``tolerance`` is the solver's
+    tolerance for this ratio.
     """
     n = objective.candidates
     if n == 1:

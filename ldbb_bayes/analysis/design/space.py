@@ -60,8 +60,9 @@ class Space:
 
     The attributes are the arguments of `ldbb_bayes.design` except the number of tests. Repeated
     values are removed. The pilot is the campaign or plan that the design starts from. Its foreseen
-    tests are tests that may be run later. A candidate whose kind does not occur in the pilot is
-    added to the foreseen tests, so that the model includes the effects of this candidate.
+    tests are tests that may be run later. Tests are of the same kind if they agree in plane,
+    set-up, centre, radius and direction. For each kind that occurs among the candidates but not in
+    the pilot, a candidate is added to the foreseen tests, so that the model includes its effects.
     """
 
     model: HybridModel
