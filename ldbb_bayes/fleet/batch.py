@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Batch", "run_batch"]
 
-# The result of a batch lists at most this number of failed campaigns, and at most this number of
-# campaigns with doubtful results. Further campaigns are only counted.
+# The result of a batch names at most this number of failed campaigns, and at most this number of
+# campaigns with doubtful results. If there are more, they are included only in the counts.
 _LONGEST_NAMED = 10_000
 
 
@@ -75,8 +75,8 @@ class Batch(Result):
     #: with its file path (key ``campaign``) and a sentence that says how far the fit can be trusted
     #: (key ``verdict``); at most 10 000 campaigns
     doubts: tuple[dict[str, str], ...]
-    #: number of campaigns that this run of the batch tried to fit; earlier runs tried to fit the
-    #: remaining campaigns
+    #: number of campaigns that were fitted, or failed, in this run of the batch; the other
+    #: campaigns were fitted, or failed, in earlier runs
     fitted: int
     seconds: float  #: duration of this run of the batch [s]
     resumed: bool  #: whether this run continued an earlier run of the same batch
@@ -261,7 +261,7 @@ def _number(paths: Iterable[str]) -> list[Job]:
 def _canonical_toml(model: HybridModel) -> str:
     """Return the TOML text of a model, with the model's terms (effects) in a fixed order.
 
-    Two models that differ only in the order in which their terms were given have the same text.
+    Two models that differ only in the order of their terms have the same text.
     """
     return model_to_toml(model_from_toml(model_to_toml(model)))
 
@@ -355,10 +355,10 @@ def _named_campaigns(
     """Return one dictionary for each campaign whose fit has one of the given states.
 
     ``states`` are the given states, such as "doubtful"; "failed" stands for campaigns that could
-    not be fitted. A dictionary has two entries. The entry ``campaign`` is the file path of the
-    campaign. The key of the other entry is ``column``, the name of a column of the batch's table
-    such as "reason", and its value is the campaign's value in this column. ``journal`` is the
-    database with the rows of the batch. At most 10 000 dictionaries are returned.
+    not be fitted. A dictionary has two entries: the file path of the campaign, with the key
+    ``campaign``, and the campaign's value in one column of the batch's table. The key of the second
+    entry is ``column``, the name of this column, such as "reason". ``journal`` is the database with
+    the rows of the batch. At most 10 000 dictionaries are returned.
     """
     marks = ", ".join("?" * len(states))
     query = (

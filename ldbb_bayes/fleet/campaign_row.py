@@ -37,11 +37,10 @@ from ldbb_bayes.report.fit_tables import words_of_fit
 __all__ = ["Job", "Settings", "failed_row", "fit_row"]
 
 # Error allowed in each of the two log evidences from which a campaign's Bayes factor is computed
-# [nat]. The error of the log Bayes factor is then at most a tenth of a nat, which changes no
-# decision between constant and linear compliance.
+# [nat]. The error of the log Bayes factor is then at most 0.1 nat, too little to change a decision
+# between constant and linear compliance.
 _EVIDENCE_TOLERANCE = 0.05
-# The row of a campaign that could not be fitted states the reason. This is the largest length of
-# that text [characters].
+# Largest length of the text that states why a campaign could not be fitted [characters].
 _LONGEST_REASON = 1200
 # Attributes of `Campaign` that are copied into columns of a batch's table with the same names.
 _CAMPAIGN_COLUMNS = ("name", "sha256", "machine_id", "date", "topology", "readings")
@@ -224,7 +223,7 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
 def _functions_of_further_columns(
     settings: Settings, campaign: Campaign, density: HyperPosterior, fitted: FittedModel
 ) -> dict[str, Callable[[], dict[str, Any]]]:
-    """Return the functions that compute further quantities of a campaign from its fit.
+    """Return functions that compute further quantities of a campaign from its fit.
 
     The keys of the result are the names of these quantities. Each function has no arguments and
     returns a dictionary with values of the campaign's row in the batch's table. ``fitted`` is the
@@ -233,8 +232,8 @@ def _functions_of_further_columns(
 
     The sufficient statistics are computed only if the priors are not flat. The Bayes factor is
     computed only if, in addition, the settings request it, the compliances of the model depend on
-    force, and the campaign has several forces. The stiffness by direction is computed from every
-    fit. Conformity is computed if the campaign has tolerances.
+    force, and the campaign has several forces. The stiffness by direction is always computed.
+    Conformity is computed only if the campaign has tolerances.
     """
     model = settings.model
     steps: dict[str, Callable[[], dict[str, Any]]] = {}
@@ -270,9 +269,9 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     The dictionary has one entry, ``stiffness``: a dictionary with the unit and the numbers of each
     quantity, whose keys are the names of the quantities. The quantities are stiffnesses, their
     ratios and directions, and differences of compliances. If the readings do not determine a
-    quantity, its numbers are None, with one exception: the lower end of the credible interval of a
-    stiffness is kept, because it is a lower limit of the stiffness. If the reference force is zero,
-    an empty dictionary is returned. ``prob`` is the probability of the credible intervals.
+    quantity, its numbers are None. Only the lower end of the credible interval of a stiffness, or
+    of a ratio of stiffnesses, is kept as a lower limit. If the reference force is zero, an empty
+    dictionary is returned. ``prob`` is the probability of the credible intervals.
     """
     reference_N = fitted.draws.bound.setting.reference_force_N
     if not reference_N > 0.0:
@@ -293,8 +292,8 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
 def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
     """Return the numbers of one quantity from its row of `DirectionalStiffness.table`.
 
-    If the readings do not determine the quantity, its numbers are None, with one exception: the
-    lower end of the interval of a stiffness is kept, because it is a lower limit of the stiffness.
+    If the readings do not determine the quantity, its numbers are None. Only the lower end of the
+    credible interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower limit.
     """
     numbers: dict[str, float | None] = {name: row[name] for name in PARAMETER_COLUMNS}
     if not row["is_determined"]:

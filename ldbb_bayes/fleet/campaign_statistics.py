@@ -20,16 +20,15 @@ from ldbb_bayes.results import Array
 
 __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"]
 
-# Nodes are values of the hyper-parameters (the scales of the noise and of other effects). At each
-# node, all other unknowns have a Gaussian distribution. The constant is the number of nodes for
-# which the means and covariances of these distributions are computed at once.
+# Number of nodes (values of the hyper-parameters, the scales of the noise and of other effects)
+# that are processed at once. Given the hyper-parameters, all other unknowns have a Gaussian
+# distribution, whose mean and covariance are computed.
 _NODES_AT_ONCE = 256
 # Number of nodes (values of the hyper-parameters) over which the moments of the parameters are
 # averaged. The nodes are selected with probabilities proportional to their weights. With this
 # number, the numerical error of a mean is a small fraction of the parameter's standard uncertainty.
 _NODES = 512
-# Seed of the random number with which the systematic selection of nodes (values of the
-# hyper-parameters) begins.
+# Seed of the random selection of nodes (values of the hyper-parameters).
 _SEED = 0
 
 
@@ -38,9 +37,9 @@ class SufficientStatistics:
     """Posterior moments of a campaign's parameters and of the errors of its instrument.
 
     There are q quantities: first the parameters (compliances, their changes with force, geometric
-    errors), then the errors of the instrument (of the mount's deflection and of the force). The
-    errors of the instrument have the same values in all campaigns with this instrument. All moments
-    are in internal units (mm, N, rad).
+    errors), then the errors of the instrument (of the mount's deflection and of the force). In all
+    campaigns with the same instrument, the errors of the instrument have the same values. All
+    moments are in internal units (mm, N, rad).
     """
 
     names: tuple[str, ...]
@@ -106,7 +105,7 @@ class _ChosenCoefficients(NamedTuple):
     """The q coefficients whose posterior moments are computed: parameters, then instrument errors.
 
     Instrument errors are the errors of the mount's deflection and of the force. They have the same
-    values in all campaigns with one instrument.
+    values in all campaigns with the same instrument.
     """
 
     #: indices of the q coefficients in the vector of all coefficients that are common to the tests
@@ -125,8 +124,8 @@ def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
     """Return the coefficients whose moments are needed: parameters, then instrument errors.
 
     Instrument errors are nuisance coefficients, that is, effects that are modelled but not of
-    interest. In the result, the parameters come first. In the vector of all coefficients of
-    ``bound`` (a model applied to one campaign), in contrast, the nuisance coefficients come first.
+    interest. The vector of all coefficients of ``bound`` (a model applied to one campaign) begins
+    with the nuisance coefficients, whereas the result begins with the parameters.
     """
     nuisance_sds: list[tuple[str, float]] = []
     for term in bound.nuisance_columns:

@@ -50,11 +50,10 @@ __all__ = [
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
-# Hypotheses of negligible probability are left out when quantiles are computed: those whose
-# probability, divided by the probability of the most probable hypothesis, is at most this number. A
-# hypothesis states the size of the machine's scatter from campaign to campaign. It also states
-# either which parameter changed by a step, and just before which campaign, or that no parameter
-# changed.
+# When quantiles are computed, a hypothesis is left out if its probability is at most this fraction
+# of the probability of the most probable hypothesis. A hypothesis assumes a value of the machine's
+# scatter from campaign to campaign. It also assumes either that a certain parameter changed by a
+# step just before a certain campaign, or that no parameter changed.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 
@@ -122,10 +121,10 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
 
 def _sum_from_here_on(series: Array) -> Array:
-    """Return for each campaign the sum of the values of this campaign and of all later campaigns.
+    """Return cumulative sums of a series of campaigns, from each campaign to the last campaign.
 
-    ``series`` holds the values. The campaigns, in order of time, are counted along the second axis
-    of ``series`` and of the result.
+    The second array axis of ``series`` and of the result stands for the campaigns, in order of
+    time.
     """
     return np.asarray(np.cumsum(series[:, ::-1], axis=1)[:, ::-1])
 
@@ -183,9 +182,9 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 class Levels(NamedTuple):
     """Values of p parameters of a machine at the last campaign, in units of their prior sds.
 
-    It is uncertain whether a parameter has changed, which parameter has changed, and just before
-    which campaign. The values therefore describe the mixture of all these possibilities, in which
-    each possibility has its probability as weight.
+    The possibilities are that no parameter has changed, or that one of the parameters changed just
+    before one of the campaigns. The values describe the mixture of all possibilities, weighted with
+    their probabilities.
     """
 
     #: posterior means of the p parameters at the last campaign, in units of their prior sd, shape

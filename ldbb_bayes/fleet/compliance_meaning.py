@@ -1,4 +1,4 @@
-"""Meaning of a fitted compliance: the weighted sum of joint compliances that it stands for.
+"""Weighted sum of joint compliances that a fitted compliance stands for (its meaning).
 
 Readings do not determine the compliance of every joint. They determine only some weighted sums of
 the compliances of joints. A model keeps one compliance for each of these sums.
@@ -20,8 +20,8 @@ __all__ = ["Meaning", "same_meaning", "stands_for"]
 # A fitted compliance stands for a weighted sum of the compliances of single joints. Its meaning is
 # this sum: the keys are the labels of the joints' compliances, and the values are their weights.
 Meaning = Mapping[str, float]
-# Number of significant digits to which weights are rounded in the weighted sum of joints'
-# compliances that a fitted compliance stands for.
+# A fitted compliance stands for a weighted sum of the compliances of joints. The weights are
+# rounded to this number of significant digits.
 _DIGITS = 7
 # Two weighted sums of joints' compliances are treated as the same if the standard deviation of
 # their difference is at most this share of the fitted compliance's default prior sd. The limit is a

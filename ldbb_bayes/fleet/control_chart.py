@@ -19,8 +19,8 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["draw_control_chart"]
 
-# If the probability that a parameter changed just before a campaign exceeds this value, the control
-# chart marks the possible change by a vertical line.
+# The control chart marks a possible change of a parameter just before a campaign by a vertical line
+# if the probability of the change exceeds this value.
 _VISIBLE_PROBABILITY = 0.05
 # Largest number of campaigns whose dates label the horizontal axis of a control chart.
 _LABELLED_CAMPAIGNS = 6
@@ -38,7 +38,8 @@ def draw_control_chart(trend: Trend) -> Figure:
 
     The chart has a panel for each parameter. The panel shows the estimate of the parameter from
     each campaign alone, in order of time. It also shows the control limits of each estimate, which
-    follow from the earlier campaigns. Vertical lines show when the parameter may have changed.
+    follow from the earlier campaigns. Vertical lines show between which campaigns the parameter may
+    have changed.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ def draw_control_chart(trend: Trend) -> Figure:
 
 
 class _PanelData(NamedTuple):
-    """Values of one parameter for n campaigns, in the unit of the axis of the parameter's panel."""
+    """Values of one parameter for n campaigns, in the unit of the panel's vertical axis."""
 
     place: Array  #: positions of the n campaigns on the panel's horizontal axis, 1 to n
     #: estimate of the parameter from each of n campaigns alone, in the unit of the panel's axis,
@@ -180,8 +181,8 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
 
     The axis covers the range of all credible intervals of the panel, with a small margin. Control
     limits outside this range extend the axis on each side, by at most half of the range. If the
-    range is zero, because all credible intervals consist of the same single value, the absolute
-    value of this value is used as the range, or 1 if the value is zero.
+    range is zero, because all credible intervals consist of the same single value v, the range is
+    taken to be |v|, or 1 if v is zero.
     """
     low = float(data.interval[0].min())
     high = float(data.interval[1].max())

@@ -24,8 +24,8 @@ __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 # the machine does not change. It is the probability that a normally distributed value lies within
 # three standard deviations of its mean.
 LIMITS = 0.997
-# Smallest standard deviation of the distribution that earlier campaigns predict for an estimate. A
-# smaller standard deviation is replaced by this number, to prevent a division by zero.
+# The earlier campaigns predict a distribution for an estimate. If its standard deviation is below
+# this number, it is replaced by this number, to prevent a division by zero.
 _SMALLEST_SD = 1e-300
 
 
@@ -60,7 +60,7 @@ def chart_points(
     *,
     limits: float = LIMITS,
 ) -> ChartPoints:
-    """Return the points of a control chart, and the limits of each point.
+    """Return the points of a control chart and their limits.
 
     A point is the estimate of a parameter from one campaign alone. The limits of a point are the
     ends of the interval in which the point should lie according to the earlier campaigns. The
@@ -121,8 +121,8 @@ def _history(carried: Gaussian) -> Gaussian:
     ``carried``, shape (r, n, q), holds the likelihoods of q parameters and instrument errors from n
     campaigns in order of time, for each of r values of the machine's scatter from campaign to
     campaign. The result has the shape (r, n − 1, q): one Gaussian of the q quantities for each
-    value of the scatter and each campaign except the first. This Gaussian follows from the prior
-    N(0, I) and from all campaigns before that campaign.
+    value of the scatter and each campaign except the first. The Gaussian is the posterior for the
+    prior N(0, I) and all campaigns before that campaign.
     """
     precision = np.cumsum(carried.precision[:, :-1], axis=1)
     shift = np.cumsum(carried.shift[:, :-1], axis=1)

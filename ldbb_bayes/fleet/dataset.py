@@ -46,11 +46,11 @@ _METADATA_KEY = b"ldbb_bayes"
 # Numbers that a batch's table holds for every parameter. Each number has a separate column, such as
 # C_XXX.mean.
 PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
-# Pattern of the names of stiffness quantities in a batch's table. In a plane, the quantities are
-# the least and the greatest stiffness, the ratio of the two, their directions, the principal axis,
-# and the difference between the direct compliances of the two axes. If there are several planes,
-# the plane follows the name, as in k_min_YZ. The principal stiffnesses of a machine tested in three
-# planes are k_1, k_2 and k_3.
+# Pattern of the names of stiffness quantities in a batch's table. For each plane, the quantities
+# are the least and the greatest stiffness, their ratio, the directions of least and of greatest
+# stiffness, the principal axis, and the difference between the direct compliances of the two axes
+# of the plane. If there are several planes, names end with the plane, as in k_min_YZ. If a machine
+# was tested in three planes, there are also its principal stiffnesses k_1, k_2 and k_3.
 STIFFNESS_NAME = re.compile(
     r"(k_min|k_max|k_ratio|softest_direction|stiffest_direction|principal_axis|C_..._minus_C_...)"
     r"(_[XYZ]{2})?|k_[123]"
@@ -61,8 +61,7 @@ _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
 # Number of rows in one row group of the Parquet file with a batch's table. The rows of a group are
 # written together.
 _ROWS_PER_GROUP = 1024
-# Largest number of characters that the message about an unreadable file quotes from the error
-# message of the library that could not read the file.
+# If a file cannot be read, at most this many characters of the library's error message are quoted.
 _LONGEST_REASON = 120
 # Contents of columns.toml: the names of the columns of a batch's table, and the Arrow types of the
 # columns.
@@ -177,7 +176,7 @@ def _unit_in(column: str) -> str:
 
 
 def _flatten(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a campaign's row in which each number of each parameter has a separate column.
+    """Return the row of a campaign with a separate column for each number of each quantity.
 
     In the given row, the entry ``parameters`` holds the numbers of each parameter, and the entry
     ``stiffness`` holds the numbers of each stiffness by direction. The entry ``conformity`` holds
@@ -285,7 +284,7 @@ def _read(
     columns: Sequence[str] | None,
     further: re.Pattern[str] | None,
 ) -> pd.DataFrame:
-    """Return the rows of batches with the given columns and the columns of further quantities.
+    """Return the rows of batches, with given columns and the columns of further quantities.
 
     ``path`` names one batch or several batches, as in `read_batch`. ``columns`` are names of
     columns; None requests all columns. ``further`` is a pattern: if it matches the name of a
@@ -321,7 +320,7 @@ def _parameter_units(schema: pa.Schema) -> dict[str, str]:
 
 
 def _dataset_of(path: Path) -> Path:
-    """Return the file path of a batch's table, given the batch's folder or the table itself.
+    """Return the file path of a batch's table; ``path`` is the batch's folder or the table itself.
 
     Raise an `InputError` if there is no table.
     """

@@ -1,9 +1,9 @@
 """Gaussian likelihoods of campaigns or machines whose parameters deviate from a common level.
 
-Each campaign or machine has a likelihood g(c + w, b), with w ~ N(0, diag s²). Here c is the common
-level of the parameters, b are the errors of the instrument, w is the deviation of this campaign or
-machine from the level, and s are the standard deviations of the elements of w. All values are in
-units of the prior sds.
+Each campaign or machine has a likelihood g(c + w, b), with w ~ N(0, diag s²). c is the common level
+of the parameters, and b are the errors of the instrument. w is the deviation of this campaign or
+machine from the level; its elements have the standard deviations s. All values are in units of the
+prior sds.
 
 As a function of x = (c + w, b), ln g = −½ xᵀ Λ x + ηᵀ x + const. Λ is the precision matrix (inverse
 covariance matrix) and may be singular. η, the shift, is Λ times the estimate of x. Λ_c are the rows
@@ -27,15 +27,15 @@ __all__ = ["Estimates", "deviating", "estimate_separately", "whitened"]
 
 
 def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
-    """Return the matrix with which the deviations w of campaigns or machines are integrated out.
+    """Return a matrix from which integrals over the deviations w of campaigns or machines follow.
 
     w are the deviations of a campaign's or machine's c parameters from their common level, with the
     standard deviations s; in the formulae s stands for diag s. A likelihood has the precision
     matrix Λ (inverse covariance) and the shift η, which is Λ times the estimate. Λ_c are the rows
     of Λ that belong to the parameters, Λ_cc is the submatrix of Λ whose rows and columns belong to
     the parameters, and η_c are the elements of η that belong to the parameters. The precision
-    matrix of w / s is I + s Λ_cc s = L Lᵀ, with the Cholesky factor L. The matrix returned consists
-    of Lᵀ and L⁻¹ s (Λ_c, η_c) side by side.
+    matrix of w / s is I + s Λ_cc s = L Lᵀ, where L is the Cholesky factor. The result consists of
+    the two matrices Lᵀ and L⁻¹ s (Λ_c, η_c) side by side.
 
     Parameters
     ----------
@@ -111,13 +111,13 @@ class Estimates(NamedTuple):
     #: derivatives of the estimates from each of n campaigns or machines with respect to the q true
     #: parameters and instrument errors, shape (n, c, q)
     response: Array
-    #: estimates of the c parameters from each of n campaigns or machines alone, for an instrument
-    #: without errors, shape (n, c)
+    #: estimates of the c parameters from each of n campaigns or machines alone, computed as if the
+    #: instrument had no errors, shape (n, c)
     value: Array
 
 
 def estimate_separately(likelihood: Gaussian, parameters: int) -> Estimates:
-    """Return estimates of the parameters from each campaign or machine alone.
+    """Return estimates of the parameters, computed from each campaign or machine separately.
 
     An estimate is the posterior mean of the parameters c for the likelihood of one campaign or
     machine and the prior c ~ N(0, I), computed as if the instrument had no errors. `Estimates` also

@@ -41,8 +41,8 @@ from ldbb_bayes.units import inside_name
 
 __all__ = ["FleetStatistics", "fleet_statistics", "reference_sd"]
 
-# Pattern of the names of a compliance's slope with force, such as C_XXX_1, and of its curvature
-# with force, such as C_XXX_2.
+# Pattern of the names of the coefficients of a compliance's change with force: slopes, such as
+# C_XXX_1, and curvatures, such as C_XXX_2.
 _SLOPE = re.compile(r"(C_.+)_([12])")
 
 
@@ -85,10 +85,10 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """List with one caveat if compliances are extrapolated to the reference force, or empty.
+        """Caveat on the extrapolation of compliances to the reference force, or an empty list.
 
-        Compliances are extrapolated if, in at least one campaign, the reference force is outside
-        the range of the tested forces.
+        There is a caveat if, in at least one campaign, the reference force is outside the range of
+        the tested forces.
         """
         lowest, highest = self.forces_N
         if lowest <= self.reference_force_N <= highest:
@@ -251,11 +251,10 @@ def reference_sd(
     """Return the reference sd of every parameter, shape (c,), in internal units (mm, N, rad).
 
     The reference sd of a parameter is the larger of two values: the sd of the parameter's default
-    prior, and the median of the sds of the parameter's priors in the fits of the campaigns. Priors
-    in the fits may be wider than the default, because a compliance stands for the compliances of
-    several joints, or because the user knows of more compliant machines. Priors in the fits whose
-    mean is not zero are left out, because they state how well a parameter is known, not how large
-    the parameter may be.
+    prior, and the median of the sds of the parameter's priors in the fits of the campaigns. A prior
+    in a fit may be wider than the default prior because a compliance stands for the compliances of
+    several joints, or because the user expects a more compliant machine. Priors whose mean is not
+    zero are left out: they state how well a parameter is known, not how large it may be.
 
     Parameters
     ----------
@@ -304,11 +303,11 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
         Row of the campaign in the table of a batch, with the posterior moments and the priors of
         the campaign's fit.
     wanted
-        Names of the q quantities: parameters and instrument errors. For quantities that the
-        campaign does not have, the likelihood contains zeros.
+        Names of the q quantities: parameters and instrument errors. Precision and shift are zero
+        for quantities that the campaign does not have.
     force_N
-        Reference force common to all campaigns [N]. Compliances are converted to this force with
-        the help of their changes with force.
+        Reference force common to all campaigns [N]. Compliances are converted to this force by
+        means of their slopes and curvatures.
     """
     names = list(row["gaussian_names"])
     mean = np.array(row["gaussian_mean"], dtype=float)
@@ -347,8 +346,8 @@ def _divide_out_prior(
     quantities. The posterior and the prior are given by their means, shape (q,), and their
     covariances, shape (q, q). The precision (inverse covariance) of the likelihood is the precision
     of the posterior minus the precision of the prior. Negative eigenvalues of this difference are
-    set to zero, because in the directions of the corresponding eigenvectors the readings add
-    nothing to the prior. The shift is the precision times the estimate.
+    set to zero, because the readings add nothing to the prior in the directions of their
+    eigenvectors. The shift is the precision times the estimate.
     """
     scale = np.sqrt(np.diag(prior_covariance))
     squared_scale = scale[:, None] * scale
@@ -379,8 +378,8 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
     ``names`` that the campaign has. The new reference force is the old reference force plus
     ``force_change_N``. A compliance at the new force is the compliance at the old force, plus its
     slope times ``force_change_N``, plus its curvature times the square of ``force_change_N``.
-    ``wanted`` must not contain slopes and curvatures, because slopes also depend on the reference
-    force.
+    ``wanted`` must not contain slopes or curvatures, because the function does not convert slopes,
+    which also depend on the reference force.
     """
     matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):
@@ -395,8 +394,8 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
 
     The keys of the result are the names of the compliances. ``rows`` are rows of the table of a
     batch, in which each campaign states its sums. Raise an `InputError` if two campaigns state
-    different sums for the same compliance. If a campaign states no sum for a compliance, the sum is
-    assumed to be that of the other campaigns.
+    different sums for the same compliance. A campaign that states no sum for a compliance is
+    assumed to have the same sum as the other campaigns.
     """
     meanings: dict[str, Meaning] = {}
     first_campaigns: dict[str, str] = {}

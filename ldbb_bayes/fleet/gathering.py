@@ -17,7 +17,7 @@ _LARGEST_LIST = 2**30
 
 
 def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
-    """Return the file paths of the campaigns that are found at the given paths, each campaign once.
+    """Return the file paths of the campaigns that the given paths stand for, each campaign once.
 
     Parameters
     ----------

@@ -155,7 +155,7 @@ def begin_batch(
     resume: bool,
     force: bool,
 ) -> bool:
-    """Record a new batch in the journal, or check that the recorded batch can be continued.
+    """Record a new batch in the journal, or check that the batch in the journal can be continued.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ __all__ = ["EvidenceRatio", "linear_over_constant"]
 
 
 class EvidenceRatio(NamedTuple):
-    """Log ratio of two evidences (a log Bayes factor), and its error [nat]."""
+    """Logarithm of the ratio of two evidences (log Bayes factor), and its error [nat]."""
 
     value: float
     error: float
@@ -64,7 +64,7 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
 
 
 def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float) -> _LogEvidence:
-    """Return the log evidence of a model with truncation, from nodes of the untruncated model.
+    """Return the log evidence of a model with truncation, from nodes computed without truncation.
 
     Truncation is the condition that no compliance is negative. ``nodes`` are weighted values of the
     hyper-parameters that represent their posterior without truncation. ``truncated`` is the

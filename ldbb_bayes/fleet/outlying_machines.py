@@ -37,17 +37,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Number of new random draws of the spreads that are made for a machine that is left out. Spreads
-# are the standard deviations of machines about the mean of their population. Usually no new draws
-# are needed, because the draws given all machines can be weighted. New draws, from the posterior
-# given the other machines, are made only if the weights cannot be trusted.
+# Spreads are the standard deviations of machines about the mean of their population. If a machine
+# is left out, random draws of the spreads given all machines are usually weighted. If the weights
+# cannot be trusted, this number of new draws is made from the posterior given the other machines.
 _DRAWS_WITHOUT = 512
 # Largest number of machines for which new random draws of the spreads (standard deviations of
-# machines about the mean of their population) are made. If more machines need new draws, they are
-# made for the most outlying ones.
+# machines about the mean of their population) are made. If more machines need new draws, those with
+# the smallest p-values get them.
 _MOST_REDRAWN = 200
-# Smallest p-value of a machine's parameter. Smaller p-values are replaced by this number, because
-# the corresponding quantile of the normal distribution would not be finite.
+# A p-value of a machine's parameter below this number is replaced by this number, so that the
+# corresponding quantile of the normal distribution is finite.
 _SMALLEST_P = 1e-300
 
 
@@ -69,9 +68,9 @@ class JudgedMachines:
     #: shape (n, c). A deviation is stated as the quantile of the standard normal distribution that
     #: has the same two-sided p-value; it is positive if the parameter is above the prediction.
     z: Array
-    #: for each of n machines, whether its p-values cannot be trusted, shape (n,). This is so if
-    #: Pareto's k̂ is too high for the weights of the random draws of the spreads (standard
-    #: deviations from machine to machine).
+    #: whether the p-values of each of n machines cannot be trusted, shape (n,). They cannot be
+    #: trusted if Pareto's k̂ of the weights of the random draws of the spreads (standard deviations
+    #: from machine to machine) is too high.
     doubtful: Array
 
 
@@ -89,7 +88,7 @@ def judge_machines(
     population. Random draws of s are made from the posterior of s given all machines. For each
     machine, these draws are weighted so that they represent the posterior given the other machines.
     If the weights cannot be trusted, new draws are made from the posterior given the other
-    machines. New draws are made for at most 200 machines, the most outlying machines first.
+    machines. New draws are made for at most 200 machines, those with the smallest p-values first.
 
     Parameters
     ----------
@@ -147,7 +146,7 @@ class _LeftOut(NamedTuple):
 def _leave_out_each(
     likelihood: Gaussian, separate: Estimates, spread: Array, shared: Gaussian
 ) -> _LeftOut:
-    """Return a comparison of each of n machines with the other machines, for k draws of spreads.
+    """Return a comparison of each machine with the other machines, for k draws of the spreads.
 
     ``likelihood`` holds the likelihood of each machine, from all its campaigns. ``separate`` holds
     the estimates from each machine alone. ``spread``, shape (k, c), holds the draws of the spreads,
@@ -179,7 +178,7 @@ def _leave_out_each(
 def _draw_without(
     density: SpreadDensity, separate: Estimates, mode: Array, m: int, seed: int
 ) -> tuple[Spreads, Array]:
-    """Return k draws of the spreads given all machines except m, and the deviations z of m.
+    """Return k draws of the spreads given all machines but machine m, and the deviations z of m.
 
     Spreads s are the standard deviations of the machines about the mean of their population. They
     are drawn from their posterior density given all machines except the machine with the index m.
@@ -210,12 +209,13 @@ def _compare(
 ) -> tuple[Array, Array]:
     """Return a log integral for the other machines, and the deviation z of each machine left out.
 
-    For each of n machines left out and each of k draws of the spreads, the other machines give a
-    Gaussian of the population's mean μ and the instrument's errors b. The result is a tuple of two
-    arrays. The log integrals of these Gaussians over μ and b, up to a constant, have the shape (k,
-    n). The deviations z have the shape (c, k, n). z is the difference between a parameter of the
-    machine left out and its prediction from the Gaussian and the spreads, divided by the standard
-    deviation of the difference; there are c parameters.
+    n machines are left out one at a time. For each of them, and for each of k draws of the spreads,
+    the readings of the other machines are described by a Gaussian function of the population's mean
+    μ and the instrument's errors b. The result is a tuple of two arrays: the log integrals of these
+    Gaussians over μ and b, up to a constant, shape (k, n), and the deviations z of the c
+    parameters, shape (c, k, n). z is the difference between a parameter of the machine left out and
+    its prediction from the Gaussian and the spreads, divided by the standard deviation of the
+    difference.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Stiffness by direction of one machine over time, from each campaign alone.
 
-The stiffnesses are taken from a batch's table. The model of a step change of a machine
-(`change_point`) does not include the stiffnesses, because each stiffness is a function of several
-compliances, and the model already describes changes of compliances.
+The stiffnesses are taken from a batch's table. Step changes of the stiffnesses are not modelled:
+each stiffness is a function of several compliances, and `change_point` already models step changes
+of the compliances.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class StiffnessOfVisit(Result):
     """One stiffness by direction at the reference force of a campaign, from this campaign alone.
 
     The quantity may also be a ratio of stiffnesses, a direction, or a difference of compliances. If
-    the readings do not determine the quantity, its numbers are None, with one exception: the lower
-    end of the interval of a stiffness is kept, because it is a lower limit of the stiffness.
+    the readings do not determine the quantity, its numbers are None. Only the lower end of the
+    interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower limit.
     """
 
     campaign: str  #: label of the campaign
@@ -109,7 +109,7 @@ def _unit_of(name: str) -> str:
 
 
 def stiffness_table(series: Mapping[str, Sequence[StiffnessOfVisit]]) -> Table:
-    """Return a table of the stiffness by direction from the first and from the newest campaign."""
+    """Return a table of the stiffness by direction, with the first and the newest campaign."""
     rows = []
     heads = ("quantity", "first", "newest")
     for name, visits in series.items():
