@@ -83,14 +83,14 @@ _NOTHING = "–"
 
 
 class _DrawLimits(NamedTuple):
-    """Limits that determine how many random draws are made of the machines' spreads.
+    """Limits of the number of random draws of the machines' spreads.
 
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: largest number of random draws of the spreads (standard deviations from machine to machine),
-    #: multiplied by the number of machines. At least ``lowest`` draws are made, even if the product
-    #: is then larger.
+    #: upper limit of the number of random draws of the spreads (standard deviations from machine to
+    #: machine) times the number of machines. With many machines, ``lowest`` draws may exceed this
+    #: limit.
     pairs: int
     #: smallest number of random draws of the spreads (standard deviations from machine to machine)
     #: that are made, however many machines there are
@@ -103,7 +103,7 @@ class _DrawLimits(NamedTuple):
         """Return the number of random draws of the spreads for a given number of machines.
 
         Spreads are the standard deviations of the machines about their mean. The number of draws is
-        the largest power of two within the limits.
+        the largest power of two that meets the upper limits.
         """
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))
@@ -113,21 +113,22 @@ class _DrawLimits(NamedTuple):
 # of the machines about the mean) are summarised.
 _SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
 # Limits of the number of random draws of the spreads (standard deviations from machine to machine)
-# from which the estimates for every machine are computed. These draws are the first part of the
-# draws from which the spreads are summarised.
+# from which the estimates for every machine are computed. The first draws of those from which the
+# spreads are summarised are used.
 _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 
 @dataclass(frozen=True)
 class PooledParameter(Result):
-    """Distribution of one parameter over the machines of a population.
+    """Mean, spread and prediction of one parameter of the machines of a population.
 
     Attributes of type ``Summary`` hold a mean, a standard deviation and a credible interval, in
     internal units (mm, N, rad).
     """
 
     unit: str  #: internal unit of the parameter, composed of mm, N and rad
-    #: prior sd, in ``unit``, of the parameter's mean over the population; the prior mean is zero
+    #: standard deviation of the prior of the parameter's mean over the population, in ``unit``;
+    #: this prior has the mean zero
     prior_sd: float
     mean: Summary  #: mean of the parameter over the machines of the population
     #: spread of the parameter: the standard deviation of the machines about the mean
@@ -151,12 +152,12 @@ class PooledMachine(Result):
     #: machine_id
     name: Annotated[str, Field(exclude=True)]
     campaigns: int  #: number of campaigns of this machine
-    #: estimates of the machine's parameters from the campaigns of this machine and from the
-    #: population; the keys are the names of the parameters
+    #: estimates of the machine's parameters from its own campaigns and from the population; the
+    #: keys are the names of the parameters
     estimate: dict[str, Summary]
-    #: estimates of the machine's parameters from the campaigns of this machine and the prior
-    #: N(0, prior_sd²), without the population; the keys are the names of the parameters. Only the
-    #: instrument's errors are estimated from the campaigns of all machines.
+    #: estimates of the machine's parameters from its own campaigns, with the prior N(0, prior_sd²)
+    #: in place of the population; the keys are the names of the parameters. The errors of the
+    #: instrument, however, are estimated from the campaigns of all machines.
     alone: dict[str, Summary]
     #: p-value of the hypothesis that the machine belongs to the population of the other machines,
     #: corrected for the number of parameters (Bonferroni) and for the number of machines (Holm). If
@@ -212,7 +213,7 @@ class Population(Result):
     #: seed of the random draws of the spreads (standard deviations from machine to machine)
     seed: int
     #: Pareto's k̂ of the weights of the random draws of the spreads (standard deviations of the
-    #: machines about the mean); a lower k̂ means more reliable draws
+    #: machines about the mean); the lower k̂ is, the more reliable are the draws
     pareto_k: float
     #: whether the random draws of the spreads (standard deviations from machine to machine) can be
     #: trusted. They can be trusted if Pareto's k̂ of their weights is low enough.
@@ -223,17 +224,18 @@ class Population(Result):
     #: this comparison shows which machines do not belong to the population
     judged: Annotated[bool, Field(exclude=True)]
     #: one SHA-256 digest for each campaign, computed from the campaign's readings and the
-    #: conditions under which they were taken. The digests show whether a campaign is part of the
-    #: population. A campaign that is part of the population cannot be fitted with a prior from this
-    #: population, because its readings would count twice.
+    #: conditions under which they were taken. The digests show which campaigns are part of the
+    #: population. These campaigns must not be fitted with a prior from the population, because
+    #: their readings would count twice.
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
         """Names of the machines that stand out from the other machines.
 
-        A machine stands out if its corrected p-value is below 5 %. The machines are sorted by the
-        size of their largest deviation z, the largest first.
+        A machine stands out if its corrected p-value is below 5 %. Machines are sorted by the
+        largest absolute value of z of their parameters; the machine with the largest value comes
+        first.
         """
         flagged = sorted(machine.name for machine in self.machine.values() if machine.flag)
         return tuple(ranked(flagged, self._largest_z))
@@ -520,7 +522,7 @@ class _Moments(NamedTuple):
 
 
 def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _Moments:
-    """Return moments and intervals of c parameters, averaged over weighted draws of the spreads.
+    """Return mean, sd and interval of c parameters, averaged over weighted draws of the spreads.
 
     Spreads are the standard deviations of the machines about the mean of their population. For each
     of k draws of the spreads, a parameter has a Gaussian distribution. ``mean`` and ``sd`` hold the
@@ -553,10 +555,11 @@ def _pool_parameters(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> dict[str, PooledParameter]:
-    """Return the distribution of every parameter over the machines.
+    """Return mean, spread and prediction of every parameter of the population.
 
-    The keys of the result are the names of the parameters. Each distribution is described by its
-    mean, by its spread and by the prediction for a further machine.
+    The keys of the result are the names of the parameters. The mean is taken over the machines, the
+    spread is the standard deviation of the machines about the mean, and the prediction is for a
+    further machine.
 
     Parameters
     ----------
@@ -566,8 +569,8 @@ def _pool_parameters(
         Random draws of the spreads (standard deviations of the machines about their mean), from
         which the spreads are summarised.
     first_spreads
-        First part of the draws in ``spreads``. The distributions of the mean and of a further
-        machine are averaged over this part only.
+        The first draws in ``spreads``. The distributions of the mean and of a further machine are
+        averaged over these draws only.
     shared
         Gaussian of the population's mean and the instrument's errors for each draw in
         ``first_spreads``.
@@ -605,7 +608,7 @@ def _pool_parameters(
 def _instrument_sd(
     statistics: FleetStatistics, weight: Array, shared: Gaussian, sd: Array
 ) -> Array:
-    """Return the part of the sd of the population's mean that is due to instrument errors.
+    """Return the part of the posterior sd of the population's mean due to instrument errors.
 
     The result has one element for each of c parameters, shape (c,), in units of the parameter's
     prior sd.
@@ -698,10 +701,10 @@ def _estimate_machines_separately(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> _Moments:
-    """Return estimates of c parameters of n machines, each machine from its own campaigns.
+    """Return estimates of c parameters of n machines; each estimate uses one machine's campaigns.
 
-    The means and sds have the shape (n, c). Only the errors of the instrument are estimated from
-    the campaigns of all machines. All values are in units of the prior sds.
+    The means and sds have the shape (n, c). The errors of the instrument, however, are estimated
+    from the campaigns of all machines. All values are in units of the prior sds.
 
     Parameters
     ----------
@@ -763,9 +766,9 @@ def _instrument_caveat(
 ) -> Caveat:
     """Return a caveat that names the parameter most affected by the instrument's errors.
 
-    The parameter most affected is the parameter for which the errors cause the largest share of the
-    variance of the population's mean. The caveat also states this share in per cent. ``parameters``
-    are the distributions of the parameters over the machines, and ``statistics`` names the errors.
+    For this parameter, the errors cause the largest share of the variance of the population's mean.
+    The caveat also states this share in per cent. ``parameters`` are the distributions of the
+    parameters over the machines, and ``statistics`` names the errors.
     """
     shares = {}
     for name, parameter in parameters.items():

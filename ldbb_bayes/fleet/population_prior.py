@@ -76,7 +76,7 @@ class PopulationPrior(Shown):
         """Return a copy of a model in which the compliances have this prior from a population.
 
         Changes of compliances with force (slopes) keep the prior standard deviations of the given
-        model. The compliances of the returned model are those at the population's reference force.
+        model. The reference force of the returned model is that of the population.
 
         Parameters
         ----------
@@ -253,7 +253,7 @@ def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
 
 
 def digest_of(record: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of the content of the file population.json, without its entry ``sha256``.
+    """Return the SHA-256 of the content of the file population.json, except its entry ``sha256``.
 
     Parameters
     ----------

@@ -99,11 +99,11 @@ def choose(
 
     By default, campaigns whose readings do not fit the model are left out. The readings do not fit
     if the difference between readings and model is too large at one Fourier order of a circle, or
-    if the readings contradict the condition that no compliance is negative. Readings a thousand
-    times too large, for example, would shift the mean of a population, increase its spread and hide
-    a change of a machine. The following campaigns are also left out: campaigns that could not be
-    fitted, campaigns whose row lacks sufficient statistics, campaigns that the user excludes, and
-    campaigns with the same readings as an earlier row.
+    if the readings contradict the condition that no compliance is negative. Readings in a wrong
+    unit, for example, would shift the mean of a population, increase its spread, and hide a change
+    of a machine. The following campaigns are also left out: campaigns that could not be fitted,
+    campaigns whose row lacks sufficient statistics, campaigns that the user excludes, and campaigns
+    with the same readings as an earlier row.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _leave_out(
 
 
 def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = "") -> None:
-    """Add to the list ``caveats`` a caveat that names the campaigns in the given rows.
+    """Add a caveat that names the campaigns in the given rows to the list ``caveats``.
 
     The caveat has the given kind and text. If there are no rows, no caveat is added.
     """
@@ -178,7 +178,7 @@ def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str
 
 
 def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
-    """Return for each campaign whether its fit has a warning or failed check of the given kinds.
+    """Return for each campaign whether its fit has a warning or a failed check of the given kinds.
 
     The kind "order", for example, means that the difference between readings and model is too large
     at one Fourier order of a circle. ``rows`` are rows of the table of a batch, one per campaign.

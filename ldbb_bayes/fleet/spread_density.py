@@ -6,8 +6,8 @@ All values are in units of the parameters' prior sds. c_m are the parameters of 
 the mean of the population. s are the spreads, that is, the standard deviations of the machines
 about μ; the prior of the spreads has the scale τ. b are the instrument's errors; j is the index of
 a parameter. Given s, all distributions are Gaussian, and c_m, μ and b are therefore integrated out
-exactly. Values of ln s are drawn from a Student t distribution about the mode of the density of
-ln s, and weighted (importance sampling).
+exactly. By importance sampling, values of ln s are drawn from a Student t distribution about the
+mode of the density of ln s, and are weighted.
 
 In the shapes of arrays, k is the number of values of s, n the number of machines, c the number of
 parameters, and q the number of parameters and instrument errors.
@@ -42,9 +42,9 @@ __all__ = [
     "spread_slices",
 ]
 
-# Largest number of pairs of a random draw of the spreads and a machine that are computed at once.
-# With this limit, the numbers fit into the processor's cache. Spreads are the standard deviations
-# of machines about the mean of their population.
+# Largest number of draws of the spreads processed at once, times the number of machines. With this
+# limit, the arrays fit into the processor's cache. Spreads are the standard deviations of machines
+# about the mean of their population.
 _PAIRS_AT_ONCE = 4096
 # Degrees of freedom of the Student t distribution from which ln s is drawn. The spreads s are the
 # standard deviations of machines about the mean of their population.
@@ -53,32 +53,30 @@ _DEGREES_OF_FREEDOM = 5.0
 # computed. The spreads s are the standard deviations of machines about the mean of their
 # population.
 _DIFFERENCE_STEP = 1e-4
-# Gain of log density [nat] in one step of the search for the mode of the density of ln s. The
-# search ends if a step gains less than this number. The spreads s are the standard deviations of
-# machines about the mean of their population.
+# The search for the mode of the density of ln s ends when a step increases the log density by less
+# than this number [nat]. The spreads s are the standard deviations of machines about the mean of
+# their population.
 _MODE_GAIN = 1e-10
-# Range to which random draws of ln s are limited. The lower end of the range is ln τ −
-# ``_RANGE_BELOW``. The upper end is m + ``_RANGE_ABOVE``, where m is ln τ or, if it is larger, the
-# largest element of the mode of ln s. The spreads s are the standard deviations of machines about
-# the mean of their population; τ is the scale of the prior of the spreads.
+# Random draws of ln s are limited to the range from ln τ − ``_RANGE_BELOW`` to m +
+# ``_RANGE_ABOVE``, where m is the larger of ln τ and the largest element of the mode of ln s. The
+# spreads s are the standard deviations of machines about the mean of their population; τ is the
+# scale of the prior of the spreads.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# Smallest effective sample size, as a fraction of the number of draws, with which a first set of
-# random draws of the machines' spreads (standard deviations about their mean) is good enough. A
-# second set is drawn if the first set does not exceed this limit, or if its weights cannot be
-# trusted.
+# Random draws of the machines' spreads (standard deviations about their mean) are made a second
+# time unless the effective sample size of the first draws exceeds this fraction of their number and
+# their weights can be trusted.
 _EFFECTIVE_SHARE = 0.2
-# Fraction of a covariance that is added when the machines' spreads (standard deviations about their
-# mean) are drawn a second time. The covariance of the second set of draws is the sum of two parts:
-# the covariance of the first set, and this fraction of the covariance that follows from the
-# curvature of the density at its mode.
+# When the machines' spreads (standard deviations about their mean) are drawn a second time, the
+# covariance used is the covariance of the first draws, plus this fraction of the covariance that
+# follows from the curvature of the density at its mode.
 _ADDED_VARIANCE = 0.05
 # Smallest eigenvalue of the curvature matrix at the mode of the density of ln s; smaller
 # eigenvalues are replaced by this number. The spreads s are the standard deviations of machines
 # about the mean of their population.
 _SMALLEST_CURVATURE = 1e-3
-# Smallest distance of the coordinates of quasi-random points from 0 and from 1, where the quantile
-# of the normal distribution would be infinite.
+# Coordinates of quasi-random points are kept at least this far from 0 and from 1, because the
+# quantiles of the normal distribution at 0 and 1 are infinite.
 _POINT_MARGIN = 1e-12
 
 
@@ -104,10 +102,10 @@ def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], G
 
 
 def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
-    """Yield slices, each of which selects some of k values of the spreads, until all are selected.
+    """Yield slices that divide k values of the spreads into groups, which are processed in turn.
 
-    Spreads are the standard deviations of machines about the mean of their population. A slice
-    selects so few values that the numbers for all machines fit into the processor's cache.
+    Spreads are the standard deviations of machines about the mean of their population. The groups
+    are so small that the arrays for all machines fit into the processor's cache.
 
     Parameters
     ----------
@@ -212,15 +210,15 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 
 
 def _explained_variance(root: Array, response: Array) -> Array:
-    """Return the parts of variances that are due to the uncertainty of μ and b, shape (c, k, n).
+    """Return the parts of the variances of c values that are due to μ and b, shape (c, k, n).
 
-    μ is the population's mean and b are the instrument's errors; together they are q quantities.
-    The variances are those of c values for each of n machines and for each of k values of the
-    spreads, which are the standard deviations of the machines about μ. The c values are either the
-    parameters of the machine, or the values z: the differences between the parameters and μ,
-    divided by the spreads. ``root``, shape (k, q, q), is the transposed square root of the
-    covariance of μ and b. ``response``, shape (c, q, k, n), holds the derivatives of the c values
-    with respect to μ and b. The sign of the derivatives does not matter.
+    μ, the population's mean, and b, the instrument's errors, are q uncertain quantities. There are
+    c values for each of n machines and for each of k values of the spreads (standard deviations of
+    the machines about μ). The c values are either the parameters of the machine, or the differences
+    between the parameters and μ, divided by the spreads. ``root``, shape (k, q, q), is the
+    transposed square root of the covariance of μ and b. ``response``, shape (c, q, k, n), holds the
+    derivatives of the c values with respect to μ and b. The sign of the derivatives does not
+    matter.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
@@ -265,9 +263,9 @@ class SpreadDensity:
         return np.asarray(of_machines + 1.0 - (s / self.scale) ** 2)
 
     def derivatives(self, t: Array) -> tuple[Array, Array]:
-        """Return the gradient (c,) and the Hessian (c, c) of the log density at one value of t.
+        """Return the gradient (c,) and the Hessian (c, c) of the log density of t = ln s at ``t``.
 
-        t = ln s has the shape (c,). s are the spreads of the c parameters, that is, the standard
+        ``t`` has the shape (c,). s are the spreads of the c parameters, that is, the standard
         deviations of the machines about the mean of their population.
         """
         c = len(t)
@@ -307,7 +305,8 @@ class Spreads:
     log_weight: Array
     #: importance weights of the k random draws, Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array
-    #: Pareto's k̂ of the weights of the random draws; the weights are less reliable if k̂ is larger
+    #: Pareto's k̂ of the weights of the random draws; the larger k̂ is, the less reliable are the
+    #: weights
     pareto_k: float
     #: largest value of Pareto's k̂ with which the random draws can be trusted
     good_k: float
@@ -400,7 +399,7 @@ def _draw_about(
     shape (c,), is the centre of the t distribution of ln s, and ``covariance``, shape (c, c), is
     its scale matrix. ``size`` is the number of draws, which are made from quasi-random points.
     ``seed`` is the seed of these points. ``mode``, shape (c,), is the mode of the posterior density
-    of ln s, given by ``density``. The mode serves to limit the range of the draws.
+    of ln s, given by ``density``. The mode is used only to limit the range of the draws.
     """
     c = len(centre)
     points = qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size)

@@ -75,8 +75,8 @@ __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 # the change is at least this value. The table shows probabilities with three decimals, so that
 # smaller probabilities would appear as zero.
 _UNLIKELY = 5e-4
-# The change of a parameter is also stated in per cent of the level before the change if this level,
-# divided by its standard uncertainty, is above this number. The standard uncertainty, which the
+# The change of a parameter is also stated in per cent of the level before the change if this level
+# is more than this many times its standard uncertainty. The standard uncertainty, which the
 # percentage neglects, is then below 20 % of the level.
 _KNOWN_LEVEL = 5.0
 # Columns of the table `Trend.estimates` whose values are in the unit of the parameter.
@@ -107,14 +107,14 @@ class ParameterChange(Result):
     percent: float | None
     #: mean level of the parameter before the step, under the assumption that this parameter changed
     level_before: float
-    #: level of the parameter at the last campaign. It is uncertain whether a parameter has changed,
-    #: which parameter has changed, and just before which campaign; the level is therefore that of
-    #: the mixture of all these possibilities, weighted by their probabilities. The uncertainty
-    #: includes the uncertainty due to the errors of the instrument.
+    #: level of the parameter at the last campaign. The level is averaged over all possibilities,
+    #: weighted by their probabilities: that no parameter has changed, or that one parameter changed
+    #: just before one of the campaigns. Its uncertainty includes that due to the errors of the
+    #: instrument.
     level_now: Summary
     #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
-    #: estimates from all campaigns together; the points and limits of the control chart do not
-    #: include this uncertainty
+    #: estimates from all campaigns together. The estimates and limits of the control chart do not
+    #: include it.
     common_sd: float
 
 
@@ -492,14 +492,13 @@ def _caveats_of_series(statistics: FleetStatistics) -> list[Caveat]:
 def _visits(
     names: Sequence[str], dates: Sequence[datetime | None], step_probabilities: Array
 ) -> tuple[Visit, ...]:
-    """Return the campaigns of a trend, each with the probability of a change just before it.
+    """Return the campaigns of a trend, with the probability of a change just before each campaign.
 
     The probability of a change is zero for the first campaign. ``names`` and ``dates`` are the
-    names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds joint
-    posterior probabilities. An element is the probability that three statements are true together:
-    the machine's scatter from campaign to campaign has a certain value (one of r values), a certain
-    parameter (one of p) changed by a step, and it changed just before a certain campaign (one of
-    the campaigns 2 to n).
+    names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds one
+    posterior probability for each of r values of the machine's scatter from campaign to campaign,
+    each of the campaigns 2 to n, and each of p parameters: the joint probability that the scatter
+    has this value and that this parameter changed by a step just before this campaign.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -541,10 +540,9 @@ def _parameter_change(
     posteriors
         Gaussians of levels, instrument errors and step under every hypothesis, see `hypotheses`.
     step_probabilities
-        Joint posterior probabilities, shape (r, n − 1). An element is the probability that two
-        statements are true together: the machine's scatter from campaign to campaign has a certain
-        value (one of r values), and the parameter changed by a step just before a certain campaign
-        (one of the campaigns 2 to n).
+        One posterior probability for each of r values of the machine's scatter from campaign to
+        campaign and each of the campaigns 2 to n, shape (r, n − 1): the joint probability that the
+        scatter has this value and that the parameter changed by a step just before this campaign.
     levels
         Values of all parameters at the last campaign.
     chart
@@ -585,11 +583,11 @@ def _parameter_change(
 def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
     """Return mean, sd and credible interval of the size of a parameter's step.
 
-    Mean, sd and interval describe a mixture of hypotheses. Under each hypothesis, the step occurred
-    just before a certain campaign, and the machine's scatter from campaign to campaign has a
-    certain value. ``weight`` holds the weights of the hypotheses, which sum to one. ``mean`` and
-    ``sd`` hold the mean and the standard deviation of the size under each hypothesis. All sizes are
-    in units of the parameter's prior sd. ``prob`` is the probability of the interval.
+    Mean, sd and interval describe a mixture of hypotheses. Each hypothesis assumes one campaign
+    just before which the step occurred, and one value of the machine's scatter from campaign to
+    campaign. ``weight`` holds the weights of the hypotheses, which sum to one. ``mean`` and ``sd``
+    hold the mean and the standard deviation of the size under each hypothesis. All sizes are in
+    units of the parameter's prior sd. ``prob`` is the probability of the interval.
     """
     mean = mean.ravel()
     sd = sd.ravel()
@@ -634,10 +632,10 @@ def _estimates(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Joint posterior probabilities, shape (r, n − 1, p). An element is the probability that three
-        statements are true together: the machine's scatter from campaign to campaign has a certain
-        value (one of r values), a certain parameter (one of p) changed by a step, and it changed
-        just before a certain campaign (one of the campaigns 2 to n).
+        One posterior probability for each of r values of the machine's scatter from campaign to
+        campaign, each of the campaigns 2 to n, and each of p parameters, shape (r, n − 1, p): the
+        joint probability that the scatter has this value and that this parameter changed by a step
+        just before this campaign.
     prob
         Probability of the credible intervals.
     """
