@@ -35,7 +35,7 @@ _LONGEST_LABEL = 200
 
 @dataclass(frozen=True)
 class CertifiedQuantity:
-    """One number of a calibration certificate, in the form in which the certificate states it.
+    """One number of a calibration certificate, exactly as the certificate states it.
 
     ``name`` is the name that the certificate gives the quantity; it is empty if the certificate
     gives no name. ``value`` is the number.
@@ -188,7 +188,8 @@ class CalibrationCertificate(Shown):
         is computed from what the certificate states:
 
         - An error of indication is used unchanged.
-
+        - A deviation from the nominal length is used with the opposite sign, because the readings
+          of a bar that is too long are too small.
         - An actual length is subtracted from the nominal length.
 
         If the certificate states several bars, the bar of the nominal length ``length_mm`` is used.

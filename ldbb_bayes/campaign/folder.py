@@ -41,7 +41,7 @@ TRUTH_NAME = "truth.json"
 # Name of the file that states how the imported files were read, in the folder of an imported
 # campaign.
 IMPORT_NAME = "import.toml"
-# Largest number of characters of a name, machine_id or date that `labels_of` returns; longer texts
+# Largest number of characters of a name, machine_id or date that `labels_of` returns; longer ones
 # are left out.
 _LONGEST_LABEL = 200
 

@@ -67,7 +67,7 @@ def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
     """Return the tests in a tidy CSV file, which has one row for each reading.
 
     The columns are test (the name of the test), force_N or pressure_bar, angle_deg or angle_rad,
-    and reading_um or reading_mm; columns for further fields of a test are optional.
+    and reading_um or reading_mm; columns for other fields of a test are optional.
     """
     columns = _read_columns(path, _TIDY_COLUMNS)
     require(
@@ -104,7 +104,7 @@ def _single_value(path: Path, test: str, column: str, values: Any) -> str | floa
 
 
 def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
-    """Return the columns of a CSV file as arrays of numbers or texts; the keys are column names.
+    """Return the columns of a CSV file as arrays of numbers or strings, by column name.
 
     If semicolons or tabs separate the cells and no number contains a point, commas are read as
     decimal marks. ``known`` are the permitted names of columns. Raise an `InputError` for a name

@@ -195,7 +195,8 @@ def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], 
     """Return the line numbers of a table's rows, and the columns of the table.
 
     The table has ``width`` columns. Raise an `InputError` for a row with fewer cells, and for a row
-    with further cells that are not all empty. ``place`` is the file's name for error messages.
+    with additional cells unless they are all empty. ``place`` is the file's name for error
+    messages.
     """
     for row in rows:
         if len(row.cells) < width or any(row.cells[width:]):

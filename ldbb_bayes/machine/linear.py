@@ -266,7 +266,7 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     """Return the compliances that may change readings on ``circles``, with their effects.
 
     The compliances are those of ``machine``: all planar compliances of the tested planes, and all
-    further compliances of the joints that change a reading on one of ``circles``.
+    other compliances of the joints that change a reading on one of ``circles``.
     """
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     names = joint_names(machine)

@@ -281,7 +281,7 @@ class HybridModel(Result):
         """Return the same model with other priors of parameters and hyper-parameters.
 
         A parameter of interest gets a mean and a sd; if it was fixed at zero, it is free again. The
-        mean of a slope must be 0. Each value is a text with its unit, or a number. Numbers for
+        mean of a slope must be 0. Each value is a string with a unit, or a number. Numbers for
         parameters of interest are in internal units (mm, N, rad); a number for a field of `Prior`
         is in the unit that the field's name states. Whether a parameter exists is checked when the
         model is bound to a campaign.
@@ -544,8 +544,8 @@ class HybridModel(Result):
 def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
     """Return the hyper-parameters ``scales`` without repetition, in the order of ``_HYPER_ORDER``.
 
-    Hyper-parameters that ``_HYPER_ORDER`` does not name come after those that it names. The noise
-    factors λ of single circles are last.
+    Hyper-parameters that are not in ``_HYPER_ORDER`` come after those that are. The noise factors λ
+    of single circles are last.
     """
 
     def place(scale: Scale) -> int:
@@ -595,7 +595,7 @@ def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[f
     ``name`` is the name of the hyper-parameter, and ``value`` the true value that a user gives for
     a simulation. Lengths are in µm; the decay and the noise factor of a circle have no unit.
     ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the smallest and the largest
-    permitted value; they are used only for the decay p, which states that form errors with n waves
+    permitted value; they are used only for the decay p; the prior sds of form errors with n waves
     around the circle are proportional to n^(−p).
     """
     if law == "decay":

@@ -1,7 +1,7 @@
 """Priors of the hyper-parameters φ, and the unbounded coordinates in which φ are sampled.
 
 The h hyper-parameters are the scales (standard deviations) of the noise and of other effects on the
-readings, and the decay p: the amplitude of a form error of order n is proportional to n^(−p).
+readings, and the decay p: the prior sd of a form error of order n is proportional to n^(−p).
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from ldbb_bayes.results import Array
 __all__ = ["HyperPrior"]
 
 
-# Lower bound of the decay p, the exponent by which form errors become smaller with their order: the
-# amplitude of a form error with n waves around the circle is proportional to n^(−p).
+# Lower bound of the decay p, an exponent: the prior sd of a form error with n waves around the
+# circle is proportional to n^(−p).
 _LEAST_DECAY = 0.5
 
 
-# Upper bound of the decay p, the exponent by which form errors become smaller with their order: the
-# amplitude of a form error with n waves around the circle is proportional to n^(−p).
+# Upper bound of the decay p, an exponent: the prior sd of a form error with n waves around the
+# circle is proportional to n^(−p).
 _MOST_DECAY = 3.5
 
 
@@ -64,7 +64,7 @@ class HyperPrior:
 
     - A length, such as the sd of the noise, has a half-normal prior with the scale ``scale`` [mm],
       truncated to values of at least ``lower`` [mm].
-    - A decay p (the amplitude of a form error of order n is proportional to n^(−p)) has the prior
+    - A decay p (the prior sd of a form error of order n is proportional to n^(−p)) has the prior
       Normal(``scale``, ``decay_sd``), truncated to [0.5, 3.5].
     - The square of the noise factor λ of a circle has an inverse gamma prior, λ² ~ InvGamma(3/2,
       3/2).
@@ -89,7 +89,7 @@ class HyperPrior:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Internal unit of each hyper-parameter: mm, or empty text for a number without unit."""
+        """Internal unit of each hyper-parameter: mm, or an empty string if it has no unit."""
         return tuple("mm" if length else "" for length in self.in_mm)
 
     @property
@@ -259,7 +259,7 @@ class HyperPrior:
         """Prior probabilities before truncation that a decay is below its two bounds, (2, decays).
 
         The first row is for the lower bound, the second for the upper bound. The prior before
-        truncation is normal. The decay p states that the amplitude of a form error of order n is
+        truncation is normal. A decay p is an exponent: the prior sd of a form error of order n is
         proportional to n^(−p).
         """
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])

@@ -57,7 +57,7 @@ class Rows(NamedTuple):
     #: prior of a coefficient.
     readings: Array
     #: Index of the test to which each of the n rows belongs, shape (n,). For a row that is the
-    #: prior of a coefficient common to all tests, the entry is the number of tests.
+    #: prior of a coefficient common to all tests, the entry is equal to the number of tests.
     test: NDArray[np.intp]
     #: Factors v, shape (n, sources), from which the variance of each of the n rows is computed as
     #: Σ v · source². A source of variance is a hyper-parameter (the standard deviation of an
@@ -66,7 +66,7 @@ class Rows(NamedTuple):
 
 
 class Observations(NamedTuple):
-    """Observation equations of all tests, and further quantities for the likelihood.
+    """Observation equations of all tests, and other quantities that the likelihood needs.
 
     The equations are linear in the parameters of interest and in the coefficients of nuisances,
     which are effects modelled but not of interest.

@@ -59,7 +59,7 @@ class ColumnGroup(NamedTuple):
     elimination.
     """
 
-    #: Columns of the group, shape (s,).
+    #: Indices of the s columns of the group, shape (s,).
     columns: NDArray[np.intp]
     #: Indices of the m neighbours of the group that are eliminated later, shape (m,). A column is a
     #: neighbour if there is a row in which neither it nor a column of the group is zero. Further
@@ -256,8 +256,8 @@ def _cost(shape: tuple[int, int], copies: int) -> float:
     columns = shape[0]
     border = shape[1]
     # The s columns of a set are numbered k = 0 … s − 1. For column k, k products are subtracted
-    # from each of its s + border + 1 − k entries from the diagonal on. ``places`` is the sum of k
-    # over all columns, and ``squares`` is the sum of k².
+    # from each of its s + border + 1 − k entries on and below the diagonal. ``places`` is the sum
+    # of k over all columns, and ``squares`` is the sum of k².
     places = columns * (columns - 1) // 2
     squares = columns * (columns - 1) * (2 * columns - 1) // 6
     multiplications = places * (columns + border + 1) - squares

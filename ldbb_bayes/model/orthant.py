@@ -496,10 +496,10 @@ class Orthant:
         bound = -core_mean / np.abs(diagonal)
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
-        # ``core`` holds the indices of linearly independent constraints. All other constraints are
-        # linear combinations of these constraints. Each of the other constraints is expressed as a
-        # row of coefficients, of length one, that multiplies x, the coordinates of the standard
-        # normal vector along the directions ``axes``.
+        # ``core`` holds the indices of linearly independent constraints; all other constraints are
+        # linear combinations of them. The other constraints are written as inequalities for x, the
+        # coordinates of the standard normal vector along the directions ``axes``; the coefficients
+        # of each inequality form a row of length one.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)

@@ -117,15 +117,16 @@ def geometric_unit(kind: GeometricKind) -> str:
 def parameter_to_inside(parameter: str, value: float | str, words: str) -> float:
     """Return a value of a parameter in internal units (mm, N, rad).
 
-    Raise an `InputError` if ``value`` is neither a number nor a text. If ``value`` is a text, also
-    raise the error if its unit does not fit, or if no parameter has the name ``parameter``.
+    Raise an `InputError` if ``value`` is neither a number nor a string. If ``value`` is a string,
+    also raise the error if the unit in the string does not fit the parameter, or if there is no
+    parameter of this name.
 
     Parameters
     ----------
     parameter
         Name of the parameter, such as C_XXX.
     value
-        Number in internal units, or text with a unit, such as "5 nm/N".
+        Number in internal units, or string with a unit, such as "5 nm/N".
     words
         Description of the value for error messages, such as "prior sd of".
     """
@@ -196,7 +197,7 @@ class Prior(Shown):
     Scales are the standard deviations of the noise and of other effects. The defaults are wide for
     any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, and a scale error of 2e-4
     is 200 µm/m. Give other priors by `HybridModel.with_prior` or in the TOML file of a model; every
-    value may be a text with its unit.
+    value may be a string with a unit.
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
     slope is always zero, because the model of constant compliance is the linear model with all
@@ -297,9 +298,9 @@ class Prior(Shown):
             _check_mean(name, mean)
 
     def _convert_settings(self) -> None:
-        """Convert every numerical setting of the prior to a number in the unit that ends its name.
+        """Convert all numerical settings of the prior to numbers in the units given in their names.
 
-        Settings may be given as texts with a unit: "5 nm/N" for direct_mm_per_N becomes 5e-6.
+        Settings may be given as strings with a unit: "5 nm/N" for direct_mm_per_N becomes 5e-6.
         """
         for name, value in vars(self).items():
             if isinstance(value, int | float | str) and not isinstance(value, bool):

@@ -160,7 +160,7 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
 def _degree_of(spec: _SpecFile, degree: int | None) -> int:
     """Return the degree that a model file states for the compliance as a polynomial in force.
 
-    ``spec`` is the content of the file. If the file states no degree, return ``degree``. If
+    ``spec`` is the content of the file. If the file gives no degree, return ``degree``. If
     ``degree`` is None too, return 0 for the preset ``paper`` and 1 for the other presets.
     """
     if spec.degree is not None:
@@ -201,7 +201,7 @@ def _converted_settings(
 ) -> dict[str, Any]:
     """Return the settings of one table of a model file, in the units given in their names.
 
-    A number may be written as a text with a unit. It is then converted to the unit at the end of
+    A number may be written as a string with a unit. It is then converted to the unit at the end of
     the setting's name: "3000 nm" for ``sd_um`` becomes 3. ``table`` is the name of the table for
     error messages. ``types`` holds the types of all settings that the table may have, by name;
     ``values`` holds the settings as written in the file. Raise an `InputError` for an unknown name

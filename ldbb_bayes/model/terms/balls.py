@@ -148,9 +148,9 @@ class BallForm(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the balls' form errors for the tests of a campaign.
 
-        ``setting`` describes the test conditions. A column is the reading per unit of one
-        coefficient. Every plane has one set of columns for each ball, or one set for the sum of
-        both balls. The columns of a plane are zero for tests in other planes.
+        ``setting`` describes the test conditions. A column holds the change of the reading per unit
+        of one coefficient. Every plane has one set of columns for each ball, or one set for the sum
+        of both balls. The columns of a plane are zero for tests in other planes.
         """
         columns = []
         for group in setting.groups_by("plane"):
@@ -245,12 +245,12 @@ class BallForm(Term):
         return np.asarray(np.sqrt(variance))
 
     def _sphericity_sd_um(self, ball: Ball, orders: Array) -> Array:
-        """Return prior sds of a ball's form error from its deviation from sphericity [µm], (n,).
+        """Return the prior sds of n form-error coefficients that follow from the sphericity [µm].
 
-        ``orders``, shape (n,), are the orders of n coefficients, at least 2. If the ball's
-        certificate or grade states its deviation from sphericity S, the sd is S/√24 · min(1,
-        3/order). Otherwise the sd is ``sphericity_um``/√24 at the orders 2 and 3, and zero at
-        higher orders.
+        The coefficients belong to the ball ``ball``. Their orders are ``orders``, shape (n,), at
+        least 2; the result has the same shape. If a certificate or grade states the ball's
+        deviation from sphericity S, the sd is S/√24 · min(1, 3/order). Otherwise the sd is
+        ``sphericity_um``/√24 at the orders 2 and 3, and zero at higher orders.
         """
         sphericity = ball.stated_sphericity_um
         relative = np.minimum(1.0, _LAST_SPHERICITY_ORDER / orders)
@@ -403,10 +403,10 @@ class MachinePattern(Term):
         """Return the columns of the machine's pattern for the tests of a campaign.
 
         The pattern is made of the machine's geometric and cyclic errors of higher orders.
-        ``setting`` describes the test conditions. A column is the reading per unit of one
-        coefficient. The result is an empty tuple if every ball has the same clocking (angle by
-        which it is turned in its socket) in all tests and no certificate or grade states the form
-        error of a ball.
+        ``setting`` describes the test conditions. A column holds the change of the reading per unit
+        of one coefficient. The result is an empty tuple if every ball has the same clocking (angle
+        by which it is turned in its socket) in all tests and no certificate or grade states the
+        form error of a ball.
         """
         if not (setting.clocked or _states_form(setting.instrument)):
             return ()
@@ -433,10 +433,10 @@ def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[C
     """Return the columns of the machine's pattern in one plane at one radius.
 
     The pattern is an error of the machine that depends on the angle on the circle: a sum of cosines
-    and sines of several orders. A column is the reading per unit of one coefficient; it is zero in
-    tests with another plane or radius. Each direction of travel has separate columns. The prior sd
-    of a coefficient of the order n is ω (n/6)^(−p), with the hyper-parameters ω (``omega``) and p
-    (``decay``).
+    and sines of several orders. A column holds the change of the reading per unit of one
+    coefficient; it is zero in tests with another plane or radius. Each direction of travel has
+    separate columns. The prior sd of a coefficient of the order n is ω (n/6)^(−p), with the
+    hyper-parameters ω (``omega``) and p (``decay``).
 
     Parameters
     ----------

@@ -132,7 +132,7 @@ def assumption(
 ) -> Uncertainty:
     """Return a term's assumption about one of its coefficients as an `Uncertainty`.
 
-    The unit is determined from the name of the coefficient. The result also tells whether the
+    The unit is determined from the name of the coefficient. The result also says whether the
     uncertainty comes from a certificate of the campaign. The uncertainty itself is given by the
     caller as ``sd``; it is not read from the certificate.
 
@@ -144,7 +144,7 @@ def assumption(
         Name of the coefficient, such as bar_length.
     certificate
         Name of the field of `Instrument` that holds the uncertainty from a certificate, such as
-        bar_U_um. If this field is filled in, the result tells that the uncertainty comes from a
+        bar_U_um. If this field is filled in, the result says that the uncertainty comes from a
         certificate. Empty string if there is no such field.
     sd
         Standard uncertainty of the coefficient that the term assumes, in the internal unit of the
@@ -365,7 +365,7 @@ def order_in_words(coefficient: str) -> str:
 
 
 def plane_in_words(coefficient: str) -> str:
-    """Return the plane in a coefficient's name in words: `` in plane XY`` for form_XY_cos2.
+    """Return the plane in a coefficient's name as words: `` in plane XY`` for form_XY_cos2.
 
     Return an empty string for names without a plane.
     """

@@ -247,9 +247,9 @@ class Hysteresis(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of hysteresis in every plane of a campaign.
 
-        ``setting`` describes the test conditions. A column is the reading per unit of one
-        coefficient, in every test of a campaign. If the field ``law`` is ``fixed``, only planes
-        whose circles run in both directions have columns.
+        ``setting`` describes the test conditions. A column holds the change of the reading per unit
+        of one coefficient in every test. If the field ``law`` is ``fixed``, only planes whose
+        circles run in both directions have columns.
         """
         columns: list[Columns] = []
         for plane in setting.groups_by("plane"):
@@ -375,10 +375,11 @@ class Drift(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the drift of bar length and circle centre for a campaign's tests.
 
-        ``setting`` describes the test conditions. A column is the reading per unit of one
-        coefficient. The result is an empty tuple if the user has declared that nothing drifts. For
-        a drift with time, the result is also empty if the times of the tests are unknown or all
-        equal. For a drift with temperature, raise an `InputError` if a test has no temperature.
+        ``setting`` describes the test conditions. A column holds the change of the reading per unit
+        of one coefficient. The result is an empty tuple if the user has declared that nothing
+        drifts. For a drift with time, the result is also empty if the times of the tests are
+        unknown or all equal. For a drift with temperature, raise an `InputError` if a test has no
+        temperature.
         """
         if not setting.drifts:
             return ()

@@ -75,12 +75,12 @@ class Scale(NamedTuple):
 
 
 class Source(NamedTuple):
-    """Factor by which hyper-parameters multiply the prior sd of a coefficient.
+    """Product of hyper-parameters by which the prior sd of a coefficient is multiplied.
 
-    The factor is hyper · circle · (order/6)^(−decay). ``hyper``, ``circle`` and ``decay`` name the
+    The product is hyper · circle · (order/6)^(−decay). ``hyper``, ``circle`` and ``decay`` name the
     hyper-parameters in this product: the scale of an effect, the noise factor λ of a circle, and
-    the exponent. If one of these names is None, its factor in the product is 1. ``order`` is the
-    order of the coefficient's harmonic.
+    the exponent. If one of these names is None, the corresponding factor of the product is 1.
+    ``order`` is the order of the coefficient's harmonic.
     """
 
     hyper: Hyper | None = None
@@ -90,11 +90,11 @@ class Source(NamedTuple):
 
     @property
     def names(self) -> tuple[Hyper, ...]:
-        """Names of the hyper-parameters on which the factor depends."""
+        """Names of the hyper-parameters on which the product depends."""
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
-        """Return the value of the factor for given hyper-parameters.
+        """Return the value of the product for given hyper-parameters.
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of one shape;
         lengths are in mm. The result is a number or an array of the same shape.
@@ -194,9 +194,9 @@ class Columns(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Factors by which hyper-parameters multiply the prior sds of the p coefficients.
+        """Products of hyper-parameters by which the prior sds of the p coefficients are multiplied.
 
-        The factors do not contain the noise factors λ of circles.
+        The noise factors λ of circles are not included.
         """
         if self.decay is None or self.orders is None:
             return (Source(self.hyper),) * len(self.names)
@@ -205,10 +205,10 @@ class Columns(Shown):
         )
 
     def sources_of(self, test: int) -> tuple[Source, ...]:
-        """Return the factors by which hyper-parameters multiply the prior sds in one test.
+        """Return the products of hyper-parameters by which the prior sds in a test are multiplied.
 
-        There is one factor for each of the p coefficients. Each factor contains the noise factor λ
-        of the test's circle. ``test`` is the index of the test, from 0.
+        There is one product for each of the p coefficients. Each product includes the noise factor
+        λ of the test's circle. ``test`` is the index of the test, from 0.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
@@ -279,19 +279,19 @@ class BasisNoise(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Factors by which hyper-parameters multiply the sd of the noise, one for each test.
+        """Products of hyper-parameters by which the sds of the tests' noise are multiplied.
 
-        The factors contain the noise factors λ of the tests' circles. If circles have no noise
-        factors, there is a single factor for all tests.
+        The products include the noise factors λ of the tests' circles. If circles have no noise
+        factors, there is a single product for all tests.
         """
         if not len(self.circle):
             return (Source(self.hyper),)
         return tuple(Source(self.hyper, str(name) or None) for name in self.circle)
 
     def source(self, test: int) -> Source:
-        """Return the factor by which hyper-parameters multiply the sd of the noise of one test.
+        """Return the product of hyper-parameters by which the sd of a test's noise is multiplied.
 
-        ``test`` is the index of the test, from 0. The factor contains the noise factor λ of the
+        ``test`` is the index of the test, from 0. The product includes the noise factor λ of the
         test's circle.
         """
         return Source(self.hyper, _circle_of(self.circle, test))

@@ -128,8 +128,8 @@ class Mount(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the mount's deflection per pressure and of its curvature.
 
-        ``setting`` describes the test conditions. A column is the reading per unit of one
-        coefficient, in every test of a campaign.
+        ``setting`` describes the test conditions. A column holds the change of the reading per unit
+        of one coefficient in every test.
         """
         relative = self._relative_sd(setting.instrument)
         sd = np.array([relative * (setting.deflection_um_per_bar * 1e-3)])
@@ -211,8 +211,8 @@ class ForceError(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of gain error, curvature and random error of the force.
 
-        ``setting`` describes the test conditions. A column is the reading per unit of one
-        coefficient, in every test of a campaign.
+        ``setting`` describes the test conditions. A column holds the change of the reading per unit
+        of one coefficient in every test.
         """
         deflection = (setting.elastic @ setting.compliance_estimate)[:, :, None]
         sd = self._sd_by_name(setting.instrument)
@@ -307,8 +307,8 @@ class Angle(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the angle's zero error and of the lag of the readings.
 
-        ``setting`` describes the test conditions. A column is the change of the reading per rad, in
-        every test of a campaign.
+        ``setting`` describes the test conditions. A column holds the change of the reading, in
+        every test, per rad of zero error or of lag.
         """
         slope = derivative(setting.fitted)
         lag = slope * setting.travel[:, None]

@@ -84,8 +84,8 @@ class JointLoad(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the nonlinear deflection of each axis that the circles drive.
 
-        ``setting`` describes the test conditions. A column is the reading per unit of one
-        coefficient, in every test of a campaign.
+        ``setting`` describes the test conditions. A column holds the change of the reading per unit
+        of one coefficient in every test.
         """
         reference_N = setting.reference_force_N
         require(
@@ -186,9 +186,9 @@ def joint_load_columns(
 ) -> dict[str, Columns]:
     """Return a dict with the columns of `JointLoad`; its keys are the letters of the axes.
 
-    A column is the reading per unit of one coefficient. ``columns`` are the columns of `JointLoad`
-    in the model of a campaign, and ``setting`` describes the test conditions. If the model lacks
-    `JointLoad`, ``columns`` and the result are empty.
+    A column holds the change of the reading per unit of one coefficient. ``columns`` are the
+    columns of `JointLoad` in the model of a campaign, and ``setting`` describes the test
+    conditions. If the model lacks `JointLoad`, ``columns`` and the result are empty.
     """
     shared = [block for block in columns if isinstance(block, Columns)]
     if not shared:
@@ -230,8 +230,8 @@ class Position(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns for the change of each driven axis' compliance along its travel.
 
-        ``setting`` describes the test conditions. A column is the reading per unit of one
-        coefficient, in every test of a campaign.
+        ``setting`` describes the test conditions. A column holds the change of the reading per unit
+        of one coefficient in every test.
         """
         force = setting.force_N[:, None]
         columns = []
