@@ -137,7 +137,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
-    """Return a degenerate combination without its nuisance coefficients, where possible.
+    """Return a combination whose effects cancel, without nuisance coefficients if possible.
 
     ``vector``, shape (m,), is a combination whose effects on the readings cancel: the values of m
     coefficients in units of their prior standard deviations. The function sets the nuisance

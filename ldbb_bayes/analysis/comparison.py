@@ -72,15 +72,16 @@ __all__ = [
 # the compliance or, if ``slopes_of_estimate`` of the prior is false, the prior standard deviation
 # of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# Every model makes an assumption about how circles differ from one another, for example by a shift
-# of the set-up. Comparisons are repeated with other assumptions. The readings reject another
+# Every model makes an assumption about the random differences between circles, for example by a
+# shift of the set-up. Comparisons are repeated with other assumptions. The readings reject another
 # assumption if its log evidence is at least this number [nat] below that of the assumption in the
 # model.
 _REJECTED = 5.0
 # Difference of log evidences [nat] at which a rough computation is enough. If the readings clearly
-# reject another assumption about how circles differ, its evidences are computed only roughly, to
-# save time. This is the case if the log evidences of both models under that assumption are at least
-# this number below the best log evidence under the models' original assumption.
+# reject another assumption about the random differences between circles, its evidences are computed
+# only roughly, to save time. This is the case if the log evidences of both models under that
+# assumption are at least this number below the best log evidence under the models' original
+# assumption.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -247,11 +248,11 @@ class Comparison(Result):
     #: scales of the prior of the slopes (changes of compliance with force) at which the log Bayes
     #: factor in ``prior_sensitivity`` changes sign
     prior_sensitivity_crossings: tuple[float, ...]
-    #: log Bayes factor of the second model over the first under each assumption about how circles
-    #: differ from one another. The first entry is for the assumption in the models, the last entry
-    #: for white noise alone. If ``explanations`` is not None, the second entry is the average over
-    #: the alternative explanations, and the third entry is the comparison without alternative
-    #: explanations.
+    #: log Bayes factor of the second model over the first under each assumption about the random
+    #: differences between circles. The first entry is for the assumption in the models. The last
+    #: entry is for models without nuisance terms, in which white noise is the only scatter. If
+    #: ``explanations`` is not None, the second entry is the average over the alternative
+    #: explanations, and the third entry is the comparison without alternative explanations.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if no model has slopes, or if only evidences were computed
@@ -270,12 +271,12 @@ class Comparison(Result):
     #: computed
     local_fits: Records
     #: largest error allowed for a log evidence [nat]. A larger error, 0.1 nat, is allowed for
-    #: another assumption about how circles differ if both its log evidences are at least 10 nat
-    #: below the best log evidence under the assumption in the models.
+    #: another assumption about the random differences between circles if both its log evidences are
+    #: at least 10 nat below the best log evidence under the assumption in the models.
     tolerance: float
-    #: largest error of any log evidence [nat]. Another assumption about how circles differ is
-    #: ignored if both its log evidences are at least 10 nat below the best log evidence under the
-    #: assumption in the models.
+    #: largest error of any log evidence [nat]. Another assumption about the random differences
+    #: between circles is ignored if both its log evidences are at least 10 nat below the best log
+    #: evidence under the assumption in the models.
     largest_error: Finite
     #: number of evidences whose error is infinite, because their quadrature weights are not
     #: reliable. The field keeps a name from an older version, because programs read this name in
@@ -316,17 +317,18 @@ class Comparison(Result):
     def within_tolerance(self) -> bool:
         """Return whether the largest error of any log evidence is at most ``tolerance``.
 
-        Another assumption about how circles differ is ignored if both its log evidences are at
-        least 10 nat below the best log evidence under the assumption in the models.
+        Another assumption about the random differences between circles is ignored if both its log
+        evidences are at least 10 nat below the best log evidence under the assumption in the
+        models.
         """
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
-        """Return the log evidence of an assumption, relative to the one in the models [nat].
+        """Return the log evidence of an assumption, minus that of the models' own assumption [nat].
 
-        The assumptions are about how circles differ from one another. Each assumption has two log
-        evidences, one for each of the two models. The larger one counts as the log evidence of the
-        assumption.
+        The assumptions are about the random differences between circles. Each assumption has two
+        log evidences, one for each of the two models. The larger one counts as the log evidence of
+        the assumption.
         """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
@@ -334,8 +336,8 @@ class Comparison(Result):
         """Return the assumptions under which the log Bayes factor has the opposite sign.
 
         The sign is compared with that of `headline`, the log Bayes factor of the second model over
-        the first. The assumptions are about how circles differ from one another; white noise alone
-        is left out. The assumption with the largest log evidence comes first.
+        the first. The assumptions are about the random differences between circles; white noise
+        alone is left out. The assumption with the largest log evidence comes first.
         """
         opposite_sign = -np.sign(self.headline[0])
         turning = []
@@ -346,7 +348,7 @@ class Comparison(Result):
         return ranked(turning, self.gain)
 
     def allowed(self, assumed: Assumed) -> bool:
-        """Return whether the readings allow an assumption about how circles differ.
+        """Return whether the readings allow an assumption about random differences between circles.
 
         The readings allow the assumption unless its log evidence is 5 nat or more below the log
         evidence of the assumption in the models.
@@ -357,8 +359,8 @@ class Comparison(Result):
     def sign(self) -> Sign:
         """Return whether the sign of the log Bayes factor `headline` holds under other assumptions.
 
-        The other assumptions are about how circles differ from one another, and about the prior of
-        the slopes (changes of compliance with force).
+        The other assumptions are about the random differences between circles, and about the prior
+        of the slopes (changes of compliance with force).
         """
         turning = self.turning()
         if self.prior_sensitivity_crossings or any(map(self.allowed, turning)):
@@ -370,7 +372,7 @@ class Comparison(Result):
     def preferred_assumption(self) -> Assumed | None:
         """Return the assumption that the readings clearly prefer to the one in the models, or None.
 
-        The assumptions are about how circles differ from one another. The assumption with the
+        The assumptions are about the random differences between circles. The assumption with the
         largest log evidence is returned if this log evidence is more than 5 nat above the log
         evidence of the assumption in the models. Otherwise, None is returned.
         """
@@ -422,11 +424,11 @@ class _ComparisonPlan:
     #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
     #: models differ only in this prior
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
-    #: the first two models without a change; the key describes the assumption about how circles
-    #: differ that these models make
+    #: the first two models without a change; the key describes the assumption about the random
+    #: differences between circles that these models make
     unchanged: dict[str, tuple[HybridModel, ...]]
-    #: the first two models with another assumption about how circles differ, one entry for each
-    #: assumption
+    #: the first two models with another assumption about the random differences between circles,
+    #: one entry for each assumption
     by_assumption: dict[str, tuple[HybridModel, ...]]
     #: whether every test is predicted from the other tests
     leaves_tests_out: bool
@@ -487,8 +489,8 @@ def compare(
 
     The evidence of a model is the density of the readings under this model. The ratio of the
     evidences of two models, the Bayes factor B, is recomputed under other priors of the slopes
-    (changes of compliance with force) and under other assumptions about how circles differ from one
-    another.
+    (changes of compliance with force) and under other assumptions about the random differences
+    between circles.
 
     Parameters
     ----------
@@ -649,7 +651,7 @@ def _plan_comparison(
         pair.values(), sensitivity.discrepancy_assumptions(pair.values())
     )
     # The first entry of ``by_assumption`` holds the two models as they are, with the assumption
-    # about how circles differ that they already make.
+    # about the random differences between circles that they already make.
     unchanged_label = next(iter(by_assumption))
     unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)
@@ -700,8 +702,9 @@ def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
     """Return the number of evidences that `compare` computes in its own process.
 
     ``plan`` states which results are computed, and ``models`` is the number of models that the
-    caller gave. Each test of ``campaign`` may be left out once. Evidences under other assumptions
-    about how circles differ are not included, because another process may compute them.
+    caller gave. If tests are to be left out, there is one more evidence for each model and each
+    test of ``campaign``. Evidences under other assumptions about the random differences between
+    circles are not included, because another process may compute them.
     """
     steps = models
     if plan.leaves_tests_out:
@@ -738,7 +741,7 @@ def _begin_assumptions(
 ) -> Callable[[], tuple[tuple[Assumed, ...], list[Evidence]]]:
     """Begin to compute evidences of the first two models under other assumptions.
 
-    The assumptions are about how circles differ from one another; ``plan`` lists them. Return a
+    The assumptions are about the random differences between circles; ``plan`` lists them. Return a
     function that waits for the log Bayes factors and evidences, and returns them.
     ``nodes_by_model`` holds the evidences under the assumption in the models. ``executor`` runs the
     computation in parallel; if it is None, this process runs it.
@@ -766,9 +769,10 @@ def _weigh_assumptions(
     """Return the log Bayes factor of two models under each assumption, and the precise evidences.
 
     ``names`` are the names of the two models; ``assumptions`` holds both models under each
-    assumption about how circles differ. Rough evidences are computed first. If both rough log
-    evidences are below ``rejected_below`` [nat], the log Bayes factor is computed from them.
-    Otherwise, precise evidences are computed, used for the log Bayes factor, and returned.
+    assumption about the random differences between circles. Rough evidences are computed first. If
+    both rough log evidences are below ``rejected_below`` [nat], the log Bayes factor is computed
+    from them. Otherwise, precise evidences are computed, used for the log Bayes factor, and
+    returned.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
     return sensitivity.under(names, assumptions, weigh), evidences.every

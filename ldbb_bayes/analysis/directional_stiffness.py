@@ -607,8 +607,8 @@ def _share_within(deviation: Array, expanded: float) -> float:
 def _direction(angle_rad: Array, prob: float) -> AxialDirection:
     """Return the mean of a direction and its uncertainty, from posterior draws of its angle.
 
-    ``angle_rad``, shape (draws,), are the angles [rad]; opposite directions are the same. ``prob``
-    is the probability of the credible interval.
+    ``angle_rad``, shape (draws,), are the angles [rad]; opposite directions are equivalent.
+    ``prob`` is the probability of the credible interval.
     """
     resultant = np.exp(2j * angle_rad).mean()
     mean_deg = float(np.degrees(0.5 * np.angle(resultant))) % 180.0

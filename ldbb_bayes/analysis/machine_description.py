@@ -31,15 +31,16 @@ __all__ = ["DescribedMachine", "VisibleParameter", "describe_machine"]
 _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
 # Angles at which the parameters' effects on the readings are sampled [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
-# Number of factors cos θ and sin θ in the products of the formula for a compliance's effect on the
-# reading. The formula is a sum of products of cos θ, sin θ and the radius, where θ is the angle of
-# the circle. The number applies to products without the radius. The two factors come from the
-# force, which acts along the bar, and from the deflection, which is measured along the bar.
+# The formula for a compliance's effect on the reading is a sum of terms. Each term is a product of
+# cos θ, sin θ and the radius, where θ is the angle of the circle; a factor may occur several times.
+# In the terms without the radius, cos θ and sin θ together occur this number of times. One factor
+# comes from the force, which acts along the bar, and one from the deflection, which is measured
+# along the bar.
 _COMPLIANCE_DEGREE = 2
-# Number of factors cos θ and sin θ in the products of the formula for a geometric error's effect on
-# the reading. The formula is a sum of products of cos θ, sin θ and the radius, where θ is the angle
-# of the circle. The number applies to products without the radius. There is one factor, because the
-# readings show only the component of the error along the bar.
+# The formula for a geometric error's effect on the reading is a sum of terms. Each term is a
+# product of cos θ, sin θ and the radius, where θ is the angle of the circle; a factor may occur
+# several times. In the terms without the radius, cos θ or sin θ occurs once, because the readings
+# show only the component of the error along the bar.
 _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
 # are empty.

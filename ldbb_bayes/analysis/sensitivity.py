@@ -15,7 +15,7 @@ from ldbb_bayes.results import Finite
 __all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptions", "under"]
 
 # Function that takes a model and returns a copy of the model with another assumption, for example
-# about how circles differ from one another.
+# about the random differences between circles.
 Change = Callable[[HybridModel], HybridModel]
 # Label of the comparison in which all nuisance terms of the models are left out, so that the
 # readings scatter by white noise only, and compliances may be negative.
@@ -25,7 +25,7 @@ _UNCHANGED = "as in the model"
 
 
 class _Alternative(NamedTuple):
-    """Assumption about how circles differ, expressed as a change of one model term."""
+    """Assumption about random differences between circles, as a change of one model term."""
 
     label: str
     kind: type[Term]  #: class of the model term that is replaced or left out
@@ -68,7 +68,7 @@ class Assumed:
 
 
 def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
-    """Return assumptions about how circles may differ from one another; the keys are labels.
+    """Return assumptions about the random differences between circles; the keys are labels.
 
     Each assumption is a function that takes a model and returns a changed copy. The first function
     leaves the model unchanged. The last function leaves out all nuisance terms, so that only white

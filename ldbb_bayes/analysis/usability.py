@@ -119,13 +119,13 @@ def state_of(
 ) -> Judgement:
     """Return whether the values on a certificate can be used, with reasons against their use.
 
-    The values cannot be used if the sampler missed its target, the readings do not fit the model,
-    or the readings contradict the condition that compliances are not negative. Otherwise, they
-    can be used only with caution (``Use.WITH_RESERVATION``) in each of the following cases:
+    The values cannot be used if the sampler did not converge, the readings do not fit the model, or
+    the readings contradict the condition that compliances are not negative. Otherwise, they can be
+    used only with caution (``Use.WITH_RESERVATION``) in each of the following cases:
 
     - the readings hardly determine a parameter on the certificate;
     - a parameter on the certificate depends on the prior;
-    - the noise, or the scale of another effect, is larger than its prior expects;
+    - the noise, or the scale of another effect, is larger than its prior suggests;
     - the tests have too few different forces for the degree of the model;
     - the evidences of the compared models are not precise enough;
     - the result of the comparison depends on assumptions.

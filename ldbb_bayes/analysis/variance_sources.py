@@ -48,11 +48,10 @@ MODEL_CHOICE = "ModelChoice"
 class VarianceSource(Result):
     """A source of the uncertainty of one parameter, with its share of the parameter's variance.
 
-    If the source is a model term or the reading noise, ``name`` is the class name of the term, such
-    as ``Mount``, or ``ReadingNoise``. If the source is a prior, ``name`` is ``Parameters`` for the
-    prior of the parameter itself, and the name of the other parameter for the prior of another
-    parameter. In an average over several models, the differences between the results of the models
-    are a source, too, with the name ``ModelChoice``.
+    The field ``name`` is the class name of a model term, such as ``Mount``, or ``ReadingNoise`` for
+    the reading noise. For the prior of the parameter itself, it is ``Parameters``; for the prior of
+    another parameter, it is the name of that parameter. In an average over several models, the
+    differences between the results of the models are a source, too, with the name ``ModelChoice``.
     """
 
     name: str
@@ -86,10 +85,9 @@ class ModelVariance:
     #: by its prior sd, shape (q, m); zero for a quantity that the model does not have
     weights: Array
     mean: Array  #: means of the quantities under this model, shape (q,)
-    #: standard deviations of the quantities under this model, as the results state them, shape
-    #: (q,). They come from posterior draws, in which no compliance is negative, or are averaged
-    #: over the hyper-parameters. They may therefore differ from the square roots of
-    #: ``gaussian_variance``.
+    #: standard deviations of the quantities that the results state under this model, shape (q,).
+    #: They come from posterior draws, in which no compliance is negative, or are averaged over the
+    #: hyper-parameters. They may therefore differ from the square roots of ``gaussian_variance``.
     sd: Array
 
     @cached_property
@@ -164,7 +162,7 @@ class ModelVariance:
         return np.einsum("qi,ij,qj->q", self.weights, covariance, self.weights)
 
     def _scaled(self, variance: Array) -> Array:
-        """Return variances of the linear model, converted to variances as the results state them.
+        """Return variances of the linear model, rescaled to match the variances that results state.
 
         Each variance is multiplied by ``sd``² and divided by the quantity's `gaussian_variance`.
         The result, shape (q,), is at most ``sd``².

@@ -633,7 +633,7 @@ def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVar
 
 
 def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
-    """Return for each confounded parameter the effects with which it is confounded.
+    """Return, for each confounded parameter, the effects with which it is confounded.
 
     A parameter is confounded if effects whose standard uncertainty is assumed cause most of its
     variance. Parameters that are not confounded are left out. The effects are the same as in

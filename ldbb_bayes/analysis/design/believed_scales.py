@@ -209,8 +209,8 @@ def _information_at(
 class _Effects(NamedTuple):
     """All effects on the reduced readings of planned tests, and the variances of these effects.
 
-    The readings of a test are reduced to a few values that contain all effects. There is one
-    variance of each effect for each of w sets of hyper-parameters.
+    The readings of a test are reduced to a few values that contain all effects. Each effect has w
+    variances, one for each of w sets of hyper-parameters.
     """
 
     columns: Array  # changes of the N reduced readings per unit of each of C effects, shape (N, C)

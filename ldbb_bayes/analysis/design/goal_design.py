@@ -1,10 +1,10 @@
 """Cheapest campaign that reaches every goal: circles to run and certificates to buy.
 
 A goal is the largest expanded uncertainty U (k = 2) that a parameter may have. The pilot is the
-campaign or plan that a design starts from. Possible machines are those that are likely given the
-pilot's readings or, if there are none, under the prior. The user states a share of these machines,
-such as 90 %. A campaign reaches its goals if all goals would be met on at least this share of the
-possible machines.
+campaign or plan that a design starts from. Possible machines are random draws of a machine's
+parameters and hyper-parameters from the posterior given the pilot's readings or, if there are none,
+from the prior. The user states a share of these machines, such as 90 %. A campaign reaches its
+goals if all goals would be met on at least this share of the possible machines.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ class GoalForecast(Result):
     #: median, over the possible machines, of the expanded uncertainty (k = 2) that the analysis of
     #: the campaign will state
     U: float
-    #: expanded uncertainty (k = 2) that the analysis of the campaign will not exceed on nine in ten
-    #: possible machines
+    #: value that is not exceeded, on nine in ten possible machines, by the expanded uncertainty (k
+    #: = 2) that the analysis of the campaign will state
     likely_U: float
     probability: float  #: share of the possible machines on which the goal is met
 

@@ -59,8 +59,8 @@ class NearMiss(Result):
     """
 
     circles: int  #: number of circles of the largest campaign
-    #: expanded uncertainty (k = 2) that the analysis of the largest campaign does not exceed on
-    #: nine in ten possible machines, in the parameter's unit
+    #: value that is not exceeded, on nine in ten possible machines, by the expanded uncertainty (k
+    #: = 2) that the analysis of the largest campaign states, in the parameter's unit
     likely_U: float
     #: share of the possible machines on which the largest campaign meets the goal
     probability: float
@@ -84,9 +84,7 @@ def near_miss_of(
     name
         Name of the goal's parameter.
     circles, likely_U, probability
-        Attributes of the `NearMiss` that is returned: number of circles of the campaign; expanded
-        uncertainty that the analysis does not exceed on nine in ten possible machines, in the
-        parameter's unit; and share of the possible machines on which the goal is met.
+        Attributes of the `NearMiss` that is returned.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))[name]
     certificate = ""
