@@ -16,8 +16,8 @@ __all__ = ["LARGEST_TABLE_BYTES", "bytes_of", "refuse_unwritable", "write_whole"
 
 # Largest size of a file with readings [bytes], enough for a million lines of sixty characters.
 LARGEST_TABLE_BYTES = 64 * 2**20
-# Error numbers of the operating system which mean that the disk is full, or that a user's quota or
-# the limit of the file size is reached.
+# Numbers of operating-system errors that mean: the disk is full, the user's quota is used up, or
+# the file is too large for the system.
 _OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -76,8 +76,8 @@ def _require_ordinary_file(path: Path, expected: str) -> None:
 def refuse_unwritable(target: Path) -> Iterator[None]:
     """Raise an `InputError` if the ``with`` block fails to write the file or folder ``target``.
 
-    The `InputError` replaces the ``OSError`` that the ``with`` block raises; its message names the
-    target.
+    The `InputError`, whose message names ``target``, replaces the ``OSError`` that the ``with``
+    block raises.
     """
     try:
         yield
@@ -91,10 +91,10 @@ def refuse_unwritable(target: Path) -> Iterator[None]:
 
 
 def write_whole(target: Path, content: bytes) -> None:
-    """Write the file ``target`` completely; if the writing fails, an existing file stays unchanged.
+    """Write ``content`` to the file ``target``, completely or not at all.
 
-    If two runs of the program write the same file at the same time, the file is entirely that of
-    the later run.
+    If writing fails, an existing file stays unchanged. If two runs of the program write the same
+    file at the same time, the file holds the complete content from the run that finishes last.
     """
     staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
     with refuse_unwritable(target):

@@ -10,9 +10,10 @@ from ldbb_bayes.errors import nearest
 
 __all__ = ["advice_on_path"]
 
-# Smallest ratio at which two names count as similar (`difflib.SequenceMatcher.ratio`).
+# Two names count as similar if their ratio (`difflib.SequenceMatcher.ratio`) is at least this
+# value.
 _SIMILAR = 0.6
-# Largest number of names in a folder that are compared with a path.
+# Largest number of names in a folder with which a misspelt name is compared.
 _MOST_NAMES = 2000
 
 
@@ -20,8 +21,8 @@ def advice_on_path(path: Path) -> str:
     """Return advice for the error message about a path that does not exist.
 
     If a folder of the path does not exist, the advice names the first such folder. If all folders
-    exist, the advice names the most similar path in the same folder. If no name is similar, the
-    user is only asked to check the path.
+    exist, the advice names the file or folder with the most similar name in the last folder. If no
+    name is similar, the advice only asks the user to check the path.
 
     Parameters
     ----------

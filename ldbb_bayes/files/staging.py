@@ -1,4 +1,4 @@
-"""Writing of folders, which are written completely or not at all."""
+"""Writing of a folder with results, completely or not at all."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ __all__ = ["check_target", "staged_folder"]
 def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> None:
     """Raise an `InputError` if a folder for results must not be replaced or cannot be written.
 
-    The function is called before a long computation, so that the results can be written afterwards.
-    It creates the folders above the target if they do not exist.
+    Call this function before a long computation, to make sure that its results can be written. The
+    folders that contain the target are created if they do not exist.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
     """Provide a temporary folder that replaces ``target`` when the ``with`` block succeeds.
 
     The old folder remains until the new folder is complete. If writing fails, the old folder stays
-    unchanged. If two runs of the program write the same folder, its content is entirely that of the
-    later run. If ``target`` is a link, the folder to which it points is replaced.
+    unchanged. If two runs of the program write the same folder, it holds the complete content from
+    the run that finishes last. If ``target`` is a link, the folder to which it points is replaced.
 
     Parameters
     ----------
@@ -130,12 +130,12 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
 
 
 def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
-    """Rename the folder ``staging`` to ``target``, and delete an old folder of this name.
+    """Rename the folder ``staging`` to ``target``, and delete an existing folder ``target``.
 
     If ``target`` is an existing folder and ``force`` is false, an `InputError` is raised. If
-    ``force`` is true, the old folder is renamed first. If another run of the program writes the
-    same target meanwhile, both renamings are repeated. If the renaming of ``staging`` fails for any
-    other reason, the old folder gets its name back.
+    ``force`` is true, the old folder is renamed first. If another run of the program creates a
+    folder ``target`` between the two renamings, both are repeated. If ``staging`` cannot be renamed
+    for any other reason, the old folder gets its name back.
     """
     retired = staging.with_name(f"{staging.name}-old")
     while True:

@@ -20,8 +20,8 @@ _LONGEST_LINE = 20_000
 # to read a key grows with the square of its number of parts; valid files need at most three parts.
 _DEEP_KEY = re.compile(r"(?:[\w-]{1,200}[ \t]{0,9}\.[ \t]{0,9}){8}")
 # Pattern of strings and comments. A string between triple quotes may end with two more quotes. A
-# string without closing quotes is assumed to end with its line or with the text. No part of the
-# text is then searched twice. A text with an unclosed string is refused later.
+# string without closing quotes is assumed to end at the end of its line, or of the text; such a
+# text is refused later. Because of this assumption, no part of the text is searched twice.
 _STRING_OR_COMMENT = re.compile(
     r'''
     """(?:[^\\]|\\(?:.|\Z))*?(?:"{3,5}|\Z)  # string between triple quotation marks
@@ -77,10 +77,10 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
 
 
 def _placeholder(string_or_comment: re.Match[str]) -> str:
-    """Return the text that replaces a string or comment before keys are searched in a TOML text.
+    """Return the replacement for a string or comment, for the search for keys in a TOML text.
 
-    A comment is removed. A string, which may be a part of a key, is replaced with an underscore,
-    followed by as many line breaks as the string contains.
+    The replacement for a comment is empty. A string may be part of a key; its replacement is an
+    underscore, followed by as many line breaks as the string contains.
     """
     text = string_or_comment[0]
     if text.startswith("#"):

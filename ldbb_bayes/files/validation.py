@@ -30,7 +30,7 @@ def _adapter(model: type[Any]) -> TypeAdapter[Any]:
 
 
 def validated(model: type[T], content: dict[str, Any], place: str) -> T:
-    """Return the content of a file as an object of a class that describes valid content.
+    """Check the content of a file, and return it as an object of the class ``model``.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class _Location(NamedTuple):
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
-    """Return the place of an error in a file, from the location that pydantic reports.
+    """Convert the location of an error that pydantic reports to a place in the file.
 
     Parameters
     ----------
@@ -115,9 +115,9 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
 
 
 def _nested_model(owner: Any, key: int | str) -> Any:
-    """Return the class that describes the value of a key in a file, if the value is a table.
+    """Return the class that describes the table under a key of a file.
 
-    ``owner`` is the class that describes the table that contains the key ``key``. If the value of
+    ``owner`` is the class that describes the table in which the key ``key`` occurs. If the value of
     the key is not a table, return ``owner``.
     """
     for name, field in owner.__pydantic_fields__.items():

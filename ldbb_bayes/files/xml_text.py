@@ -31,7 +31,7 @@ def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
     Raises
     ------
     InputError
-        For content that is no XML, has a document type, or is nested too deeply.
+        For content that is not XML, has a document type, or is nested too deeply.
     """
     try:
         _refuse_dangerous(content)
@@ -45,7 +45,7 @@ def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
 def _refuse_dangerous(content: bytes) -> None:
     """Raise an `InputError` for XML with a document type or too deeply nested elements.
 
-    The check is made before the tree of elements is built, because a file of this kind could make
+    This function must be called before the tree of elements is built, because such XML could make
     the tree very large.
     """
     depth = 0

@@ -57,8 +57,8 @@ def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
 
     Parameters
     ----------
-    out : folder of the batch. If it does not exist, it is made; it is removed again if no batch
-        begins in it.
+    out : folder of the batch. A folder that does not exist is made, and is removed again if no
+        batch begins in it.
 
     Raises
     ------

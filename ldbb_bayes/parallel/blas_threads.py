@@ -1,7 +1,7 @@
 """Limit of one thread per process for BLAS, the linear algebra library behind NumPy.
 
-The matrices of this package are small. Several threads would therefore lose more time by waiting
-for each other than they save.
+The matrices of this package are small. With several threads, more time would be lost by waiting
+than gained by sharing the work.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THRE
 
 
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function that does the same as ``function``, with a single thread of BLAS.
+    """Return a function that calls ``function`` with BLAS limited to a single thread.
 
     BLAS is the linear algebra library behind NumPy. One thread is faster for small matrices.
 
@@ -31,9 +31,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     ----------
     function : function that computes with small matrices.
 
-    Returns
-    -------
-    The function that limits BLAS to one thread. After each call, BLAS has as many threads as before
+    Returns ------- The new function. After each of its calls, BLAS has as many threads as before
     the call.
     """
 

@@ -1,9 +1,9 @@
 """Executor that runs jobs in worker processes of Dask, on this computer or on a cluster.
 
 Dask is a library that distributes computations over several computers. Dask's own executor,
-`distributed.Client.get_executor()`, is not used. If the result of a job has arrived and is then
-lost, Dask's executor raises a ValueError. This package would treat the ValueError as an error of
-the job itself, and would not run the job again.
+`distributed.Client.get_executor()`, is not used. If the result of a finished job is lost, Dask's
+executor raises a ValueError. This package would take the ValueError for an error of the job itself,
+and would not run the job again.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 # Longest time for which this program waits for the answer of a Dask scheduler [s].
 ANSWER_S = 10.0
 # Number of threads of this process that wait for results of Dask workers. Each thread waits for one
-# job; Dask therefore has at most this number of jobs at the same time.
+# job, so that Dask has at most this number of jobs at a time.
 _WAITING_THREADS = 64
-# Names of Dask's loggers that are silenced. This package raises errors that state the same faults.
+# Names of Dask's loggers that are silenced, because this package raises errors for the faults that
+# they report.
 _LOGGERS = (
     "distributed",
     "distributed.client",
@@ -57,7 +58,8 @@ _DASK_OPTIONS: dict[str, Any] = {
     # all other jobs.
     "distributed.scheduler.allowed-failures": 0,
     "distributed.comm.timeouts.connect": ANSWER_S,
-    # Workers keep no record of run times, which would grow with every job.
+    # The profiler of the workers is switched off, because its record of run times would grow with
+    # every job.
     "distributed.worker.profile.enabled": False,
     "distributed.worker.preload": [__name__],
     "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
@@ -172,9 +174,9 @@ class _DaskExecutor(Executor):
 def _local_cluster(workers: int) -> Iterator[Any]:
     """Yield a Dask cluster of worker processes on this computer; it ends with the ``with`` block.
 
-    ``workers`` is the number of processes; 0 means one per processor core. If a worker died, the
-    cluster may take a long time to close; this function waits for ten seconds at most. By then, all
-    results have arrived.
+    ``workers`` is the number of processes; 0 means one per processor core. All results have arrived
+    before the cluster is closed. If a worker died, closing may take long; this function waits for
+    ten seconds at most.
     """
     from distributed import LocalCluster  # imported here, because Dask need not be installed
 

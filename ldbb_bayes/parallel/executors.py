@@ -1,4 +1,4 @@
-"""Choice of the executor that runs jobs in other processes, according to the options of a command.
+"""Executors that run jobs in other processes, selected by the options of a command.
 
 Executors have the interface of ``concurrent.futures`` of the standard library.
 """

@@ -23,8 +23,8 @@ __all__ = ["Lost", "done", "start_early"]
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Largest number of jobs per worker process that are submitted and not yet finished. The number is
-# larger than one, because a worker would otherwise wait while this process handles results.
+# Largest number of jobs per worker process that are submitted and not yet finished. More than one
+# job is submitted, so that a worker need not wait while this process handles results.
 _JOBS_PER_WORKER = 4
 # Largest number of jobs that are submitted and not yet finished, for an executor whose number of
 # workers is not known.
@@ -47,7 +47,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class _Attempt(Generic[T]):
-    """First or second attempt to run a job; the second follows if the worker process died."""
+    """Attempt to run a job; it is followed by a second one if the worker process dies."""
 
     index: int  # index of the job, from 0
     job: T  # argument with which the function is called
@@ -59,7 +59,7 @@ def done(
 ) -> Iterator[tuple[int, R | Lost]]:
     """Yield the index (from 0) and the result of every job, in the order in which jobs finish.
 
-    Each job has one thread of BLAS, the linear algebra library behind NumPy. A job whose worker
+    Each job uses one thread of BLAS, the linear algebra library behind NumPy. A job whose worker
     process dies (killed, out of memory) is repeated alone after all other jobs; if the worker
     process dies again, the result of the job is `Lost`. With an executor of threads, jobs run one
     at a time; an executor of processes is faster, but the function must then be importable, and
@@ -127,7 +127,7 @@ def done(
 
 
 def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[], R]:
-    """Begin a call in another process, and return a function that waits for the call's result.
+    """Start a call in another process, and return a function that waits for the result of the call.
 
     Parameters
     ----------

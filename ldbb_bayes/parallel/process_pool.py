@@ -1,8 +1,8 @@
 """Executor of worker processes on this computer, each of which has a separate communication pipe.
 
-If a worker dies, even while it sends a result, no other job fails and the executor does not hang.
-The pools of the standard library and of loky (3.7, which joblib uses) have one pipe for the results
-of all workers, and therefore three faults. If a worker dies, the whole pool breaks, and all running
+If a worker dies, even while it sends a result, no other job fails, and the executor continues. The
+pools of the standard library and of loky (3.7, which joblib uses) have one pipe for the results of
+all workers, and therefore three faults. If a worker dies, the whole pool breaks, and all running
 jobs fail. If a worker is killed while it sends a result, the pool waits for ever. If the process
 that started the workers is killed, the workers keep running.
 """
@@ -43,7 +43,7 @@ _UNGUARDED_SCRIPT = (
 
 
 class WorkerDiedError(RuntimeError):
-    """Error for a job whose worker process ended; other jobs are not affected."""
+    """Error for a job whose worker process died; other jobs are not affected."""
 
 
 @contextmanager
@@ -232,7 +232,7 @@ def _send(connection: Connection, answer: _Answer) -> None:
 
 
 def _not_picklable(answer: _Answer, error: Exception) -> TypeError:
-    """Return the error for an outcome of a job (result or exception) that cannot be pickled.
+    """Return the error to send if the result or the exception of a job cannot be pickled.
 
     If the outcome is an exception, its notes, which state where the exception was raised, are
     copied to the error. ``error`` is the exception that pickling raised.
