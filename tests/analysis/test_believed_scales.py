@@ -8,7 +8,7 @@ from scipy.special import ndtr
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.believed_scales import believed_scales, fisher_information
-from tests.campaigns import plan
+from tests.campaigns import oracle_of, plan, simulated
 
 FIRST = lb.HybridModel.first(1)
 
@@ -17,6 +17,29 @@ def test_levels_are_the_inverse_of_quantiles(rng: np.random.Generator) -> None:
     prior = lb.HybridModel.default(1).bind(plan((60,) * 4)).hyper_prior
     levels = rng.uniform(0.01, 0.99, (20, len(prior.names)))
     np.testing.assert_allclose(prior.level(prior.quantile(levels)), levels, atol=1e-9)
+
+
+def test_information_is_that_of_the_dense_covariance() -> None:
+    """I_ij = ½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV) of all readings, with the covariance V of the oracle."""
+    campaign = simulated(plan((30,) * 4))
+    bound = FIRST.bind(campaign)
+    oracle = oracle_of(campaign, 1)
+    prior_sd = oracle.J * oracle.sd
+    scores = np.array([-1.0, -0.3, -0.5, 0.2])
+    step = 0.1
+
+    def covariance(normal_scores: np.ndarray) -> np.ndarray:
+        phi = bound.hyper_prior.quantile(ndtr(normal_scores[None]))[0]
+        return oracle.covariance(phi) + prior_sd @ prior_sd.T
+
+    precision = np.linalg.inv(covariance(scores))
+    products = []
+    for axis in step * np.eye(4):
+        slope = (covariance(scores + axis) - covariance(scores - axis)) / (2.0 * step)
+        products.append(precision @ slope)
+    dense = 0.5 * np.einsum("iab,jba->ij", products, products)
+    information = fisher_information(bound, scores[None])[0]
+    np.testing.assert_allclose(information, dense, rtol=1e-6)
 
 
 @pytest.mark.slow

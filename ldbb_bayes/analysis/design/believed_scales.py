@@ -16,6 +16,7 @@ of an efficient estimate.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ import scipy.linalg
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.terms.columns import BasisNoise
+from ldbb_bayes.model.terms.columns import BasisNoise, Columns
 from ldbb_bayes.results import Array
 
 __all__ = ["believed_scales", "fisher_information"]
@@ -161,7 +162,7 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
         slopes = (variances[k, 1 : size + 1] - variances[k, size + 1 :]) / (2.0 * _STEP)
         noise_slope = (noise[k, 1 : size + 1] - noise[k, size + 1 :]) / (2.0 * _STEP)
         information[k] = _information_at(
-            effects.columns, variances[k, 0], noise[k, 0], slopes, noise_slope
+            effects.blocks, variances[k, 0], noise[k, 0], slopes, noise_slope
         )
         # The readings of a test were reduced to a few values that contain all effects. The other
         # ``spare`` degrees of freedom of the readings contain white noise alone. Add the
@@ -170,8 +171,20 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
     return information
 
 
+class _Block(NamedTuple):
+    """Effects on the reduced readings of some tests: of all tests, or of one test alone.
+
+    Among N reduced readings of all tests and C effects, a block holds the changes of n readings per
+    unit of each of c effects. No other readings are changed by these effects.
+    """
+
+    readings: slice  # which of the N readings the effects change
+    effects: slice  # which of the C effects are in this block
+    columns: Array  # changes of the readings per unit of each effect, shape (n, c)
+
+
 def _information_at(
-    columns: Array, variances: Array, noise: float, slopes: Array, noise_slope: Array
+    blocks: list[_Block], variances: Array, noise: float, slopes: Array, noise_slope: Array
 ) -> Array:
     """Return the Fisher information of N reduced readings about h normal scores, shape (h, h).
 
@@ -181,8 +194,9 @@ def _information_at(
 
     Parameters
     ----------
-    columns
-        Changes of the reduced readings per unit of each of C effects, shape (N, C).
+    blocks
+        Changes of the reduced readings per unit of each of C effects: first the effects on all
+        tests, then those on each test alone.
     variances
         Variance of every effect, shape (C,).
     noise
@@ -193,17 +207,42 @@ def _information_at(
     noise_slope
         Derivatives of ``noise`` with respect to the normal scores of the h scales, shape (h,).
     """
-    covariance = (columns * variances) @ columns.T
-    covariance[np.diag_indices_from(covariance)] += noise
-    factor = scipy.linalg.cho_factor(covariance, lower=True)
-    precision = scipy.linalg.cho_solve(factor, np.eye(len(covariance)))
-    changing = np.flatnonzero(slopes.any(axis=0))
-    weighted = precision @ columns[:, changing]
-    overlap = (columns[:, changing].T @ weighted) ** 2
-    between = slopes[:, changing] @ overlap @ slopes[:, changing].T
-    with_noise = np.outer(slopes[:, changing] @ (weighted**2).sum(axis=0), noise_slope)
+    precision = _precision(blocks, variances, noise)
+    is_changing: Array = np.asarray(slopes.any(axis=0))
+    changing = []
+    for block in blocks:
+        columns = block.columns[:, is_changing[block.effects]]
+        changing.append(block._replace(columns=columns))
+    of_blocks = [precision[:, block.readings] @ block.columns for block in changing]
+    weighted = np.concatenate(of_blocks, axis=1)
+    overlaps = [block.columns.T @ weighted[block.readings] for block in changing]
+    overlap = np.concatenate(overlaps) ** 2
+    between = slopes[:, is_changing] @ overlap @ slopes[:, is_changing].T
+    with_noise = np.outer(slopes[:, is_changing] @ (weighted**2).sum(axis=0), noise_slope)
     of_noise = (precision**2).sum() * np.outer(noise_slope, noise_slope)
     return np.asarray(0.5 * (between + with_noise + with_noise.T + of_noise))
+
+
+def _precision(blocks: list[_Block], variances: Array, noise: float) -> Array:
+    """Return the inverse of the covariance V of N reduced readings, shape (N, N).
+
+    V = B + X Xᵀ, where B is the covariance by white noise and by effects on one test alone, with a
+    block for each test, and X are the changes by one sd of each effect on all tests. By the
+    identity of Woodbury, V⁻¹ = B⁻¹ - B⁻¹ X (1 + Xᵀ B⁻¹ X)⁻¹ Xᵀ B⁻¹.
+    """
+    on_all_tests, *on_one_test = blocks
+    shared = on_all_tests.columns * np.sqrt(variances[on_all_tests.effects])
+    inverse = np.zeros((len(shared), len(shared)))
+    weighted = np.empty_like(shared)
+    for block in on_one_test:
+        covariance = (block.columns * variances[block.effects]) @ block.columns.T
+        covariance[np.diag_indices_from(covariance)] += noise
+        of_test = np.linalg.inv(covariance)
+        inverse[block.readings, block.readings] = of_test
+        weighted[block.readings] = of_test @ shared[block.readings]
+    root = np.linalg.cholesky(np.eye(shared.shape[1]) + shared.T @ weighted)
+    update = scipy.linalg.solve_triangular(root, weighted.T, lower=True)
+    return np.asarray(inverse - update.T @ update)
 
 
 class _Effects(NamedTuple):
@@ -213,7 +252,7 @@ class _Effects(NamedTuple):
     variances, one for each of w sets of hyper-parameters.
     """
 
-    columns: Array  # changes of the N reduced readings per unit of each of C effects, shape (N, C)
+    blocks: list[_Block]  # effects on all tests, and on each test alone; C effects in all
     variances: Array  # variances of the effects, shape (w, C)
     noise_variance: Array  # variance of the white noise, shape (w,)
 
@@ -225,27 +264,63 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
     are computed for each set.
     """
     values = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
+    of_block = [_on_all_tests(bound, values)]
+    for r in range(len(bound.reduced)):
+        of_block.append(_on_one_test(bound, values, r))
+    first = of_block[0].columns
+    blocks = [_Block(slice(0, len(first)), slice(0, first.shape[1]), first)]
+    readings = 0
+    effects = first.shape[1]
+    for block in of_block[1:]:
+        n, c = block.columns.shape
+        blocks.append(
+            _Block(slice(readings, readings + n), slice(effects, effects + c), block.columns)
+        )
+        readings += n
+        effects += c
+    variances = np.concatenate([block.variances for block in of_block], axis=1)
+    return _Effects(blocks, variances, values["sigma"] ** 2)
+
+
+class _Scaled(NamedTuple):
+    """Changes of n readings per unit of each of c effects, and the variances of these effects."""
+
+    columns: Array  # shape (n, c)
+    variances: Array  # for each of w sets of hyper-parameters, shape (w, c)
+
+
+def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _Scaled:
+    """Return the effects on the readings of all tests, those of interest among them."""
     factors = [test.factor for test in bound.reduced]
-    ends = np.cumsum([len(factor) for factor in factors])
     interest = [factor @ bound.interest[r] for r, factor in enumerate(factors)]
     columns = [np.concatenate(interest)]
-    variances = [np.broadcast_to(bound.scale**2, (len(phi), len(bound.scale)))]
+    sds = [bound.scale]
     for effect in bound.nuisance_columns:
-        if isinstance(effect, BasisNoise) or effect.private:
-            for r, factor in enumerate(factors):
-                of_test = factor if isinstance(effect, BasisNoise) else factor @ effect.values[r]
-                placed = np.zeros((ends[-1], of_test.shape[1]))
-                placed[ends[r] - len(factor) : ends[r]] = of_test
-                columns.append(placed)
-                sd = effect.sd_at(values, r)
-                variances.append(np.broadcast_to(sd**2, (len(phi), of_test.shape[1])))
-        elif effect.names:
+        if isinstance(effect, Columns) and effect.names and not effect.private:
             of_tests = [factor @ effect.values[r] for r, factor in enumerate(factors)]
             columns.append(np.concatenate(of_tests))
-            sd = effect.sd_at(values)
-            variances.append(np.broadcast_to(sd**2, (len(phi), len(effect.names))))
-    return _Effects(
-        np.concatenate(columns, axis=1),
-        np.concatenate(variances, axis=1),
-        values["sigma"] ** 2,
-    )
+            sds.append(effect.sd_at(values))
+    return _scaled(columns, sds, len(values["sigma"]))
+
+
+def _on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _Scaled:
+    """Return the effects on the readings of test ``r`` alone."""
+    factor = bound.reduced[r].factor
+    columns = [np.empty((len(factor), 0))]
+    sds = [np.empty(0)]
+    for effect in bound.nuisance_columns:
+        if isinstance(effect, BasisNoise):
+            columns.append(factor)
+            sds.append(effect.sd_at(values, r))
+        elif effect.private:
+            columns.append(factor @ effect.values[r])
+            sds.append(effect.sd_at(values, r))
+    return _scaled(columns, sds, len(values["sigma"]))
+
+
+def _scaled(columns: list[Array], sds: list[Array], sets: int) -> _Scaled:
+    """Return all columns side by side, with variances for each of ``sets`` sets of scales."""
+    variances = []
+    for column, sd in zip(columns, sds, strict=True):
+        variances.append(np.broadcast_to(sd**2, (sets, column.shape[1])))
+    return _Scaled(np.concatenate(columns, axis=1), np.concatenate(variances, axis=1))
