@@ -58,7 +58,7 @@ class Size:
 
 
 FULL = Size(100, 1000, 20, 1000, (1000, 5000))
-QUICK = Size(4, 8, 2, 60, (20,))
+QUICK = Size(2, 6, 2, 60, (20,))
 
 
 def plant(folder: Path, size: Size) -> list[str]:
