@@ -122,12 +122,12 @@ def compliance_jacobian(
 
 
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """Return the reading per unit of each geometric error, at n angles (Eq. 16-18 of the paper).
+    """Return the change of the reading per unit of each geometric error (Eq. 16-18 of the paper).
 
-    The result has the shape (n, number of geometric errors) [mm per unit of the error], with one
-    column for each name that `geometric_names` returns. ``circle`` is the nominal circle of the
-    test on ``machine``. ``angle_rad``, shape (n,), holds the angles of the bar, measured from the
-    first axis of the plane [rad].
+    The result has the shape (n, number of geometric errors) [mm per unit of the error] for n
+    angles, with one column for each name that `geometric_names` returns. ``circle`` is the nominal
+    circle of the test on ``machine``. ``angle_rad``, shape (n,), holds the angles of the bar,
+    measured from the first axis of the plane [rad].
     """
     columns = [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)]
     return np.stack(columns, axis=1)

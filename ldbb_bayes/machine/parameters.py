@@ -190,8 +190,8 @@ def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
     """Return the names of the machine's geometric errors in the order of the paper.
 
     The errors of each tested plane are scale errors (gains), quadratic straightness deviations and
-    the squareness error. An error that belongs to two planes is named once. The tool offsets come
-    last, one along each linear axis that moves in a tested plane.
+    the squareness error. An error that belongs to two planes is listed only once. The tool offsets
+    come last, one along each linear axis that moves in a tested plane.
     """
     names: list[GeometricName] = []
     for plane in machine.planes:

@@ -944,9 +944,9 @@ class BoundModel(Shown):
     def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
         """Dict with the columns of every nuisance term; its keys are the classes of the terms.
 
-        Nuisance terms are effects that are modelled but not of interest. A column is the reading
-        per unit of one coefficient. If a term has no effect on the tests of this campaign, its
-        value is an empty tuple.
+        Nuisance terms are effects that are modelled but not of interest. A column holds the change
+        of the reading per unit of one coefficient. If a term has no effect on the tests of this
+        campaign, its value is an empty tuple.
         """
         return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
 

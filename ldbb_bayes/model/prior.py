@@ -263,11 +263,11 @@ class Prior(Shown):
     decay: float = 2.0
     #: prior sd of the decay p (see ``decay``) before truncation to [0.5, 3.5]
     decay_sd: float = 0.7
-    #: whether the prior sd of a slope (change of a compliance with force) is proportional to the
-    #: estimate of its compliance. If true, the prior sd is proportional to max(√(Ĉ² + u²),
-    #: sd(C)/20), where Ĉ is the estimate of the compliance, u the standard uncertainty of the
-    #: estimate, and sd(C) the prior sd of the compliance. If false, it is proportional to sd(C), as
-    #: in the model's first edition (preset ``first``). The factor is ``slope_scale``.
+    #: whether the prior sd of a slope (change of a compliance with force) depends on the estimate
+    #: of its compliance. If true, the typical magnitude c in the formula of ``slope_scale`` is
+    #: max(√(Ĉ² + u²), sd(C)/20), where Ĉ is the estimate of the compliance, u the standard
+    #: uncertainty of the estimate, and sd(C) the prior sd of the compliance. If false, c is sd(C),
+    #: as in the model's first edition (preset ``first``).
     slopes_of_estimate: bool = True
     #: whether the prior is truncated so that compliances that are deflections in the direction of
     #: the load itself (such as C_XXX, C_YYY and C_CCY) are not negative at the tested forces

@@ -40,8 +40,8 @@ __all__ = ["ReferencePosterior", "fixed_point"]
 # estimate. In each step, the model is linearised about the estimate of the previous step.
 _STEPS = 3
 # A flat prior of a nuisance coefficient is replaced by a wide Gaussian prior. The prior sd is this
-# number times the uncertainty of the coefficient from the readings alone, with all other
-# coefficients known.
+# number times the uncertainty that the coefficient would have, from the readings alone, if all
+# other coefficients were known.
 _FLAT_SDS = 1e6
 
 

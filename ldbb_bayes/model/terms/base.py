@@ -295,7 +295,7 @@ class Term(Shown):
 
     @classmethod
     def key(cls) -> str:
-        """Return the term's name as the command line writes it, such as ball-form for BallForm."""
+        """Return the term's name on the command line, such as ball-form for BallForm."""
         return _BETWEEN_WORDS.sub("-", cls.__name__).lower()
 
     @staticmethod

@@ -111,8 +111,9 @@ class Source(NamedTuple):
 class Columns(Shown):
     """Columns of one term's p coefficients, with the Gaussian prior of the coefficients.
 
-    A column is the reading per unit of a coefficient, as a function of the angle θ on the circle.
-    Each column is stored as Fourier coefficients of 1, cos θ, sin θ, cos 2θ, sin 2θ, … to the order
+    A column is the change of the reading per unit of a coefficient, as a function of the angle θ on
+    the circle. Each column is stored as Fourier coefficients of 1, cos θ, sin θ, cos 2θ, sin 2θ, …
+    to the order
     12. The prior sd of coefficient j is ``sd``_j · s · λ · (``orders``_j/6)^(−d), with the
     hyper-parameters s (scale of the effect), λ (noise factor of each test's circle) and d. The
     fields ``hyper``, ``circle`` and ``decay`` name these hyper-parameters; a factor is left out if
