@@ -186,8 +186,8 @@ def renamed(
     refused_from
         First version of the program that refuses the old name.
     stacklevel
-        Level of the call that the warning shows: 1 is the call of `warnings.warn` in this function,
-        2 is the call of this function, and 3 is the call of the function that calls this function.
+        Line of code that the warning shows, as in `warnings.warn`. With 2, it is the line that
+        calls this function; with 3, it is the line that calls the caller of this function.
 
     Returns
     -------

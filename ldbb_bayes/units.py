@@ -151,7 +151,7 @@ def display_unit(unit: str) -> tuple[float, str]:
 
 
 def to_inside(text: str, unit: str, subject: str = "value") -> float:
-    """Return a quantity that a text states with any unit, as a number in an internal unit.
+    """Convert a quantity that a text states with a unit to a number in an internal unit.
 
     For the text "0.5 nm/N" and the internal unit mm/N, the result is 5e-7. Any unit of the same
     kind as the internal unit may be used: nm/N, µm/kN or um/kN for a compliance; nm/N per kN or
@@ -301,7 +301,7 @@ def is_slope(name: str) -> bool:
 
 
 def without_slopes(names: Iterable[str]) -> list[str]:
-    """Return ``names`` without the names of slopes, or all ``names`` if all are names of slopes.
+    """Return ``names`` without the names of slopes; if no name would be left, return all ``names``.
 
     Slopes are coefficients of the change of a compliance with force (`is_slope`).
     """

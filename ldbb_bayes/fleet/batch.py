@@ -125,10 +125,10 @@ def run_batch(
     sampler : {"independent", "joint"}
         Method of drawing from the posterior; see `sample`.
     executor : Executor, or callable that starts one, optional
-        Executor that runs the fits. Default: this process fits one campaign after the other. If a
-        function is given that starts an executor, such as ``process_executor``, the function is
-        called after this run has locked the folder ``out``, and the folder stays locked until the
-        workers of the executor have ended.
+        Executor that runs the fits. Default: this process fits one campaign after the other. A
+        function that starts an executor, such as ``process_executor``, is called after this run has
+        locked the folder ``out``. The folder then stays locked until the workers of the executor
+        have ended.
     seed : int
         Seed of the random draws, a whole number from 0 to 2^63 − 1.
     ess : float

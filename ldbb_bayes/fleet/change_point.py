@@ -121,7 +121,7 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
 
 def _sum_from_here_on(series: Array) -> Array:
-    """Return cumulative sums of a series of campaigns, from each campaign to the last campaign.
+    """Return sums over campaigns: for each campaign, the sum over it and all later campaigns.
 
     The second array axis of ``series`` and of the result stands for the campaigns, in order of
     time.

@@ -26,7 +26,7 @@ from ldbb_bayes.parallel import versions
 
 __all__ = ["batch_identity", "begin_batch", "open_journal", "save_row"]
 
-# Name of the text file in the folder of a batch that lists the file paths of all campaigns.
+# Name of the text file, in the folder of a batch, with the file paths of all its campaigns.
 _LIST = "campaigns.txt"
 # Names of all files that the folder of a batch may hold: the journal (an SQLite database of the
 # rows), SQLite's temporary files for this database, the list of campaigns, and the finished and the

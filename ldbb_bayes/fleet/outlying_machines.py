@@ -133,13 +133,13 @@ class _LeftOut(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: ln p(y_m | y_−m, s), the log density of the readings y_m of machine m given the readings y_−m
-    #: of all other machines, up to a constant, for k random draws of the spreads s (standard
-    #: deviations from machine to machine) and n machines, shape (k, n)
+    #: log density ln p(y_m | y_−m, s), up to a constant, shape (k, n). y_m are the readings of
+    #: machine m, one of n machines, and y_−m are the readings of all other machines. s is one of k
+    #: random draws of the spreads (standard deviations from machine to machine).
     log_density: Array
-    #: difference between each of c parameters and its prediction from the other machines, divided
-    #: by the standard deviation of this difference, for k random draws of the spreads (standard
-    #: deviations from machine to machine) and n machines, shape (c, k, n)
+    #: differences between c parameters and their predictions from the other machines, divided by
+    #: the standard deviations of these differences, shape (c, k, n). There are n machines and k
+    #: random draws of the spreads (standard deviations from machine to machine).
     z: Array
 
 

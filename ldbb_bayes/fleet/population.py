@@ -70,7 +70,7 @@ from ldbb_bayes.units import (
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "fit_population", "pool"]
 
-# The machines of a population are compared with one another only if there are at least this many.
+# Smallest number of machines in a population with which the machines are compared with one another.
 _FEWEST_MACHINES = 6
 # A machine is flagged as not belonging to the population if its p-value is below this value. If all
 # machines belong to the population, the probability that any machine is flagged is at most this

@@ -63,9 +63,9 @@ _MODE_GAIN = 1e-10
 # scale of the prior of the spreads.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# Random draws of the machines' spreads (standard deviations about their mean) are made a second
-# time unless the effective sample size of the first draws exceeds this fraction of their number and
-# their weights can be trusted.
+# A set of random draws of the machines' spreads (standard deviations about their mean) is good
+# enough if its weights can be trusted and its effective sample size exceeds this fraction of the
+# number of draws. Otherwise a second set is drawn.
 _EFFECTIVE_SHARE = 0.2
 # When the machines' spreads (standard deviations about their mean) are drawn a second time, the
 # covariance used is the covariance of the first draws, plus this fraction of the covariance that
@@ -155,21 +155,21 @@ class MachineEstimates(NamedTuple):
     parameters and μ, divided by the spreads. In the shapes, c is the number of parameters.
     """
 
-    #: posterior means of the c parameters of n machines for each of k values of the spreads
-    #: (standard deviations from machine to machine), in units of the parameters' prior sd, shape
-    #: (k, n, c)
+    #: posterior means of the c parameters of n machines given each of k values of the spreads
+    #: (standard deviations from machine to machine), shape (k, n, c); in units of the parameters'
+    #: prior sds
     mean: Array
-    #: posterior standard deviations of the c parameters of n machines for each of k values of the
-    #: spreads (standard deviations from machine to machine), in units of the parameters' prior sd,
-    #: shape (k, n, c)
+    #: posterior standard deviations of the c parameters of n machines given each of k values of the
+    #: spreads (standard deviations from machine to machine), shape (k, n, c); in units of the
+    #: parameters' prior sds
     sd: Array
-    #: posterior means of z_m = (c_m − μ) / s, with the parameters c_m of machine m, the
-    #: population's mean μ and the spreads s (standard deviations of machines about μ), for k values
-    #: of s and n machines, shape (k, n, c)
+    #: posterior means of z_m = (c_m − μ) / s for k values of s and n machines, shape (k, n, c). c_m
+    #: are the parameters of machine m, μ is the population's mean, and s are the spreads (standard
+    #: deviations of the machines about μ).
     z_mean: Array
-    #: posterior variances of z_m = (c_m − μ) / s, with the parameters c_m of machine m, the
-    #: population's mean μ and the spreads s (standard deviations of machines about μ), for k values
-    #: of s and n machines, shape (k, n, c)
+    #: posterior variances of z_m = (c_m − μ) / s for k values of s and n machines, shape (k, n, c).
+    #: c_m are the parameters of machine m, μ is the population's mean, and s are the spreads
+    #: (standard deviations of the machines about μ).
     z_variance: Array
 
 

@@ -94,7 +94,8 @@ class ParameterChange(Result):
     """
 
     unit: str  #: internal unit of the parameter, composed of mm, N and rad
-    #: posterior probability that this parameter has changed; at most one parameter changes
+    #: posterior probability that this parameter has changed; the model allows a change of one
+    #: parameter only
     probability: float
     #: index of the campaign just before which the parameter most probably changed, under the
     #: assumption that it changed; campaigns are counted from 0 in order of time

@@ -43,12 +43,12 @@ class AveragedModel:
 
     @cached_property
     def mean(self) -> Array:
-        """Mean of the p parameters over the draws of this model, shape (p,)."""
+        """Means of the p parameters over the draws of this model, shape (p,)."""
         return np.asarray(self.beta.mean(axis=0))
 
     @cached_property
     def sd(self) -> Array:
-        """Standard deviation of the p parameters over the draws of this model, shape (p,)."""
+        """Standard deviations of the p parameters over the draws of this model, shape (p,)."""
         return np.asarray(self.beta.std(axis=0))
 
 

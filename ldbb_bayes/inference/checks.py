@@ -69,8 +69,8 @@ _FAILS = 0.01
 _SMALLEST_P = 1e-300
 # Largest number of readings of a test from which the autocorrelation of its noise is computed.
 _LONGEST_STRETCH = 100_000
-# Residuals of a fit of the Fourier orders 0 to 12 to a test's readings count as rounding errors if
-# their sum of squares is at most this fraction of the readings' sum of squares.
+# The Fourier orders 0 to 12 are fitted to the readings of a test. The residuals count as rounding
+# errors if their sum of squares is at most this fraction of the sum of squares of the readings.
 _ROUNDING = 1e-24
 # Smallest number of tests in a plane with which a shift of the circles' centre with force is
 # checked.
@@ -287,7 +287,7 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
-    p_values: dict[tuple[str, str], float] = {}  # the keys are plane and axis
+    p_values: dict[tuple[str, str], float] = {}  # the keys are pairs of plane and axis
     for plane, _, in_plane in bound.setting.groups_by("plane"):
         force = bound.setting.force_N[in_plane]
         if len(force) < _FEWEST_TESTS or len(np.unique(force)) < _FEWEST_FORCES:

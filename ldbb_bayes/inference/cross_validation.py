@@ -41,9 +41,9 @@ _TOLERANCE = 1e-2
 # power below one. The inverse densities at the posterior draws are the importance weights of the
 # draws; k̂ states how heavy the tail of these weights is.
 _LARGE_K = 0.4
-# Pareto shape k̂ to which tempering lowers the Pareto shape of the inverse densities of a test's
-# readings. Tempering raises the densities to a power below one: this value divided by the Pareto
-# shape before tempering.
+# Tempering raises the densities of a test's readings to a power below one. The power is this value
+# divided by the Pareto shape k̂ of the inverse densities, which then have a Pareto shape of about
+# this value.
 _TEMPERED_K = 0.2
 # Largest Pareto shape k̂ from which the power for tempering is computed; a larger k̂ is replaced by
 # this value. Densities whose inverses have a heavy tail are tempered, that is, raised to a power
@@ -76,14 +76,12 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     InputError
         For an average over models, flat priors, a single test, or fewer draws than chains.
 
-    Notes
-    -----
-    ``posterior_predictive.reading_mm`` (chain, draw, reading) holds the readings of a new circle
-    for every test. If the model has factors λ_r, which multiply set-up shift (of zero and centre)
-    and discrepancy (unexplained deviations) of circle r, the new circle of test r has the same
-    factor as the measured circle r. The measured readings are ``observed_data.reading_mm``.
-    ``per_test`` of ``posterior_predictive`` and of ``observed_data`` is the range of the readings
-    of each test [mm], which ``arviz_stats.loo_pit`` needs.
+    Notes ----- ``posterior_predictive.reading_mm`` (chain, draw, reading) holds the readings of a
+    new circle for every test. In a model with noise factors, λ_r multiplies the set-up shift (of
+    zero and centre) and the discrepancy (unexplained deviations) of circle r. The new circle of
+    test r then has the same λ_r as the measured circle. The measured readings are
+    ``observed_data.reading_mm``. ``per_test`` of ``posterior_predictive`` and of ``observed_data``
+    is the range of the readings of each test [mm], which ``arviz_stats.loo_pit`` needs.
 
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
     readings of test r, given the readings of all other tests and the hyper-parameters φ (scales of

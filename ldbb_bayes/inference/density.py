@@ -29,9 +29,9 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
-# The starting points of a sampler are drawn at random. Their hyper-parameters come from a density
-# close to the posterior, whose standard deviations are multiplied by the square root of this number
-# (the temperature).
+# The starting points of a sampler are drawn at random. Their hyper-parameters are drawn from a
+# density close to the posterior, but wider: all its standard deviations are multiplied by the
+# square root of this number (the temperature).
 _START_TEMPERATURE = 1.5
 # Number of random points that are drawn for each starting point of a sampler. More than one point
 # is drawn, because points with a negative compliance are dropped.

@@ -89,7 +89,8 @@ class RatioIntegral(NamedTuple):
     """Integral of a density, computed with the nodes (weighted points) of a similar density."""
 
     integral: Integral
-    value_error: float  #: weighted mean error of the logarithm of the density at the nodes [nat]
+    #: mean numerical error of the log density at the nodes, with the weights of the nodes [nat]
+    value_error: float
 
     @property
     def error(self) -> float:

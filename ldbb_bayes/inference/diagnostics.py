@@ -146,10 +146,10 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     """Return Pareto-smoothed importance weights (Vehtari et al. 2024).
 
     ``log_ratio``, shape (n,), is the log importance weight of n independent draws, up to a
-    constant: ln(target density / density from which the draws come). The shape k̂ of the Pareto
-    distribution fitted to the largest weights is infinite if the effective sample size of the
-    weights is 10 or less, or if the tail of the weights cannot be judged. k̂ is −inf if all weights
-    are equal.
+    constant: ln(target density / density from which the draws come). k̂ is the shape of the Pareto
+    distribution fitted to the largest weights. It is infinite if the tail of the weights cannot be
+    judged, for example if their effective sample size is 10 or less. It is −inf if all weights are
+    equal.
     """
     good_k = min(_LARGEST_GOOD_K, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < _EQUAL_LOG_RATIOS:

@@ -151,9 +151,10 @@ class Fit(Result):
     #: check of a Fourier order. The dict is empty if no test fails this check, if the prior is
     #: flat, or if the campaign has one test only.
     shift: dict[str, float]
-    #: largest relative increase in the width of a parameter's credible interval if the noise of the
-    #: tests that fail the check of noise or autocorrelation is as strong as their readings at the
-    #: Fourier orders 13 to 16 show; zero if no test fails these checks
+    #: largest relative increase in the width of a parameter's credible interval due to noise that
+    #: is stronger than modelled. The noise of tests that fail a check of noise or autocorrelation
+    #: is estimated from their readings at the Fourier orders 13 to 16. Zero if no test fails these
+    #: checks.
     widening: float
 
     @property
@@ -189,7 +190,7 @@ class Fit(Result):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of all warnings (concerns) and of the checks in `misfits`, once each.
+        """Return the kinds of warnings (concerns) and of the checks in `misfits`, each kind once.
 
         A kind is the text of a ``ConcernKind`` or ``CheckKind``, such as "truncation" or "noise".
         """

@@ -278,9 +278,9 @@ def _fit_to_rounds(
     """Return the mixture ``fitted``, refitted to the weighted points of all rounds of sampling.
 
     ``rounds`` holds the points of each round, and ``proposals`` the density from which these points
-    were drawn. The weight of a point is the density to integrate divided by a mean of all
-    ``proposals``, in which each proposal has a weight in proportion to the number of points of its
-    round.
+    were drawn. The weight of a point is the density to integrate divided by the mixture of all
+    ``proposals``. In the mixture, the share of a proposal is proportional to the number of points
+    of its round.
     """
     points = np.concatenate([sample.free for sample in rounds])
     log_density = np.concatenate([sample.log_density for sample in rounds])

@@ -30,8 +30,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NodesWithoutTest"]
 
-# Seed of the random draws from the prior that replace the values of the noise factor of a test that
-# is left out.
+# If a test is left out, the values of its noise factor are replaced by random draws from the prior.
+# This is the seed of these draws.
 _SEED = 0
 # A Gaussian is fitted to the logarithm of a noise factor. If its standard deviation is below this
 # value, it is replaced by this value.

@@ -203,7 +203,8 @@ class NormalScores:
         above, below = self._log_distances(scores)
         width = np.diff(self._bounds, axis=0)[0]
         log_slope = above + below - np.log(np.where(np.isfinite(width), width, 1.0))
-        # The factors 1 / √(2π) of the prior density and of the density of the score cancel.
+        # The prior density and the density of the score both contain the factor 1 / √(2π). It
+        # cancels, and is therefore left out of both.
         white = (values - self._mean) / self._sd
         log_prior = -0.5 * white**2 - np.log(self._sd) - self._log_mass
         log_normal = -0.5 * scores[..., self._restricted] ** 2

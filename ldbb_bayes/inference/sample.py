@@ -51,8 +51,8 @@ _WALKERS = 128
 # one, because the computed effective sample size scatters, and that of every parameter must reach
 # the required value.
 _SURPLUS = 1.3
-# Number of independent draws that are added to each chain, so that the computed effective sample
-# size, which scatters, reaches the required value for every parameter.
+# Number of independent draws that are added to each chain. The computed effective sample size
+# scatters; with more draws, it reaches the required value for every parameter.
 _SURPLUS_DRAWS = 50
 # If nearly independent draws are picked from a run of emcee, the effective sample size of the run
 # must be at least this many times the number of draws picked.

@@ -25,8 +25,8 @@ __all__ = ["SharedDraws", "draw_with_shared"]
 # Gaussian density, at most this number of times. If a compliance is still negative, the parameters
 # are drawn from a density that is shifted towards compliances that are not negative.
 _PLAIN_TRIES = 4
-# Largest number of times that a draw of the parameters is repeated if it was not accepted. The
-# draws are from a density that is shifted towards compliances that are not negative.
+# Parameters are drawn from a density that is shifted towards compliances that are not negative, and
+# a draw may be rejected. This is the largest number of times that a rejected draw is repeated.
 _REPEATS = 20
 
 
