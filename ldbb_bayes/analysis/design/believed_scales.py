@@ -172,14 +172,15 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
 
 
 class _Block(NamedTuple):
-    """Effects on the reduced readings of some tests: of all tests, or of one test alone.
+    """A block of the design matrix: the effects that change all readings, or one test only.
 
-    Among N reduced readings of all tests and C effects, a block holds the changes of n readings per
-    unit of each of c effects. No other readings are changed by these effects.
+    The design matrix has one row for each of the N reduced readings of all tests, and one column
+    for each of the C effects. The block has n rows and c columns. In the columns of the block, all
+    elements outside the block are zero.
     """
 
-    readings: slice  # which of the N readings the effects change
-    effects: slice  # which of the C effects are in this block
+    readings: slice  # the n rows of the block: the readings that its effects change
+    effects: slice  # the c columns of the block: its effects
     columns: Array  # changes of the readings per unit of each effect, shape (n, c)
 
 
@@ -195,8 +196,8 @@ def _information_at(
     Parameters
     ----------
     blocks
-        Changes of the reduced readings per unit of each of C effects: first the effects on all
-        tests, then those on each test alone.
+        Blocks of the design matrix: first the block of the effects on all tests, then one block for
+        each test, with the effects on this test alone. The blocks contain C effects in all.
     variances
         Variance of every effect, shape (C,).
     noise
@@ -226,9 +227,10 @@ def _information_at(
 def _precision(blocks: list[_Block], variances: Array, noise: float) -> Array:
     """Return the inverse of the covariance V of N reduced readings, shape (N, N).
 
-    V = B + X Xᵀ, where B is the covariance by white noise and by effects on one test alone, with a
-    block for each test, and X are the changes by one sd of each effect on all tests. By the
-    identity of Woodbury, V⁻¹ = B⁻¹ - B⁻¹ X (1 + Xᵀ B⁻¹ X)⁻¹ Xᵀ B⁻¹.
+    V = B + X Xᵀ. B is the block-diagonal covariance due to the white noise and to the effects on
+    single tests, with one block for each test. X are the changes of the readings when each effect
+    on all tests changes by its standard deviation. By the Woodbury identity, V⁻¹ = B⁻¹ − B⁻¹ X (1 +
+    Xᵀ B⁻¹ X)⁻¹ Xᵀ B⁻¹.
     """
     on_all_tests, *on_one_test = blocks
     shared = on_all_tests.columns * np.sqrt(variances[on_all_tests.effects])
@@ -252,7 +254,9 @@ class _Effects(NamedTuple):
     variances, one for each of w sets of hyper-parameters.
     """
 
-    blocks: list[_Block]  # effects on all tests, and on each test alone; C effects in all
+    # blocks of the design matrix: effects on all tests, then effects on each test alone; C effects
+    # in all
+    blocks: list[_Block]
     variances: Array  # variances of the effects, shape (w, C)
     noise_variance: Array  # variance of the white noise, shape (w,)
 
@@ -285,12 +289,13 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
 class _Scaled(NamedTuple):
     """Changes of n readings per unit of each of c effects, and the variances of these effects."""
 
-    columns: Array  # shape (n, c)
-    variances: Array  # for each of w sets of hyper-parameters, shape (w, c)
+    columns: Array  # changes of the readings per unit of each effect, shape (n, c)
+    # variances of the effects for each of w sets of hyper-parameters, shape (w, c)
+    variances: Array
 
 
 def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _Scaled:
-    """Return the effects on the readings of all tests, those of interest among them."""
+    """Return the effects on the readings of all tests, including the parameters of interest."""
     factors = [test.factor for test in bound.reduced]
     interest = [factor @ bound.interest[r] for r, factor in enumerate(factors)]
     columns = [np.concatenate(interest)]
@@ -319,7 +324,11 @@ def _on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _Sca
 
 
 def _scaled(columns: list[Array], sds: list[Array], sets: int) -> _Scaled:
-    """Return all columns side by side, with variances for each of ``sets`` sets of scales."""
+    """Return the columns of all effects as one matrix, with the variances of the effects.
+
+    ``columns`` and ``sds`` hold the columns and the standard deviations of groups of effects.
+    ``sets`` is the number of sets of hyper-parameters; each effect has one variance for each set.
+    """
     variances = []
     for column, sd in zip(columns, sds, strict=True):
         variances.append(np.broadcast_to(sd**2, (sets, column.shape[1])))
