@@ -28,8 +28,8 @@ __all__ = ["information_of", "informations_of"]
 class _Noise:
     """Nuisance effect that varies randomly between tests and is therefore treated as noise.
 
-    A nuisance effect is modelled but not of interest. ``term`` is the class name of its term, and
-    ``columns`` holds the reading per unit of each of its coefficients.
+    A nuisance effect is modelled but not of interest. ``term`` is the class name of the nuisance
+    term, and ``columns`` holds the change of the reading per unit of each coefficient of this term.
     """
 
     term: str
@@ -70,7 +70,7 @@ class _SortedColumns(NamedTuple):
     #: for each coefficient that is the same in all tests, the class name of its nuisance term
     owners: list[str]
     #: columns of nuisance terms whose coefficients differ between tests; the effects of these terms
-    #: are treated as noise of each test
+    #: are treated as noise that is independent between tests
     noises: list[_Noise]
 
 
@@ -79,9 +79,9 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
 
     The coefficients are the parameters of interest, and those coefficients of nuisances (effects
     modelled but not of interest) that have the same value in all tests. Nuisances whose
-    coefficients differ between tests are treated as noise of each test. ``bound`` is the model of
-    the campaign. ``phi``, shape (h,), holds the h hyper-parameters (scales of noise and nuisances),
-    with lengths in mm.
+    coefficients differ between tests are treated as noise. ``bound`` is the model of the campaign.
+    ``phi``, shape (h,), holds the h hyper-parameters (scales of noise and nuisances), with lengths
+    in mm.
     """
     return next(informations_of(bound, phi[None]))
 
@@ -91,11 +91,11 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 
     The coefficients are the parameters of interest, and those coefficients of nuisances (effects
     modelled but not of interest) that have the same value in all tests. Nuisances whose
-    coefficients differ between tests are treated as noise of each test. ``bound`` is the model of a
-    campaign. ``phi``, shape (w, h), holds w values of the h hyper-parameters (scales of noise and
-    nuisances), with lengths in mm. The design matrix, which holds the effect of one unit of each
-    coefficient on the reduced readings (at most 25 numbers for each test), does not depend on the
-    hyper-parameters and is computed once. Tests with the same noise share one covariance.
+    coefficients differ between tests are treated as noise. ``bound`` is the model of a campaign.
+    ``phi``, shape (w, h), holds w values of the h hyper-parameters (scales of noise and nuisances),
+    with lengths in mm. The design matrix, which holds the effect of one unit of each coefficient on
+    the reduced readings (at most 25 numbers for each test), does not depend on the hyper-parameters
+    and is computed once. Tests with the same noise share one covariance.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)

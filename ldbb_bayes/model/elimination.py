@@ -18,9 +18,9 @@ How it works:
    groups are the rows of one array, the workspace. It holds the entries of P at first; they are
    overwritten by the entries of L. The second dimension of the workspace has one element for each
    of w values of φ and is contiguous in memory.
-3. Assembly. Rows of A with the same variance D form a kind. Each entry of P and of Aᵀ D⁻¹ r is a
-   sum over the kinds. A term of this sum is 1/D times a scalar product of columns, which does not
-   depend on φ (`gram_entries`).
+3. Assembly. Rows of A whose noise has the same variance are rows of one kind. Each entry of P and
+   of Aᵀ D⁻¹ r is a sum over the kinds. A term of this sum is 1/D times a scalar product of columns,
+   which does not depend on φ (`gram_entries`).
 4. Elimination. The groups are eliminated one after the other. The function `eliminate` computes, in
    place, the s columns of L that belong to a group. The entries of these columns in the rows of the
    border are then multiplied by each other, and the products are subtracted from the entries of P
@@ -105,7 +105,7 @@ class Update(NamedTuple):
 
 
 class Front(NamedTuple):
-    """Groups of columns of the design matrix A that are eliminated together, by the same calls.
+    """Groups of columns of the design matrix A that the same function calls eliminate together.
 
     Each group has s columns. The elimination of a group changes m later columns, which are called
     the border of the group.

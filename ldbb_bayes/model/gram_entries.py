@@ -2,8 +2,8 @@
 
 The precision matrix of coefficients is P = Aᵀ D⁻¹ A, with the design matrix A and the diagonal
 noise covariance D. Only D depends on the hyper-parameters φ, the scales of noise and nuisances
-(effects modelled but not of interest). Rows of A with the same variance form a kind. An entry of P
-is therefore
+(effects modelled but not of interest). Rows of A whose noise has the same variance are rows of one
+kind. An entry of P is therefore
 
     P_ij = Σ_kinds G_ij,kind / D_kind,   G_ij,kind = Σ_rows of the kind A_row,i A_row,j,
 

@@ -480,7 +480,7 @@ class HybridModel(Result):
         Parameters
         ----------
         plan : Campaign
-            Plan or campaign, which states forces, angles, set-ups and machine.
+            Plan or campaign with the forces, angles and set-ups of the tests, and with the machine.
         seed : int
             Seed of the random numbers.
         parameters : mapping of str to float, optional
@@ -595,8 +595,8 @@ def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[f
     ``name`` is the name of the hyper-parameter, and ``value`` the true value that a user gives for
     a simulation. Lengths are in µm; the decay and the noise factor of a circle have no unit.
     ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the smallest and the largest
-    permitted value; they are used only for the decay p; the prior sds of form errors with n waves
-    around the circle are proportional to n^(−p).
+    permitted value; they are used only for the decay p. The decay is an exponent: the prior sds of
+    form errors with n waves around the circle are proportional to n^(−p).
     """
     if law == "decay":
         low, high = bounds
@@ -687,7 +687,7 @@ class BoundModel(Shown):
     physical, truncation : Truncation
         ``physical`` is the region of parameters in which compliances C(F) are not negative; only
         compliances that are deflections in the direction of the load itself are restricted. If the
-        prior is restricted to this region, ``truncation`` is the same region; otherwise
+        prior is truncated to this region, ``truncation`` is the same region; otherwise
         ``truncation`` permits all values of the parameters.
     """
 

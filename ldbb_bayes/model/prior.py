@@ -325,8 +325,8 @@ class Prior(Shown):
     def _check_flat(self) -> None:
         """Raise an `InputError` if the prior is flat and has settings that contradict it.
 
-        A flat prior is contradicted by the exclusion of negative compliances (``truncated``), by
-        prior sds (``overrides``) and by prior means (``means``).
+        A flat prior cannot be combined with the exclusion of negative compliances (``truncated``),
+        with prior sds (``overrides``) or with prior means (``means``).
         """
         if not self.flat:
             return

@@ -339,9 +339,9 @@ class _MachineColumns(NamedTuple):
     geometric: Array
 
 
-# Cache of the effects of compliances and geometric errors on the readings. Its keys are campaigns;
-# the inner keys are sets of compliances. The cache saves time because a comparison combines one
-# campaign with hundreds of models.
+# Cache of the effects of compliances and geometric errors on the readings. For each campaign, it
+# has one entry for every set of compliances that a model uses. The cache saves time because a
+# comparison applies hundreds of models to one campaign.
 _MACHINE_COLUMNS: WeakKeyDictionary[Campaign, dict[tuple[ComplianceName, ...], _MachineColumns]] = (
     WeakKeyDictionary()
 )
@@ -383,7 +383,7 @@ def setting_of(
     compliances
         Names of the compliances of the model.
     reference_force_N
-        Reference force F0 [N]; None means the middle of the range of forces.
+        Reference force F0 [N]; None means the midpoint of the range of forces.
     pilot
         Campaign from which a plan takes F0 (if ``reference_force_N`` is None), the range and
         largest value of the forces, and the mean time and temperature. If it is None, these values
@@ -464,10 +464,10 @@ def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:
     """Return the columns of a campaign's geometric errors, with separate offsets for each set-up.
 
-    A column is the reading per unit of one error, as Fourier coefficients. ``columns``, shape
-    (tests, 25, errors), holds the columns of the machine's errors. Each offset of the tool ball
-    becomes several offsets, one for every set-up. The offset of a set-up acts only in the tests of
-    this set-up.
+    A column is the change of the reading per unit of one error, as Fourier coefficients.
+    ``columns``, shape (tests, 25, errors), holds the columns of the machine's errors. Each offset
+    of the tool ball becomes several offsets, one for every set-up. The offset of a set-up acts only
+    in the tests of this set-up.
     """
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)

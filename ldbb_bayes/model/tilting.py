@@ -125,7 +125,7 @@ class _ConvexFunction(NamedTuple):
 
 
 class _Edges(NamedTuple):
-    """Lower limits (edges) of the shifted normal variables at the saddle points.
+    """Lower limits (edges) of the shifted normal variables: result of the search for saddle points.
 
     ``edge``, shape (w, d), holds the limits of the d variables for each of w sets of constraints.
     ``solved``, shape (w,), states whether the search succeeded. ``value``, shape (w,), is the value
@@ -436,7 +436,7 @@ def _evaluate_convex_function(
     bound: Array,
     edge: Array,
 ) -> _ConvexFunction:
-    """Return value and derivatives of the convex function that `_ConvexFunction` describes.
+    """Return the value and derivatives of the convex function described in `_ConvexFunction`.
 
     The minimum of the function gives the saddle point of the log importance weight. There are w
     sets of constraints, each with d shifted normal variables. C is ``coupling``, shape (w, d, d).
@@ -458,7 +458,7 @@ def _inverse_mills(edge: Array) -> Array:
     """Return the inverse Mills ratios φ(e) / (1 − Φ(e)) of the numbers e = ``edge``.
 
     φ and Φ are the standard normal density and distribution function. The ratio is the mean of a
-    standard normal variable that is restricted to values above e.
+    standard normal variable truncated to values above e.
     """
     with np.errstate(over="ignore"):
         return np.asarray(np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)))

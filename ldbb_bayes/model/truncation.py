@@ -112,8 +112,7 @@ class Truncation:
         level
             Uniform numbers between 0 and 1, one for each parameter, shape (n, p).
         mean, sd
-            Mean and sd of the independent parameters before the restriction to the region, shape
-            (p,).
+            Mean and sd of the independent parameters before truncation to the region, shape (p,).
 
         Returns
         -------
@@ -170,7 +169,7 @@ def _distribution(
 ) -> tuple[Array, Array]:
     """Return the distribution function of the first coordinate of z, and the grid of its values.
 
-    z is a standard normal vector of k elements, restricted by the m constraints rows · z ≥ edge,
+    z is a standard normal vector of k elements, truncated by the m constraints rows · z ≥ edge,
     where ``rows`` has the shape (m, k) and ``edge`` the shape (m,). The two arrays are passed as
     bytes, because arguments of a cached function must be hashable. The results, both of shape
     (1025,), are the probabilities that the coordinate is below the values of the grid, and the
@@ -189,11 +188,11 @@ def _quantile_between(
     low: Array,
     high: Array,
 ) -> Array:
-    """Return quantiles of a standard normal variable restricted to an interval, shape (n,).
+    """Return quantiles of a standard normal variable truncated to an interval, shape (n,).
 
     ``level``, shape (n,), holds the probabilities of the n quantiles; ``low`` and ``high`` are the
-    ends of the interval. If the interval is above zero, its mirror image below zero is used, which
-    reduces rounding errors.
+    endpoints of the interval. If the interval is above zero, its mirror image below zero is used,
+    which reduces rounding errors.
     """
     flip = low > 0.0
     lower_end = np.where(flip, -high, low)
@@ -210,10 +209,10 @@ def _first_density(
 ) -> tuple[Array, Array]:
     """Return a grid over the range of the first coordinate of z, and the density on this grid.
 
-    z is a standard normal vector of k elements, restricted by m constraints rows · z ≥ edge. The
+    z is a standard normal vector of k elements, truncated by m constraints rows · z ≥ edge. The
     coefficients ``rows`` have the shape (m, k). The lower bounds ``edge`` have the shape (..., m)
-    for many sets of bounds. The density is not normalised. Grid and density have the shape
-    (..., size), where ``size`` is the number of grid points.
+    for many sets of bounds. The density is not normalised. Grid and density have the shape (...,
+    size), where ``size`` is the number of grid points.
     """
     low, high = _support(rows, edge)
     low = np.maximum(low, np.minimum(-_REACH, high - _LEAST_WIDTH))
@@ -269,9 +268,9 @@ def _eliminate_last(
 
     The m constraints on the k coordinates of z have the coefficients ``rows``, shape (m, k), and
     the lower bounds ``edge``, shape (..., m) for many sets of bounds. New coefficients and bounds
-    are returned in the same form. Constraints that do not contain the last coordinate are kept.
-    Further constraints are sums of a constraint that bounds the last coordinate from below and a
-    constraint that bounds it from above, scaled so that the last coordinate cancels.
+    are returned in the same form. Constraints that do not contain the last coordinate are kept. New
+    constraints are sums of a constraint that bounds the last coordinate from below and a constraint
+    that bounds it from above, scaled so that the last coordinate cancels.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)

@@ -193,17 +193,17 @@ class Hysteresis(Term):
     The errors are harmonics s cos nθ and s sin nθ, where s = ±1 is the direction of travel and θ
     the angle on the circle. They have two parts. One part does not depend on force (backlash,
     reversal spikes, servo mismatch), the other is proportional to force (friction in the bar, lost
-    motion). The prior sds fall as 1/n with the order n; at order 0, they are not divided. Each
-    plane has separate coefficients.
+    motion). The prior sds decrease as 1/n with the order n; at order 0, they are the same as at
+    order 1. Each plane has separate coefficients.
 
     In a plane whose circles run in both directions, the orders are n = 0 … 12. The prior sd is η/n
     for the part that does not depend on force, with the hyper-parameter η, and
     ``proportional_um_per_kN``/n for the part proportional to force. If all circles of a plane run
     in one direction, or no directions are given, hysteresis cannot be separated from bar length,
-    geometric errors and compliances. Hysteresis then widens the intervals of these parameters, and
-    has only the orders n = 0 … 3, which include nearly all orders of the effects of these
-    parameters. The prior sd is then ``constant_um``/n for the part that does not depend on force,
-    and 0.6 ``proportional_um_per_kN``/n for the part proportional to force.
+    geometric errors and compliances. Hysteresis then widens the coverage intervals of these
+    parameters. It has only the orders n = 0 … 3 in this case, which include nearly all orders of
+    the effects of these parameters. The prior sd is then ``constant_um``/n for the part that does
+    not depend on force, and 0.6 ``proportional_um_per_kN``/n for the part proportional to force.
 
     If ``law`` is ``fixed``, as in the model's first edition (preset ``first``), the term acts only
     in planes whose circles run in both directions. The orders are then n = 0 … 4, and

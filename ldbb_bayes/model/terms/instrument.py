@@ -57,8 +57,8 @@ class BarLength(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the bar's length error, one for each nominal radius of a campaign.
 
-        ``setting`` describes the test conditions. A column is the reading per unit of length
-        error: 1 in tests with this radius, 0 in all other tests.
+        ``setting`` describes the test conditions. A column is the change of the reading per unit of
+        length error: 1 in tests with this radius, 0 in all other tests.
         """
         names = []
         constants = []
@@ -283,9 +283,9 @@ class Angle(Term):
     Both effects shift the readings by a small angle along the circle. A reading then changes by
     this angle times dρ/dθ. θ is the angle on the circle, and ρ = F j_C·Ĉ + j_G·Ê is the reading
     predicted from the estimated compliances Ĉ and geometric errors Ê; F is the force, j_C the
-    reading per unit force and compliance, and j_G the reading per unit geometric error. The error
-    of the zero is the same in all tests. The effect of the lag changes its sign with the direction
-    of travel; tests without a direction count as clockwise.
+    reading per unit force and compliance, and j_G the reading per unit geometric error. The zero
+    error is the same in all tests. The effect of the lag changes its sign with the direction of
+    travel; tests without a direction count as clockwise.
 
     Examples
     --------

@@ -34,8 +34,8 @@ class _LawInWords(NamedTuple):
     load: str
 
 
-# Laws of the nonlinear deflection of an axis, in the order of the axis' coefficients. Each key is
-# the last word of the coefficient's name.
+# Descriptions in words of the nonlinear deflections of an axis, in the order of their coefficients.
+# Each key is the last word of the coefficient's name.
 _LAWS = {
     "slope": _LawInWords("stiffening", "its own load"),
     "contact": _LawInWords("contact", "its own load"),
@@ -56,10 +56,10 @@ class JointLoad(Term):
     - (F^⅔ F0^⅓ − F) u_a², for a seat. A seat is a contact that deflects under the bar's whole force
       and not only under the component of the force along the axis.
 
-    All columns are zero where F = F0 and the bar is along the axis. The direct compliance C_aa of
-    the axis is therefore the axis' deflection per force at this force and direction (secant
-    compliance). The prior sd of each coefficient is ``relative_sd`` times the magnitude of C_aa:
-    the estimate of C_aa and its standard uncertainty, added in quadrature.
+    All columns are zero if F = F0 and the bar points along the axis. The direct compliance C_aa of
+    the axis is therefore the axis' deflection divided by the force, for this force and direction
+    (secant compliance). The prior sd of each coefficient is ``relative_sd`` times the magnitude of
+    C_aa: the estimate of C_aa and its standard uncertainty, added in quadrature.
 
     F0 must be positive, because the compliance of a contact that stiffens under its own load is not
     defined at zero load. With F0 = 0, two of the columns would be −F u_a², and readings could not
