@@ -343,11 +343,11 @@ def _divide_out_prior(
     """Return the precision (q, q) and the shift (q,) of a likelihood.
 
     The likelihood is a posterior divided by its prior; all three are Gaussian functions of q
-    quantities. The posterior and the prior are given by their means, shape (q,), and their
-    covariances, shape (q, q). The precision (inverse covariance) of the likelihood is the precision
-    of the posterior minus the precision of the prior. Negative eigenvalues of this difference are
-    set to zero, because the readings add nothing to the prior in the directions of their
-    eigenvectors. The shift is the precision times the estimate.
+    quantities. The arguments are the means, shape (q,), and the covariances, shape (q, q), of the
+    posterior and of the prior. The precision (inverse covariance) of the likelihood is the
+    precision of the posterior minus the precision of the prior. Negative eigenvalues of this
+    difference are set to zero, because the readings add nothing to the prior in the directions of
+    their eigenvectors. The shift is the precision times the estimate.
     """
     scale = np.sqrt(np.diag(prior_covariance))
     squared_scale = scale[:, None] * scale

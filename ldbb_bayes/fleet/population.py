@@ -377,8 +377,8 @@ def fit_population(
     parameters : sequence of str, optional
         Names of the parameters to analyse. Default: all compliances at the reference force.
     exclude : sequence of str
-        Campaigns and machines to leave out. A campaign is given by its path as in the table, by the
-        last part of this path or by its name; a machine is given by its machine_id.
+        Campaigns and machines to leave out. A campaign is identified by its path as in the table,
+        by the last part of this path or by its name; a machine is identified by its machine_id.
     since : str, optional
         Date (ISO 8601); campaigns that are earlier or have no date are left out.
     include_misfits : bool

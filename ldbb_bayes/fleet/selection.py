@@ -108,8 +108,8 @@ def choose(
     Parameters
     ----------
     rows : table of a batch, as `read_batch` returns it.
-    exclude : campaigns and machines to leave out. A campaign is given by its path as in the table,
-        by the last part of this path or by its name; a machine is given by its machine_id.
+    exclude : campaigns and machines to leave out. A campaign is identified by its path as in the
+        table, by the last part of this path or by its name; a machine by its machine_id.
     since : date (ISO 8601); campaigns that are earlier or have no date are left out.
     include_misfits : whether to keep campaigns whose readings do not fit the model.
     among : table of the whole batch; every name in ``exclude`` must be in this table. Default:

@@ -305,8 +305,8 @@ def find_trend(
     parameters : sequence of str, optional
         Names of the parameters to follow. Default: all compliances at the reference force.
     exclude : sequence of str
-        Campaigns to leave out. A campaign is given by its path as in the table, by the last part of
-        this path or by its name.
+        Campaigns to leave out. A campaign is identified by its path as in the table, by the last
+        part of this path or by its name.
     since : str, optional
         Date (ISO 8601); campaigns that are earlier or have no date are left out.
     include_misfits : bool

@@ -173,15 +173,14 @@ def effects_of_failures(
     A check fails if its p-value, multiplied by the number of checks, is below 1 %. The result is a
     tuple of two items:
 
-    - the shifts of parameters. This is a dict whose keys are the names of the tests that fail the
-      check of a Fourier order. The value for a test is the largest change of any parameter when the
-      test is left out, in units of the parameter's posterior standard deviation. The dict is empty
-      if no check of a Fourier order fails, if the campaign has only one test, or if the prior is
-      flat;
-    - the widening of credible intervals. This is the largest relative increase in the width of a
-      credible interval if the tests that fail a check of noise or autocorrelation are noisier than
-      modelled. The noise of these tests is estimated from their readings at the Fourier orders 13
-      to 16. The widening is 0 if no check of noise or autocorrelation fails.
+    - the shifts of parameters. The keys of this dict are the names of the tests that fail the check
+      of a Fourier order. The value for a test is the largest change of any parameter when the test
+      is left out, in units of the parameter's posterior standard deviation. The dict is empty if no
+      check of a Fourier order fails, if the campaign has only one test, or if the prior is flat;
+    - the widening of credible intervals. Tests that fail a check of noise or autocorrelation may be
+      noisier than modelled. Their noise is estimated from their readings at the Fourier orders 13
+      to 16. The widening is the largest relative increase, due to this noise, in the width of a
+      credible interval. The widening is 0 if no check of noise or autocorrelation fails.
 
     Both items are computed at one value ``phi`` of the h hyper-parameters (scales of the noise and
     of other effects), shape (h,). ``checks`` holds the p-values of each test; its keys are the

@@ -202,11 +202,11 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
     """Return the log posterior probability P that no compliance is negative, and its error [nat].
 
-    P is computed under the posterior that allows negative compliances. It is first computed as the
-    average of the probabilities given each of at least 256 values of the hyper-parameters (scales
-    of the noise and of other effects). The average is used if its error is at most ``tolerance``
-    and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate the average. P
-    is then computed as a ratio of two integrals over the hyper-parameters: the integral of the
+    P is computed under the posterior that allows negative compliances. It is first computed for
+    each of at least 256 values of the hyper-parameters (scales of the noise and of other effects),
+    and averaged over these values. The average is used if its error is at most ``tolerance`` and ln
+    P is above −2. Otherwise a few values of the hyper-parameters may dominate the average. P is
+    then computed as a ratio of two integrals over the hyper-parameters: the integral of the
     posterior density with the condition that no compliance is negative, divided by the integral
     without this condition.
 

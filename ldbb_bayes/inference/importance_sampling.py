@@ -88,11 +88,11 @@ def importance_sample(
     through every mode. The proposal of a later round is fitted to the points of all earlier rounds.
     The number of points in a round is doubled as long as the error is too large and the weights are
     not too unequal. The integral returned is from the earliest round that reaches the tolerance
-    with weights that can be trusted. If there is no such round, it is from the round with the
-    smallest error, preferably a round with trusted weights. The first round is never returned. If
-    no round has weights that can be trusted, the rounds are repeated with other seeds, because a
-    round may miss a tail of f by chance. If no seed gives weights that can be trusted, the result
-    of the first seed is returned; its attribute ``trusted`` is false.
+    with weights that can be trusted. If there is no such round, the round with the smallest error
+    is used; rounds with trusted weights are preferred. The first round is never returned. If no
+    round has weights that can be trusted, the rounds are repeated with other seeds, because a round
+    may miss a tail of f by chance. If no seed gives weights that can be trusted, the result of the
+    first seed is returned; its attribute ``trusted`` is false.
 
     Parameters
     ----------

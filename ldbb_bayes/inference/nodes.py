@@ -113,9 +113,9 @@ _PROBABILITY_TOLERANCE = 0.02
 # to be at least ``_LEAST_SHARE_INSIDE``.
 _LEAST_LOG_PROBABILITY = -700.0
 _LEAST_SHARE_INSIDE = 1e-300
-# Largest share of the weight in nodes (weighted values of the hyper-parameters) that are left out
-# of averages, such as the means and variances of the parameters. The nodes of smallest weight are
-# left out.
+# The nodes (weighted values of the hyper-parameters) of smallest weight are left out of averages,
+# such as the means and variances of the parameters. Together, these nodes hold at most this share
+# of the weight.
 _SPARE = 1e-7
 # Number of Gaussians in the mixture from which quantiles of parameters are computed. Each Gaussian
 # belongs to one value of the hyper-parameters.
