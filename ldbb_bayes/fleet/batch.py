@@ -62,8 +62,8 @@ class Batch(Result):
     campaigns: int  #: number of all campaigns of the batch
     done: int  #: number of campaigns fitted successfully, in this run or an earlier one
     failures: int  #: number of campaigns that could not be fitted
-    #: number of fitted campaigns for which the sampler did not reach the requested effective sample
-    #: size
+    #: number of fitted campaigns for which the sampler did not meet its stopping rule (effective
+    #: sample size and R-hat)
     not_converged: int
     #: number of fitted campaigns whose readings do not fit the model, or contradict the condition
     #: that no compliance is negative

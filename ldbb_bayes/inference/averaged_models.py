@@ -53,7 +53,7 @@ class AveragedModel:
 
 
 def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
-    """Return the models over which a posterior is averaged, each with the draws that come from it.
+    """Return the models over which a posterior is averaged, each with its posterior draws.
 
     The list has one item if the posterior is of a single model. Averaged models without any draw
     are left out.

@@ -23,8 +23,8 @@ from ldbb_bayes.results import Array, ByRow, Numbers, Result, readable
 
 __all__ = ["LeastSquares", "fit_least_squares"]
 
-# A matrix counts as singular if its smallest singular value is below this fraction of its largest
-# singular value. The matrix holds the derivatives of the readings with respect to the parameters.
+# The matrix of the derivatives of the readings with respect to the parameters counts as singular if
+# its smallest singular value is below this fraction of its largest singular value.
 _SINGULAR = 1e-10
 
 

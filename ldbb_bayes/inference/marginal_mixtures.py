@@ -50,8 +50,8 @@ class MarginalMixtures(NamedTuple):
     beta: Array  #: n draws of the p parameters, shape (n, p)
     mean: Array  #: means of the Gaussians before truncation, shape (n, p)
     sd: Array  #: standard deviations of the Gaussians before truncation, shape (n, p)
-    low: Array  #: lower bounds of the parameters, shape (n, p)
-    high: Array  #: upper bounds of the parameters, shape (n, p)
+    low: Array  #: lower bounds of the truncated Gaussians, shape (n, p)
+    high: Array  #: upper bounds of the truncated Gaussians, shape (n, p)
 
     def cdf(self, x: Array) -> Array:
         """Return the probabilities that p parameters are at most ``x``, all of shape (p,)."""
