@@ -45,8 +45,9 @@ def conditional_draws(
         bound).
     rng : Generator
         Generator of random numbers.
-    truncated : bool, optional Whether the density is restricted to compliances that are not
-        negative. Default: True if the model does not allow negative compliances.
+    truncated : bool, optional
+        Whether the density is restricted to compliances that are not negative. Default: True if the
+        model does not allow negative compliances.
 
     Returns
     -------

@@ -76,12 +76,14 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     InputError
         For an average over models, flat priors, a single test, or fewer draws than chains.
 
-    Notes ----- ``posterior_predictive.reading_mm`` (chain, draw, reading) holds the readings of a
-    new circle for every test. In a model with noise factors, λ_r multiplies the set-up shift (of
-    zero and centre) and the discrepancy (unexplained deviations) of circle r. The new circle of
-    test r then has the same λ_r as the measured circle. The measured readings are
-    ``observed_data.reading_mm``. ``per_test`` of ``posterior_predictive`` and of ``observed_data``
-    is the range of the readings of each test [mm], which ``arviz_stats.loo_pit`` needs.
+    Notes
+    -----
+    ``posterior_predictive.reading_mm`` (chain, draw, reading) holds the readings of a new circle
+    for every test. In a model with noise factors, λ_r multiplies the set-up shift (of zero and
+    centre) and the discrepancy (unexplained deviations) of circle r. The new circle of test r then
+    has the same λ_r as the measured circle. The measured readings are ``observed_data.reading_mm``.
+    ``per_test`` of ``posterior_predictive`` and of ``observed_data`` is the range of the readings
+    of each test [mm], which ``arviz_stats.loo_pit`` needs.
 
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
     readings of test r, given the readings of all other tests and the hyper-parameters φ (scales of

@@ -31,8 +31,9 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     ----------
     function : function that computes with small matrices.
 
-    Returns ------- The new function. After each of its calls, BLAS has as many threads as before
-    the call.
+    Returns
+    -------
+    The new function. After each of its calls, BLAS has as many threads as before the call.
     """
 
     @functools.wraps(function)
