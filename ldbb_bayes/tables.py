@@ -300,10 +300,10 @@ class _TextLayout:
             self._head_lines[column] = textwrap.wrap(" ".join(words), line_width)
 
     def _lines_of_heads(self) -> list[str]:
-        """Return the lines of the table's head.
+        """Return the lines of text with the heads of all columns.
 
-        The table's head has as many lines as the column's head with the most lines. Above the heads
-        of columns with fewer lines, there are empty lines.
+        Heads may have several lines. Empty lines are put above heads with fewer lines than the
+        longest head.
         """
         height = max(len(self._head_lines[column]) for column in self._columns)
         lines = []

@@ -86,7 +86,8 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
 class _Location(NamedTuple):
     """Place of an error in the content of a file."""
 
-    keys: list[str]  # keys from the outermost table to the entry; entries of lists count from 1
+    # keys that lead from the outermost table to the entry; entries of lists are numbered from 1
+    keys: list[str]
     owner: Any  # class that describes the table that contains the last key
 
 

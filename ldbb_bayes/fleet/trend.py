@@ -106,7 +106,8 @@ class ParameterChange(Result):
     #: step of the parameter in per cent of its level before the step; None if the standard
     #: uncertainty of that level is 20 % of the level or more
     percent: float | None
-    #: mean level of the parameter before the step, under the assumption that this parameter changed
+    #: posterior mean of the parameter's level before the step, under the assumption that this
+    #: parameter changed
     level_before: float
     #: level of the parameter at the last campaign. The level is averaged over all possibilities,
     #: weighted by their probabilities: that no parameter has changed, or that one parameter changed
