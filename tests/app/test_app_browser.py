@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -125,10 +126,12 @@ def test_example_from_drop_to_pdf(page: Any, browser: Any, tmp_path: Path) -> No
             page.click(f"a[href='result/{name}']")
         assert Path(loading.value.path()).stat().st_size > 500
     check_sliders(page)
+    check_cheapest_campaign(page)
     check_accessible(page, browser)
     page.select_option("#language", "de")
     page.wait_for_selector("h1:has-text('Kreisformtest')")
     page.wait_for_selector("#sliders")
+    assert "Keine Zahl von Kreisen bringt U unter" in page.inner_text("#cheapest-part")
 
 
 def check_sliders(page: Any) -> None:
@@ -148,6 +151,44 @@ def check_sliders(page: Any) -> None:
         page.click("text=Sheet for the operator")
     opening.value.wait_for_load_state()
     assert opening.value.locator("tbody tr").count() == circles
+    opening.value.close()
+
+
+def check_cheapest_campaign(page: Any) -> None:
+    """By keyboard alone: a goal that is refused where it was typed, a search that is stopped, and
+    one to its end, with what it found to take along."""
+    page.locator("details.goals summary").first.focus()
+    page.keyboard.press("Enter")
+    page.focus("#plan-goal_C_XXX")
+    page.keyboard.type("5")
+    page.focus("#search")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#plan-goal_C_XXX[aria-invalid]")
+    assert page.evaluate("document.activeElement.getAttribute('role')") == "alert"
+    page.focus("#plan-goal_C_XXX")
+    page.keyboard.type(" %")
+    page.fill("#plan-goal_E_C0YX", "40 urad")
+    page.focus("#plan-hours")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#search-bar")
+    assert page.is_disabled("#search")
+    assert page.locator("#plan-goal_C_XXX[aria-invalid]").count() == 0
+    page.focus("#stop")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#cheapest-part :text('Stopped.')")
+    page.keyboard.press("Enter")  # the button for the search has the focus again
+    page.wait_for_selector("#cheapest-found", timeout=LONG_MS)
+    found = page.inner_text("#cheapest-part")
+    assert "C_XXX: no number of circles brings U below" in found
+    assert page.locator("#cheapest-part details").count() == 3
+    with page.expect_download() as loading:
+        page.click("a[href='result/cheapest-1.zip']")
+    with zipfile.ZipFile(loading.value.path()) as archive:
+        assert {"campaign.toml", "model.toml", "goals.json"} <= {*archive.namelist()}
+    with page.context.expect_page() as opening:
+        page.click("a[href='result/cheapest-1.html']")
+    opening.value.wait_for_load_state()
+    assert opening.value.locator("td.write").count() > 0
     opening.value.close()
 
 
