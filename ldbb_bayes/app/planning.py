@@ -285,7 +285,10 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     The tests are chosen from all combinations of ball angles, radii and directions of ``space``, at
     forces in equal steps from the lowest to the highest force of the page's ``sliders``. If the
     tests that `_equally_spaced_tests` returns give more expected information than the tests found,
-    the equally spaced tests are returned.
+    the equally spaced tests are returned. For this comparison, the information of either plan is
+    computed with the model for its own tests, as the forecast of the page is. The search has the
+    model for all candidate tests, which may have more effects: a pattern of the machine is modelled
+    only if balls are turned.
     """
     low = sliders["low"]
     high = sliders["high"]
@@ -302,15 +305,21 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
         # Linear compliance needs tests at two forces. If only one circle or one force is possible,
         # there is nothing to choose.
         return equally_spaced
-    counts, value = _best_counts(candidates, number)
-    if candidates.objective(equally_spaced).value(np.ones(len(equally_spaced))) > value:
-        return equally_spaced
+    counts = _best_counts(candidates, number)
     repeated = np.repeat(np.arange(len(counts)), counts)
-    return tuple(candidates.tests[k] for k in repeated)
+    found = tuple(candidates.tests[k] for k in repeated)
+    if _information(space, equally_spaced) > _information(space, found):
+        return equally_spaced
+    return found
 
 
-def _best_counts(candidates: Space, number: int) -> tuple[Array, float]:
-    """Return how often to run each candidate test, and the value of the design criterion.
+def _information(space: Space, tests: Sequence[lb.CircularTest]) -> float:
+    """Return the information expected from tests, each run once, with the model for these tests."""
+    return space.objective(tests).value(np.ones(len(tests)))
+
+
+def _best_counts(candidates: Space, number: int) -> Array:
+    """Return how often to run each candidate test.
 
     ``number`` is the number of all runs (circles), and ``candidates`` the space of the tests that
     may be chosen. If there are at most 12 runs and at most 180 candidate tests, the search is that
@@ -320,11 +329,11 @@ def _best_counts(candidates: Space, number: int) -> tuple[Array, float]:
     """
     search = candidates.search
     if number <= _MOST_SEARCHED_CIRCLES and len(candidates.tests) <= _MOST_CANDIDATES:
-        found = search.find_design(number)
-        return found.counts, found.value
+        return search.find_design(number).counts
     start = efficient_rounding(search.shares(float(number)).share, number)
     rng = np.random.default_rng(candidates.seed)
-    return exchange(search.objective, start, rng, thorough=False)
+    counts, _ = exchange(search.objective, start, rng, thorough=False)
+    return counts
 
 
 def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> list[Any]:

@@ -333,6 +333,23 @@ def test_the_best_forces_are_never_worse_than_equal_steps(fitted: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_states")
+def test_equal_steps_are_compared_with_the_model_of_the_tests_found(
+    fitted: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Among candidates with turned balls, the model has effects that the test found does not."""
+    asked = {"circles": 1, "high": 400, "work": 3, "turn": 5, "radius": 600, "augment": True}
+    report = planning._report_of(fitted)
+    sliders = planning._test_sliders(asked, planning._pilot_of(report).campaign)
+    space = planning._space_of_sliders(report, asked, sliders)
+    best = planning._best_tests(space, sliders)
+    slightly_worse = (replace(best[0], force_N=390.0),)
+    assert _information(slightly_worse, space) < _information(best, space)
+    monkeypatch.setattr(planning, "_equally_spaced_tests", lambda space, sliders: slightly_worse)
+    assert planning._best_tests(space, sliders)[0].force_N == best[0].force_N
+
+
+@pytest.mark.slow
 def test_the_best_forces_of_three_positions_of_each_ball_are_those_of_design(fitted: Path) -> None:
     asked = {"circles": 6, "work": 3, "tool": 3}
     report = planning._report_of(fitted)
