@@ -7,10 +7,11 @@ and from names of files. An example is the header ``Angle from Y clockwise``.
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from typing import NamedTuple
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.line_parts import statements_of_line
+from ldbb_bayes.reading.line_parts import divide_line, statements_of_line
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import name_as_words
 from ldbb_bayes.reading.open_question import OpenQuestionError
@@ -155,7 +156,8 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
 
 def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
     """Return whether a line may say where angles begin or how they run, but is not understood."""
-    if statements_in([(line, text)]):
+    statements = statements_in([(line, text)])
+    if statements and not _states_only_unit(line, text, statements):
         return False
     if _START.search(text) and _AXIS.search(text):
         return True
@@ -165,6 +167,16 @@ def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
         return False
     words = _words_in(recording, f"line {line}", text, is_header=False)
     return not (words.zero or words.sense or _HARMLESS.search(text))
+
+
+def _states_only_unit(line: int | str, text: str, fields: Collection[str]) -> bool:
+    """Return whether a line states the unit of angles, and goes on with another statement.
+
+    ``fields`` are the fields that the line states.
+    """
+    if set(fields) != {"angle_unit"}:
+        return False
+    return any(part.strip() and not statements_in([(line, part)]) for part in divide_line(text))
 
 
 def _convention_in_words(

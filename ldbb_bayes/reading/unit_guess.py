@@ -8,6 +8,7 @@ neither arbitrarily stiff nor arbitrarily soft.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -27,7 +28,8 @@ from ldbb_bayes.reading.unit_lines import (
     unit_mentioned,
     unknown_unit_in,
 )
-from ldbb_bayes.reading.words import UNITS
+from ldbb_bayes.reading.unit_sentences import fraction_mentioned
+from ldbb_bayes.reading.words import UNITS, size_of_unit
 
 __all__ = ["assume_units"]
 
@@ -248,7 +250,7 @@ def _check_mentions(recording: Recording, unit: str) -> str:
     for source, text in mentions:
         mentioned = unit_mentioned(text)
         if source != "its name":
-            mentioned = mentioned or unknown_unit_in(text)
+            mentioned = mentioned or unknown_unit_in(text) or _other_fraction(text, unit)
         if mentioned == unit:
             note = f"{source} says {text.strip()[:_TEXT_SHOWN]!r}"
         if source == "its name" and _COUNTS.search(text):
@@ -261,6 +263,18 @@ def _check_mentions(recording: Recording, unit: str) -> str:
                 list(UNITS["reading"]),
             )
     return note
+
+
+def _other_fraction(text: str, unit: str) -> str:
+    """Return the fraction of a unit, such as 0.0001 inch, that a line about readings mentions.
+
+    The result is empty if the line mentions none, or if the fraction is as large as ``unit``.
+    """
+    fraction = fraction_mentioned(text)
+    size = size_of_unit("reading", fraction)
+    if size is None or math.isclose(size, UNITS["reading"][unit], rel_tol=1e-9):
+        return ""
+    return fraction
 
 
 def _um_per_N(size: _ReadingSize, unit: str) -> float:

@@ -6,6 +6,7 @@ import re
 from typing import NamedTuple
 
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
+from ldbb_bayes.reading.unit_sentences import units_in_sentences
 from ldbb_bayes.reading.words import (
     LONGEST_NAME,
     LONGEST_TEXT,
@@ -43,16 +44,6 @@ _LINE = re.compile(
     r"[:=;,|\t]\s*(?P<units>.+)",
     re.IGNORECASE,
 )
-# Regular expressions for a line such as "All readings are in mm"; the keys are the roles reading
-# and angle.
-_STATED_IN = {
-    role: re.compile(
-        rf"(?<!\w){_WORDS[words]}(?: (?:are|is|sind|given|stated|angegeben))* in"
-        r" (?P<unit>[^;|()\[\]]{1,20}?)\s*[.;|\t)]*$",
-        re.IGNORECASE,
-    )
-    for role, words in {"reading": "readings_in", "angle": "angles_in"}.items()
-}
 # Regular expression for a factor in front of a unit, such as 0.1 or 1/1000. A number that ends a
 # range, as in 0-360 deg, is not a factor.
 _FACTOR_IN_LIST = r"(?<![\w.\-–])(?<!\d,)(?P<factor>(?:1\s?/\s?)?\d+(?:[.,]\d+)?)\s*[x×*·]?\s*"
@@ -160,7 +151,7 @@ def units_stated(text: str) -> dict[str, str]:
     scale = _size_of_count(text)
     if scale:
         stated["reading_scale"] = scale
-    stated |= _units_stated_in(text)
+    stated |= units_in_sentences(text)
     units_of_line = _units_of_whole_line(text)
     if units_of_line:
         return stated | units_of_line
@@ -277,43 +268,6 @@ def _has_unread_factor(text: str) -> bool:
     if _SHARE.search(text) or _FACTOR_BEHIND.search(text):
         return True
     return _FACTOR.match(text) is not None and not scaled_unit(text)
-
-
-def _units_stated_in(text: str) -> dict[str, str]:
-    """Return a dict with the units that a line such as "All readings are in mm" states.
-
-    The keys are ``reading_unit`` and ``angle_unit``.
-    """
-    stated: dict[str, str] = {}
-    if _OTHER.search(text):
-        return stated
-    for role, pattern in _STATED_IN.items():
-        match = pattern.search(text)
-        if match is None:
-            continue
-        unit = _unit_after_in(match["unit"], text, role)
-        if unit:
-            stated[f"{role}_unit"] = unit
-    return stated
-
-
-def _unit_after_in(unit: str, text: str, role: str) -> str:
-    """Return the unit that a line such as "Winkel in Grad" states for a role of a column.
-
-    ``unit`` is the text after "in", and ``text`` the whole line. An unknown unit is returned as
-    written. The result is empty if the text after "in" has several words and none of them is a
-    unit, as in "deviations in the plane".
-    """
-    if role == "angle" and comparable(unit) == "grad" and "winkel" in comparable(text):
-        return "deg"  # in German, Grad means degree
-    known = scaled_unit(unit)
-    if known:
-        return known
-    words = unit.split()
-    names_unit = any(unit_named(word) for word in words)
-    if len(words) == 1 or names_unit:
-        return unit
-    return ""
 
 
 def _scaled_units(unit: str, role: str) -> dict[str, str]:

@@ -11,6 +11,7 @@ import numpy as np
 from field_directions import direction_cases
 from field_files import TRUTH, Circle, FieldCase
 from field_layouts import layout_cases
+from field_passages import passage_cases
 from field_shapes import shape_cases
 from field_statements import statement_cases
 from openpyxl import Workbook
@@ -48,6 +49,7 @@ def word_cases() -> dict[str, FieldCase]:
         **layout_cases(),
         **shape_cases(),
         **statement_cases(),
+        **passage_cases(),
         **harmless_cases(),
     }
 

@@ -1,0 +1,167 @@
+"""Units in sentences above a table, such as ``Readings in 0.0001 in, plus = bar longer``.
+
+The sentence may be one of several statements of a line.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from ldbb_bayes.reading.words import (
+    LONGEST_TEXT,
+    UNITS,
+    WORDS,
+    comparable,
+    scaled_unit,
+    size_of_unit,
+    unit_named,
+)
+
+__all__ = ["fraction_mentioned", "units_in_sentences"]
+
+_WORDS = WORDS["unit_lines"]
+# Regular expressions for the beginning of a sentence such as "All readings are in mm", with the
+# text that follows; the keys are the roles reading and angle.
+_STATED_IN = {
+    role: re.compile(
+        rf"(?<!\w){_WORDS[words]}(?: (?:are|is|sind|given|stated|angegeben))* in (?P<behind>.*)",
+        re.IGNORECASE,
+    )
+    for role, words in {"reading": "readings_in", "angle": "angles_in"}.items()
+}
+# Regular expression for the words after "in", and for a remark in brackets behind these words.
+_PHRASE = re.compile(
+    r"(?P<phrase>(?:[^;|\t()\[\].,]|[.,](?=\d))*)(?:[(\[](?P<remark>[^)\]]*)[)\]])?(?P<behind>.*)"
+)
+# Regular expression for a unit, with or without a factor, in front of words that say where angles
+# begin, in which sense they are counted, or what the sign of readings means.
+_UNIT_IN_FRONT = re.compile(
+    rf"(?P<unit>(?:\d[\d.,/]*\s?)?[^\W\d_]{{2,}})\s+(?:{_WORDS['behind_unit']})(?!\w)",
+    re.IGNORECASE,
+)
+# Regular expression for a unit in brackets behind a word for readings, at the beginning of a line
+# that goes on.
+_IN_BRACKETS = re.compile(
+    rf"\W*{_WORDS['readings_in']}\s*[\[(](?P<unit>[^\])]+)[\])]\s*[;,|\t]", re.IGNORECASE
+)
+# Regular expression for words for readings.
+_READINGS = re.compile(rf"(?<!\w){_WORDS['readings_in']}(?!\w)", re.IGNORECASE)
+# Regular expression for a decimal fraction of a unit, such as 0.0001 in or 1/1000 mm.
+_FRACTION = re.compile(
+    r"(?<![\w.,/])(?P<fraction>0[.,]0*1|1\s?/\s?10+)\s?(?P<unit>[^\W\d_]+|\")(?![\w/])"
+)
+# Regular expression for a word for a fraction of a unit, such as thousandths, or for one count.
+_SHARE_OR_COUNT = re.compile(
+    rf"(?<!\w)(?:{_WORDS['share']}|{_WORDS['count']})(?!\w)", re.IGNORECASE
+)
+# Regular expression for units of readings that are not units of length, such as V.
+_NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
+# Regular expression for words for other quantities, such as the radius.
+_OTHER = re.compile(rf"\b(?:{_WORDS['other']})\b", re.IGNORECASE)
+# Longest text after "in" that can be a unit [characters].
+_LONGEST_UNIT = 20
+
+
+def units_in_sentences(text: str) -> dict[str, str]:
+    """Return a dict with the units that sentences of a line state: ``All readings are in mm``.
+
+    The keys are ``reading_unit`` and ``angle_unit``. A sentence about another quantity, such as the
+    radius, states no unit. An unknown unit at the end of the line is returned as written.
+    """
+    text = text[:LONGEST_TEXT]
+    stated: dict[str, str] = {}
+    bracketed = _IN_BRACKETS.match(text)
+    if bracketed is not None and _is_of_role(scaled_unit(bracketed["unit"]), "reading"):
+        stated["reading_unit"] = scaled_unit(bracketed["unit"])
+    for role, pattern in _STATED_IN.items():
+        match = pattern.search(text)
+        if match is None:
+            continue
+        parts = _PHRASE.fullmatch(match["behind"])
+        if parts is None or _OTHER.search(text[: match.start("behind") + parts.end("phrase")]):
+            continue
+        phrase = parts["phrase"].strip()
+        is_german = "winkel" in comparable(text)
+        unit = _unit_of_phrase(phrase, (parts["remark"] or "").strip(), role, is_german)
+        if not unit and not parts["behind"].strip(" .;|\t)"):
+            unit = _unknown_unit(phrase)
+        if unit:
+            stated[f"{role}_unit"] = unit
+    return stated
+
+
+def _is_of_role(unit: str, role: str) -> bool:
+    return size_of_unit(role, unit) is not None
+
+
+def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str:
+    """Return the unit that the words after "in" state; empty if they state none.
+
+    Two units that differ, as in ``mm (0.0001 in)``, are joined by "and". A phrase such as "tenths"
+    without a unit in the remark, and a unit that is no length, are returned as written. Later code
+    raises an error for them.
+
+    Parameters
+    ----------
+    phrase
+        Words after "in".
+    remark
+        Text in brackets behind these words; empty if there is none.
+    role
+        Role of the column whose unit is stated, such as reading.
+    is_german
+        Whether the line has the German word for angle; the word Grad then means degree.
+    """
+    in_front = _UNIT_IN_FRONT.match(phrase)
+    if in_front is not None:
+        phrase = in_front["unit"]
+    unit = scaled_unit(phrase)
+    if role == "angle" and comparable(phrase) == "grad" and is_german:
+        unit = "deg"
+    unit_of_remark = scaled_unit(remark)
+    is_share = _SHARE_OR_COUNT.search(phrase) is not None
+    if _is_of_role(unit_of_remark, role) and (unit or is_share):
+        return _agreed(unit, unit_of_remark, role)
+    if _is_of_role(unit, role):
+        return unit
+    if is_share or (role == "reading" and _NO_LENGTH.fullmatch(phrase)):
+        return phrase
+    return ""
+
+
+def _agreed(unit: str, unit_of_remark: str, role: str) -> str:
+    """Return the unit of a phrase and its remark; both, joined by "and", if they differ."""
+    if not unit:
+        return unit_of_remark
+    size = size_of_unit(role, unit) or 0.0
+    size_of_remark = size_of_unit(role, unit_of_remark) or 0.0
+    if math.isclose(size, size_of_remark, rel_tol=1e-9):
+        return unit
+    return f"{unit} and {unit_of_remark}"
+
+
+def _unknown_unit(phrase: str) -> str:
+    """Return a phrase that may be an unknown unit; empty for a phrase such as "the plane".
+
+    The phrase may be a unit if it is a single word, or if one of its words is a known unit.
+    """
+    words = phrase.split()
+    names_unit = any(unit_named(word) for word in words)
+    if len(phrase) <= _LONGEST_UNIT and (len(words) == 1 or names_unit):
+        return scaled_unit(phrase) or phrase
+    return ""
+
+
+def fraction_mentioned(text: str) -> str:
+    """Return the decimal fraction of a unit of readings in a line about readings: ``0.0001 inch``.
+
+    The result is empty for any other line.
+    """
+    text = text[:LONGEST_TEXT]
+    match = _FRACTION.search(text)
+    if match is None or not _READINGS.search(text) or _OTHER.search(text):
+        return ""
+    if unit_named(match["unit"]) not in UNITS["reading"]:
+        return ""
+    return scaled_unit(f"{match['fraction'].replace(' ', '')} {match['unit']}")

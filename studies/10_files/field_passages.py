@@ -1,0 +1,65 @@
+"""Field files whose lines state several things at once: units beside signs and senses, centres
+beside radii, forces in titles; and displays and logs of programs.
+"""
+
+from __future__ import annotations
+
+import field_files as field
+import numpy as np
+from field_files import Circle, FieldCase
+
+__all__ = ["passage_cases"]
+
+HEADER = "Angle [deg],Reading [um]"
+TENTHS = 2.54  # one ten-thousandth of an inch [µm]
+
+
+def passage_cases() -> dict[str, FieldCase]:
+    """Return the cases of lines that state several things."""
+    return {**unit_cases()}
+
+
+def in_gon_clockwise(circle: Circle, k: int) -> list[object]:
+    angle = np.mod(-circle.angle_deg[k], 360.0) / 0.9
+    return [f"{angle:.6f}", f"{circle.reading_um[k]:.3f}"]
+
+
+def unit_cases() -> dict[str, FieldCase]:
+    """Return units in lines that also state the sign of readings or the sense of angles."""
+    kind = "units beside signs and senses"
+    lines = (
+        "Readings in 0.0001 in, plus = bar longer",
+        "Readings in tenths (0.0001 in), plus = bar longer",
+        "Readings in tenths (0.0001 in)",
+        'Readings in tenths (0.0001"), plus = bar longer',
+        "Readings (0.0001 in), plus = bar longer",
+    )
+    cases = {}
+    for number, line in enumerate(lines):
+        files = field.texts("Angle [deg];Reading", field.scaled(TENTHS), line, separator=";")
+        cases[f"unit_beside_sign_{number}"] = FieldCase(
+            kind, f"a line '{line}'", files, told="unit of the reading: 0.0001 inch"
+        )
+    cases["unit_beside_sign_unread"] = FieldCase(
+        kind,
+        "a line 'Readings: 0.0001 inch, plus = longer'",
+        field.texts(
+            "Angle [deg];Reading",
+            field.scaled(TENTHS),
+            "Readings: 0.0001 inch, plus = longer",
+            separator=";",
+        ),
+        refusal="in line 1. Say which: --unit",
+        step=("--unit", "0.0001 inch"),
+    )
+    lines = (
+        "Angles in gon, positive clockwise from +X",
+        "Winkel in gon, von +X aus im Uhrzeigersinn; Kraft {F} N",
+        "Angles in gon from +X clockwise",
+    )
+    for number, line in enumerate(lines):
+        files = field.texts("Angle,Reading [um]", in_gon_clockwise, line)
+        cases[f"unit_beside_sense_{number}"] = FieldCase(
+            kind, f"a line '{line}'", files, told="unit of the angle: gon (line 1"
+        )
+    return cases
