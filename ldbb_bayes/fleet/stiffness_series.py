@@ -48,6 +48,8 @@ class StiffnessOfVisit(Result):
             return plus_minus(self.mean, self.sd, (low, high), self.unit).rstrip()
         if low is None:
             return _NOT_DETERMINED
+        if not self.unit:
+            return f"at least {low:.3g}"
         return f"at least {low * 1e-3:.3g} N/µm"
 
 

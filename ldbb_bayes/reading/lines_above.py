@@ -230,6 +230,9 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
         if arc.radius_mm is not None:
             statement = LineStatement(arc.radius_mm, "mm", arc.line)
             statements.setdefault("programmed_radius_mm", []).append(statement)
+        if arc.feed is not None:
+            statement = LineStatement(arc.feed.mm_per_min, "mm/min", arc.feed.line)
+            statements.setdefault("programmed_feed_mm_per_min", []).append(statement)
     return statements
 
 

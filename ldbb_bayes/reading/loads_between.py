@@ -25,7 +25,7 @@ _STATED = {"force_N": "Force: {value:.10g} N", "pressure_bar": "Pressure: {value
 
 
 @dataclass
-class _Block:
+class _RowBlock:
     """Successive rows of numbers, which are a table, and the rows above these numbers."""
 
     heading: list[Row]  # rows between the numbers of the previous block and those of this block
@@ -66,12 +66,12 @@ def with_loads_between(sheet: Sheet) -> Sheet:
     return replace(sheet, rows=rows)
 
 
-def _blocks_of(sheet: Sheet) -> list[_Block]:
+def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
     """Return all rows of a sheet in blocks: the rows above each table, and its rows of numbers.
 
     The rows after the last table form a block without numbers.
     """
-    blocks = [_Block([], [])]
+    blocks = [_RowBlock([], [])]
     run: list[Row] = []
     for row in sheet.rows:
         if count_numbers(row.cells) >= 2:
@@ -84,7 +84,7 @@ def _blocks_of(sheet: Sheet) -> list[_Block]:
     return blocks
 
 
-def _close_run(blocks: list[_Block], run: Sequence[Row]) -> None:
+def _close_run(blocks: list[_RowBlock], run: Sequence[Row]) -> None:
     """Add successive rows of numbers to the last block.
 
     If there are enough rows for a table, they become the numbers of this block, and a new block is
@@ -94,7 +94,7 @@ def _close_run(blocks: list[_Block], run: Sequence[Row]) -> None:
         blocks[-1].heading += run
         return
     blocks[-1].numbers += run
-    blocks.append(_Block([], []))
+    blocks.append(_RowBlock([], []))
 
 
 def _loads_in(sheet: Sheet, rows: Sequence[Row]) -> dict[int, NamedLoad]:

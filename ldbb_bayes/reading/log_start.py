@@ -5,14 +5,16 @@ A log over time is a table that holds times instead of angles.
 
 from __future__ import annotations
 
+import math
 import re
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.angle_convention import angle_of_axis, says_where_angles_begin
+from ldbb_bayes.reading.programmed_circles import ProgrammedArc, programmed_arcs
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
-__all__ = ["check_feed_is_whole", "start_at_axis"]
+__all__ = ["check_feed_is_whole", "start_at_axis", "start_of_programme"]
 
 # Regular expression for a line that says at which axis a circle starts, such as "Start point: Y+".
 _START = re.compile(
@@ -31,6 +33,13 @@ _SHARE = re.compile(
     re.IGNORECASE,
 )
 _WHOLE_PERCENT = 100.0
+# An arc in a programme is the circle of a test, and not a path to it or from it, if its radius
+# differs from that of the test by at most this fraction.
+_SAME_RADIUS = 1e-3
+# Two starts of a circle agree if they differ by at most this [deg].
+_SAME_START_DEG = 0.01
+# A coordinate of the start outside the plane of the test is zero up to this fraction of the radius.
+_IN_PLANE = 1e-6
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60
 
@@ -93,3 +102,73 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
         recording.note("start_deg", f"{angle:g}°, {axis}", source, "--start-deg")
         return angle
     return None
+
+
+def start_of_programme(recording: Recording, plane: str, direction: str | None) -> float | None:
+    """Return the angle [deg] at which a programmed circle starts; None if no line programs one.
+
+    Parameters
+    ----------
+    recording
+        Rows of the test in the file, and all statements about the test. The start is added to the
+        log of assumptions.
+    plane
+        Plane of the test, such as XY.
+    direction
+        Direction of travel of the test, CW or CCW; None if nothing states it.
+
+    Raises
+    ------
+    InputError
+        If a line programs the circle without its centre, if the start lies outside the plane, or if
+        lines program circles that start at different points.
+    """
+    starts: dict[float, ProgrammedArc] = {}
+    for arc in _circles_in_programme(recording, direction):
+        starts.setdefault(_start_in_plane(recording, arc, plane), arc)
+    if not starts:
+        return None
+    if max(starts) - min(starts) > _SAME_START_DEG:
+        angles = " and ".join(f"{angle:g}°" for angle in starts)
+        raise InputError(
+            f"{recording.place}: the start of the circle must be said once, got {angles}. Give"
+            " --start-deg."
+        )
+    angle = min(starts)
+    recording.note("start_deg", f"{angle:g}°", f"line {starts[angle].line}", "--start-deg")
+    return angle
+
+
+def _circles_in_programme(recording: Recording, direction: str | None) -> list[ProgrammedArc]:
+    """Return the arcs in lines above the table that have the radius and direction of the test.
+
+    If the radius of no arc agrees with that of the test, all arcs in its direction are returned.
+    """
+    lines = recording.heading.lines_above
+    arcs = []
+    for arc in programmed_arcs(lines) or programmed_arcs(recording.lines_of_all_tests):
+        if arc.is_path and direction in (None, arc.direction):
+            arcs.append(arc)
+    radius_mm = recording.radius_mm
+    circles = []
+    for arc in arcs:
+        if abs((arc.radius_mm or 0.0) - radius_mm) <= _SAME_RADIUS * radius_mm:
+            circles.append(arc)
+    return circles or arcs
+
+
+def _start_in_plane(recording: Recording, arc: ProgrammedArc, plane: str) -> float:
+    """Return the angle [deg] at which an arc starts, counted from the first axis of the plane."""
+    start_mm = arc.start_mm or {}
+    limit = _IN_PLANE * recording.radius_mm
+    is_in_plane = all(
+        axis in plane or abs(coordinate) <= limit for axis, coordinate in start_mm.items()
+    )
+    first = start_mm.get(plane[0], 0.0)
+    second = start_mm.get(plane[1], 0.0)
+    if not is_in_plane or math.hypot(first, second) <= limit:
+        raise InputError(
+            f"{recording.place}: a log over time must say where its circle starts, got"
+            f" {arc.text.strip()[:_TEXT_SHOWN]!r} in line {arc.line}. Give --start-deg."
+        )
+    return math.degrees(math.atan2(second, first)) % 360.0

@@ -1,18 +1,20 @@
-"""Radius and direction of a circle that is programmed by G-code in lines above a table.
+"""Circles that are programmed in lines above a table: radius, direction, start and feed.
 
-An example is the block ``G2 X100 Y0 I-100 J0``, a clockwise circle of radius 100 mm.
+The lines are blocks of G-code, such as ``G2 X100 Y0 I-100 J0 F2000``, a clockwise circle of radius
+100 mm that starts at +X, or blocks for a Heidenhain control, such as ``C X+100 Y+0 DR-``.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ldbb_bayes.reading.words import LONGEST_TEXT
 
-__all__ = ["ProgrammedArc", "programmed_arcs", "programs_arc"]
+__all__ = ["ProgrammedArc", "ProgrammedFeed", "programmed_arcs", "programs_arc"]
 
 _NUMBER = r"[+\-]?(?:\d+\.?\d*|\.\d+)"
 # Regular expression for the word that begins an arc, G2 or G3. It matches only if a word for an
@@ -25,7 +27,18 @@ _ARC = re.compile(
 # Regular expression for a line that is nothing but the word G2 or G3.
 _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
 # Regular expression for a coordinate of the centre of an arc, counted from the start of the arc.
-_CENTRE = re.compile(rf"(?<![A-Za-z])[IJK]\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
+_CENTRE = re.compile(rf"(?<![A-Za-z])(?P<letter>[IJK])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
+# Axes to which the letters of the centre belong.
+_AXIS_OF_CENTRE = {"I": "X", "J": "Y", "K": "Z"}
+# Regular expression for a coordinate of a point.
+_POINT = re.compile(rf"(?<![A-Za-z])(?P<letter>[XYZ])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
+# Regular expression for a block that moves along a straight line: G0, G1, or L of Heidenhain.
+_STRAIGHT = re.compile(r"(?<![A-Za-z\d])G0?[01](?![\d.])|^\W*(?:\d+\s+)?L\s", re.IGNORECASE)
+# Regular expression for a block with the centre of the following arcs of Heidenhain.
+_POLE = re.compile(r"^\W*(?:\d+\s+)?CC\s")
+# Regular expression for a feed, and for the words G93 and G95, after which F is not a speed.
+_FEED = re.compile(r"(?<![A-Za-z])F\s?=?\s?(?P<number>\d+\.?\d*)", re.IGNORECASE)
+_FEED_IS_NO_SPEED = re.compile(r"(?<![A-Za-z\d])G9[35](?![\d.])", re.IGNORECASE)
 # Regular expression for the radius of an arc.
 _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
 # Regular expression for the word G90.1, after which the coordinates of centres are counted from the
@@ -33,20 +46,50 @@ _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNOR
 _ABSOLUTE_CENTRE = re.compile(r"(?<![A-Za-z\d])G90\.1(?!\d)", re.IGNORECASE)
 # Regular expression for the words G20 and G70, after which lengths are in inches.
 _INCHES = re.compile(r"(?<![A-Za-z\d])G(?:20|70)(?![\d.])", re.IGNORECASE)
-# Regular expression for the sense of an arc in programmes for Heidenhain controls. The radius of
-# such an arc is in other blocks.
-_ARC_AROUND_POLE = re.compile(r"(?<![A-Za-z])DR\s?[+\-](?!\d)")
+# Regular expression for the sense of an arc in programmes for Heidenhain controls. The centre of
+# such an arc, the pole, is in another block.
+_ARC_AROUND_POLE = re.compile(r"(?<![A-Za-z])DR\s?(?P<sense>[+\-])(?!\d)")
 _MM_PER_INCH = 25.4
-# Directions of travel that the words G2 and G3 select; the keys are the digits of these words.
-_SENSES = {"2": "CW", "3": "CCW"}
+# Directions of travel that the words G2, G3, DR- and DR+ select; the keys are the last characters
+# of the words.
+_SENSES = {"2": "CW", "3": "CCW", "-": "CW", "+": "CCW"}
+
+
+class ProgrammedFeed(NamedTuple):
+    """Feed that a block of a programme states."""
+
+    line: int | str  #: number of the line
+    mm_per_min: float  #: feed [mm/min]
 
 
 class ProgrammedArc(NamedTuple):
-    """Arc that is programmed by a block of G-code."""
+    """Arc that is programmed by a block of G-code, or by a block for a Heidenhain control."""
 
     line: int | str  #: number of the line
-    direction: str  #: CW for G2, CCW for G3
-    radius_mm: float | None  #: radius; None if the block does not state it
+    text: str  #: the block
+    direction: str  #: CW for G2 and DR-, CCW for G3 and DR+
+    radius_mm: float | None  #: radius; None if the blocks do not state it
+    #: start of the arc, counted from its centre, for a full circle [mm]; the keys are the axes X,
+    #: Y and Z; None if the blocks do not state the start
+    start_mm: Mapping[str, float] | None
+    feed: ProgrammedFeed | None  #: feed that applies to the arc; None if the blocks state none
+    is_path: bool  #: whether the block describes a path, and is not only the word G2 or G3
+
+
+@dataclass
+class _Programme:
+    """State of a programme after the blocks that have been read."""
+
+    #: millimetres in one unit of length
+    unit_mm: float
+    #: whether centres are counted from the zero point of the programme, not from the arc's start
+    has_absolute_centres: bool
+    has_feeds: bool  #: whether F is a speed
+    #: end of the last motion; the keys are axes; empty if it is not known
+    position: dict[str, float] = field(default_factory=dict)
+    #: centre of the following arcs of Heidenhain; the keys are axes; empty if it is not known
+    pole: dict[str, float] = field(default_factory=dict)
+    feed: ProgrammedFeed | None = None  #: feed that applies to the next block
 
 
 def programs_arc(text: str) -> bool:
@@ -56,7 +99,7 @@ def programs_arc(text: str) -> bool:
 
 
 def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedArc]:
-    """Return the arcs that are programmed by G-code in lines of text, in the order of the lines.
+    """Return the arcs that are programmed in lines of text, in the order of the lines.
 
     Parameters
     ----------
@@ -67,32 +110,91 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
     unit_mm = 1.0
     if any(_INCHES.search(text) for text in texts):
         unit_mm = _MM_PER_INCH
-    is_absolute = any(_ABSOLUTE_CENTRE.search(text) for text in texts)
+    programme = _Programme(
+        unit_mm,
+        has_absolute_centres=any(_ABSOLUTE_CENTRE.search(text) for text in texts),
+        has_feeds=not any(_FEED_IS_NO_SPEED.search(text) for text in texts),
+    )
     arcs = []
     for line, content in lines:
-        text = content[:LONGEST_TEXT]
-        match = _ARC.search(text) or _WORD_OF_ARC.fullmatch(text)
-        if match is None:
-            continue
-        radius = _radius_in(text, is_absolute)
-        if radius is not None:
-            radius *= unit_mm
-        arcs.append(ProgrammedArc(line, _SENSES[match["sense"]], radius))
+        arc = _read_block(programme, line, content[:LONGEST_TEXT])
+        if arc is not None:
+            arcs.append(arc)
     return arcs
 
 
-def _radius_in(block: str, is_absolute: bool) -> float | None:
-    """Return the radius that a block of G-code states; None if the block states no radius.
+def _read_block(programme: _Programme, line: int | str, text: str) -> ProgrammedArc | None:
+    """Return the arc that a block describes, or None, and store what applies to later blocks."""
+    path = _ARC.search(text) or _ARC_AROUND_POLE.search(text)
+    is_motion = path is not None or _STRAIGHT.search(text) is not None
+    if is_motion:
+        _take_feed(programme, line, text)
+    match = path or _WORD_OF_ARC.fullmatch(text)
+    arc = None
+    if match is not None:
+        start = _start_of_arc(programme, text)
+        arc = ProgrammedArc(
+            line,
+            text,
+            _SENSES[match["sense"]],
+            _radius_of_arc(programme, text, start),
+            start,
+            programme.feed,
+            is_path=path is not None,
+        )
+    if is_motion:
+        programme.position |= _coordinates(programme, text)
+    elif _POLE.search(text):
+        programme.pole = _coordinates(programme, text)
+    return arc
 
-    The radius is in the unit of the block. The block states the radius itself, or the coordinates
-    of the centre, from which the radius is computed. This is possible only if the coordinates are
-    counted from the start of the arc. If ``is_absolute`` is true, they are counted from the zero
-    point of the programme, and the result is None.
+
+def _take_feed(programme: _Programme, line: int | str, block: str) -> None:
+    match = _FEED.search(block)
+    if match is not None and programme.has_feeds:
+        mm_per_min = float(match["number"]) * programme.unit_mm
+        programme.feed = ProgrammedFeed(line, mm_per_min)
+
+
+def _coordinates(programme: _Programme, block: str) -> dict[str, float]:
+    """Return the coordinates [mm] of the point in a block; the keys are the axes X, Y and Z."""
+    coordinates = {}
+    for match in _POINT.finditer(block):
+        coordinates[match["letter"].upper()] = float(match["number"]) * programme.unit_mm
+    return coordinates
+
+
+def _start_of_arc(programme: _Programme, block: str) -> dict[str, float] | None:
+    """Return the start of an arc, counted from its centre [mm]; None if it is not known.
+
+    The keys are the axes. The centre stands in the block, or is the pole. If it is counted from the
+    zero point of the programme, the arc starts at the end of the last motion. If this point is not
+    known, the start is the point in the block itself, which is the end of a full circle.
+    """
+    centre = {}
+    for match in _CENTRE.finditer(block):
+        axis = _AXIS_OF_CENTRE[match["letter"].upper()]
+        centre[axis] = float(match["number"]) * programme.unit_mm
+    if centre and not programme.has_absolute_centres:
+        return {axis: -distance for axis, distance in centre.items()}
+    if _ARC_AROUND_POLE.search(block):
+        centre = programme.pole
+    point = programme.position or _coordinates(programme, block)
+    if not centre or not point:
+        return None
+    return {axis: point.get(axis, 0.0) - centre[axis] for axis in centre}
+
+
+def _radius_of_arc(
+    programme: _Programme, block: str, start_mm: Mapping[str, float] | None
+) -> float | None:
+    """Return the radius of an arc [mm]; None if the blocks do not state it.
+
+    The block states the radius itself, or it is the distance of the start from the centre.
     """
     stated = _RADIUS.search(block)
-    if stated is not None:
-        return abs(float(stated["number"])) or None
-    distances = [float(match["number"]) for match in _CENTRE.finditer(block)]
-    if is_absolute:
+    if stated is not None and not _ARC_AROUND_POLE.search(block):
+        return abs(float(stated["number"])) * programme.unit_mm or None
+    if start_mm is None:
         return None
-    return math.hypot(*distances) or None
+    return math.hypot(*start_mm.values()) or None

@@ -159,7 +159,8 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     Such values are used only if neither the user nor a column states the quantity. ``key`` is the
     field of the quantity, such as force_N. The list begins with the values in lines; values that
     are NaN for a reason in ``doubt`` are last among them. The values in the names of test, column,
-    sheet and file follow. For a radius, the radii of arcs in G-code are at the end. ``recording``
+    sheet and file follow. For a radius, the radii of arcs in G-code are at the end. The feed of
+    these arcs is used only if no other line states the feed. ``recording``
     holds the rows of the test in its file, and all statements about the test.
     """
     evidence = []
@@ -176,6 +177,10 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
         if radius is not None:
             evidence.append(_Evidence(radius, "its name", _ROUNDED_IN_NAME))
         evidence += _programmed_evidence(recording, evidence)
+    if key == "feed_mm_per_min" and not evidence:
+        for statement in recording.statements.get("programmed_feed_mm_per_min", ()):
+            source = f"line {statement.line}"
+            evidence.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE))
     return evidence
 
 

@@ -22,7 +22,7 @@ from ldbb_bayes.reading.laps import (
     direction_of_travel,
     on_the_circle,
 )
-from ldbb_bayes.reading.log_start import start_at_axis
+from ldbb_bayes.reading.log_start import start_at_axis, start_of_programme
 from ldbb_bayes.reading.log_times import times_of_log
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.programmed_circles import programmed_arcs
@@ -158,17 +158,22 @@ def _plane_of(recording: Recording) -> str:
     return recording.fields.get("plane") or recording.campaign.get("plane") or "XY"
 
 
-def _start_of_circle(recording: Recording) -> float:
+def _start_of_circle(recording: Recording, direction: str | None) -> float:
     """Return the angle [deg] at which the circle of a test with times instead of angles starts.
 
     The angle is the value that is stated for ``start_deg``. If no value is stated, it is the angle
-    of the axis at which the circle starts according to a line. If no line names such an axis, the
-    angle is zero.
+    of the axis at which the circle starts according to a line. If no line names such an axis, it is
+    the start of the circle that lines of a programme describe, and zero without such lines.
+    ``direction`` is the stated direction of travel, CW or CCW, or None.
     """
     if quantity_of(recording, "start_deg") is None:
-        at_axis = start_at_axis(recording, _plane_of(recording))
+        plane = _plane_of(recording)
+        at_axis = start_at_axis(recording, plane)
         if at_axis is not None:
             return at_axis
+        programmed = start_of_programme(recording, plane, direction)
+        if programmed is not None:
+            return programmed
     return _angle_or_zero(recording, "start_deg")
 
 
@@ -186,12 +191,13 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
             f"{recording.place}: a log over time must come with its feed, got none. Give"
             " --feed-mm-per-min."
         )
-    start_deg = _start_of_circle(recording)
+    if direction is None:
+        _check_no_direction(recording)
+    start_deg = _start_of_circle(recording, direction)
     overshoot_deg = _angle_or_zero(recording, "overshoot_deg")
     reason = "a log holds no more"
     recording.note("feed", "constant from the first reading on", reason, "--overshoot-deg")
     if direction is None:
-        _check_no_direction(recording)
         direction = "CCW"
         recording.note("direction", direction, "none stated", "--direction")
     sense = -1 if direction == "CW" else 1

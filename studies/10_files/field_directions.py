@@ -18,7 +18,12 @@ WHICH_DIRECTION = "Say which: --direction CW or CCW"
 
 def direction_cases() -> dict[str, FieldCase]:
     """Return the cases of directions of travel in words."""
-    return {**log_direction_cases(), **shared_line_cases(), **plane_cases()}
+    return {
+        **log_direction_cases(),
+        **log_programme_cases(),
+        **shared_line_cases(),
+        **plane_cases(),
+    }
 
 
 def clockwise(circle: Circle, k: int) -> list[object]:
@@ -32,6 +37,40 @@ def clockwise_from_y(circle: Circle, k: int) -> list[object]:
     quarter = len(circle.angle_deg) // 4
     time, _ = clockwise(circle, k)
     return [time, f"{circle.reading_um[quarter - k]:.3f}"]
+
+
+def log_programme_cases() -> dict[str, FieldCase]:
+    """Return logs over time of circles that a programme starts at +Y, clockwise, with its feed."""
+    kind = "directions of travel in words"
+    radius = f"{RADIUS_MM:g}"
+    feed = f"F{FEED_MM_PER_MIN:g}"
+    programmes = {
+        "centre": f"G2 X0 Y{radius} I0 J-{radius} {feed}",
+        "centre_alone": f"N20 G1 X0 Y{radius} {feed}\nN30 G2 J-{radius}",
+        "absolute": f"G90.1\nG1 X0 Y{radius} {feed}\nG2 X0 Y{radius} I0 J0",
+        "pole": f"L X+0 Y+{radius} R0 {feed}\nCC X+0 Y+0\nC X+0 Y+{radius} DR-",
+        "pole_alone": f"12 CC X+0 Y+0\n13 L X+0 Y+{radius} {feed}\n14 CP IPA-360 DR-",
+        "with_ways": f"Radius {radius} mm\nG2 X2 I1 J0\nG2 J-{radius} {feed}\nG2 X4 I2 J0",
+    }
+    cases = {}
+    for name, programme in programmes.items():
+        cases[f"log_programme_{name}"] = FieldCase(
+            kind,
+            f"a log with lines '{programme.replace(chr(10), ', ')}'",
+            field.texts(LOG_HEADER, clockwise_from_y, above=programme),
+            told="start_deg: 90°",
+            circles=CLOCKWISE,
+        )
+    for name, block in (("radius", f"G02 X=0 Y={radius} CR={radius}"), ("pole", "CP IPA-360 DR-")):
+        cases[f"log_programme_asked_{name}"] = FieldCase(
+            kind,
+            f"a log with a line '{block} {feed}', which does not say where the circle starts",
+            field.texts(LOG_HEADER, clockwise_from_y, above=f"{block} {feed}"),
+            refusal="a log over time must say where its circle starts",
+            step=("--start-deg", "90"),
+            circles=CLOCKWISE,
+        )
+    return cases
 
 
 def log_direction_cases() -> dict[str, FieldCase]:

@@ -323,13 +323,20 @@ def programmed_cases() -> dict[str, FieldCase]:
         step=("--radius-mm", "100"),
         circles=of_radius(100.0, "CCW"),
     )
-    for name, block in (("pole", "C X+100 Y+0 DR+"), ("absolute", "G90.1 G2 X100 Y0 I0 J0")):
-        cases[f"program_{name}"] = FieldCase(
-            kind,
-            f"a line '{block}'",
-            field.texts(HEADER, above=block),
-            told=f"line 1 says {block}, not taken",
-        )
+    block = "C X+100 Y+0 DR+"
+    cases["program_without_pole"] = FieldCase(
+        kind,
+        f"a line '{block}'",
+        field.texts(HEADER, above=block),
+        told=f"line 1 says {block}, not taken",
+    )
+    cases["program_absolute"] = FieldCase(
+        kind,
+        "a line 'G90.1 G2 X100 Y0 I0 J0'",
+        field.texts(HEADER, above="G90.1 G2 X100 Y0 I0 J0"),
+        told="direction: CW",
+        circles=of_radius(100.0, "CW"),
+    )
     return cases
 
 

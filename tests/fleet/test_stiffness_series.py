@@ -98,3 +98,11 @@ def test_what_is_not_determined_is_said() -> None:
     assert series["k_max"][0].text == "at least 25 N/µm"
     assert series["softest_direction"][0].text == "not determined"
     assert "at least 25 N/µm" in str(stiffness_table(series))
+
+
+def test_a_lower_limit_of_a_ratio_has_no_unit() -> None:
+    rows = pd.DataFrame({"reference_force_N": [300.0]})
+    for number in ("mean", "sd", "median", "ci_low", "ci_high"):
+        rows[f"k_ratio.{number}"] = [None]
+    rows["k_ratio.ci_low"] = [1.2]
+    assert stiffness_series(rows, ["first"])["k_ratio"][0].text == "at least 1.2"

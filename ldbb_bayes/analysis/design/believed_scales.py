@@ -171,7 +171,7 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
     return information
 
 
-class _Block(NamedTuple):
+class _EffectBlock(NamedTuple):
     """A block of the design matrix: the effects that change all readings, or one test only.
 
     The design matrix has one row for each of the N reduced readings of all tests, and one column
@@ -185,7 +185,7 @@ class _Block(NamedTuple):
 
 
 def _information_at(
-    blocks: list[_Block], variances: Array, noise: float, slopes: Array, noise_slope: Array
+    blocks: list[_EffectBlock], variances: Array, noise: float, slopes: Array, noise_slope: Array
 ) -> Array:
     """Return the Fisher information of N reduced readings about h normal scores, shape (h, h).
 
@@ -224,7 +224,7 @@ def _information_at(
     return np.asarray(0.5 * (between + with_noise + with_noise.T + of_noise))
 
 
-def _precision(blocks: list[_Block], variances: Array, noise: float) -> Array:
+def _precision(blocks: list[_EffectBlock], variances: Array, noise: float) -> Array:
     """Return the inverse of the covariance V of N reduced readings, shape (N, N).
 
     V = B + X Xᵀ. B is the block-diagonal covariance due to the white noise and to the effects on
@@ -256,7 +256,7 @@ class _Effects(NamedTuple):
 
     # blocks of the design matrix: effects on all tests, then effects on each test alone; C effects
     # in all
-    blocks: list[_Block]
+    blocks: list[_EffectBlock]
     variances: Array  # variances of the effects, shape (w, C)
     noise_variance: Array  # variance of the white noise, shape (w,)
 
@@ -272,13 +272,13 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
     for r in range(len(bound.reduced)):
         of_block.append(_on_one_test(bound, values, r))
     first = of_block[0].columns
-    blocks = [_Block(slice(0, len(first)), slice(0, first.shape[1]), first)]
+    blocks = [_EffectBlock(slice(0, len(first)), slice(0, first.shape[1]), first)]
     readings = 0
     effects = first.shape[1]
     for block in of_block[1:]:
         n, c = block.columns.shape
         blocks.append(
-            _Block(slice(readings, readings + n), slice(effects, effects + c), block.columns)
+            _EffectBlock(slice(readings, readings + n), slice(effects, effects + c), block.columns)
         )
         readings += n
         effects += c
@@ -286,7 +286,7 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
     return _Effects(blocks, variances, values["sigma"] ** 2)
 
 
-class _Scaled(NamedTuple):
+class _EffectColumns(NamedTuple):
     """Changes of n readings per unit of each of c effects, and the variances of these effects."""
 
     columns: Array  # changes of the readings per unit of each effect, shape (n, c)
@@ -294,7 +294,7 @@ class _Scaled(NamedTuple):
     variances: Array
 
 
-def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _Scaled:
+def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _EffectColumns:
     """Return the effects on the readings of all tests, including the parameters of interest."""
     factors = [test.factor for test in bound.reduced]
     interest = [factor @ bound.interest[r] for r, factor in enumerate(factors)]
@@ -308,7 +308,7 @@ def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _Scaled:
     return _scaled(columns, sds, len(values["sigma"]))
 
 
-def _on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _Scaled:
+def _on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _EffectColumns:
     """Return the effects on the readings of test ``r`` alone."""
     factor = bound.reduced[r].factor
     columns = [np.empty((len(factor), 0))]
@@ -323,7 +323,7 @@ def _on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _Sca
     return _scaled(columns, sds, len(values["sigma"]))
 
 
-def _scaled(columns: list[Array], sds: list[Array], sets: int) -> _Scaled:
+def _scaled(columns: list[Array], sds: list[Array], sets: int) -> _EffectColumns:
     """Return the columns of all effects as one matrix, with the variances of the effects.
 
     ``columns`` and ``sds`` hold the columns and the standard deviations of groups of effects.
@@ -332,4 +332,4 @@ def _scaled(columns: list[Array], sds: list[Array], sets: int) -> _Scaled:
     variances = []
     for column, sd in zip(columns, sds, strict=True):
         variances.append(np.broadcast_to(sd**2, (sets, column.shape[1])))
-    return _Scaled(np.concatenate(columns, axis=1), np.concatenate(variances, axis=1))
+    return _EffectColumns(np.concatenate(columns, axis=1), np.concatenate(variances, axis=1))
