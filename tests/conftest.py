@@ -80,6 +80,15 @@ def published(recovered: Campaign, compared: Comparison) -> tuple[Document, str]
     return document, html_page(document)
 
 
+@pytest.fixture(scope="session")
+def place_of_demonstration(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the demonstration is kept for all processes of this run."""
+    base = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        base = base.parent
+    return base / "demonstration"
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """Debian's Chromium, which asks nobody for anything; skipped where it or playwright is

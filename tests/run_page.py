@@ -14,6 +14,8 @@ import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 
+from demonstrations import copied_demonstration
+
 BLOCK = re.compile(
     r"^(<!-- not executed: [^\n]* -->\n+)?```(python|sh)\n(.*?)^```$(?:\n+```text\n(.*?)^```$)?",
     re.M | re.S,
@@ -57,8 +59,13 @@ def missing(expected: str, printed: str) -> str | None:
     return None
 
 
-def run_command(page: Path, command: str) -> str:
-    """Return what a command of the package prints; the run ends where it fails."""
+def run_command(page: Path, command: str, demonstration: Path) -> str:
+    """Return what a command of the package prints; the run ends where it fails.
+
+    The demonstration is taken from where it is kept.
+    """
+    if command == "ldbb-bayes demo":
+        return copied_demonstration(demonstration, Path.cwd())
     words = shlex.split(command, comments=True)[1:]
     arguments = [sys.executable, "-W", "error", "-m", "ldbb_bayes", *words]
     ended = subprocess.run(
@@ -69,7 +76,7 @@ def run_command(page: Path, command: str) -> str:
     return ended.stdout
 
 
-def main(page: Path) -> None:
+def main(page: Path, demonstration: Path) -> None:
     space = {"__name__": "__main__"}
     for skipped, kind, code, expected in BLOCK.findall(page.read_text(encoding="utf-8")):
         if skipped:
@@ -80,7 +87,7 @@ def main(page: Path) -> None:
                 exec(compile(code, str(page), "exec"), space)
         else:
             for command in re.findall(r"^ldbb-bayes .*$", code, re.M):
-                printed.write(run_command(page, command))
+                printed.write(run_command(page, command, demonstration))
         line = missing(expected, printed.getvalue())
         if line:
             sys.exit(
@@ -90,4 +97,4 @@ def main(page: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]).resolve())
+    main(Path(sys.argv[1]).resolve(), Path(sys.argv[2]))

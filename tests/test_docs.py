@@ -30,11 +30,11 @@ WORKBOOK = ROOT / "docs" / "tutorials" / "practice.xlsx"
     [page for page in PAGES if run_page.BLOCK.search(page.read_text(encoding="utf-8"))],
     ids=str,
 )
-def test_blocks_run(page: Path, tmp_path: Path) -> None:
+def test_blocks_run(page: Path, tmp_path: Path, place_of_demonstration: Path) -> None:
     """In a folder of their own, with the data of the checkout and the tutorial's workbook."""
     (tmp_path / "data").symlink_to(ROOT / "data")
     (tmp_path / WORKBOOK.name).write_bytes(WORKBOOK.read_bytes())
-    command = [sys.executable, "-W", "error", run_page.__file__, page]
+    command = [sys.executable, "-W", "error", run_page.__file__, page, place_of_demonstration]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
 

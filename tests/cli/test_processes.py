@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from demonstrations import demonstration_in
 from terminals import read_to_the_end
 
 import ldbb_bayes as lb
@@ -110,9 +111,9 @@ def test_a_reader_that_leaves_early_is_no_error(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_demo(tmp_path: Path) -> None:
-    ended = run("demo", cwd=tmp_path)
-    assert (ended.returncode, ended.stderr) == (0, "")
+def test_demo(place_of_demonstration: Path) -> None:
+    ended = demonstration_in(place_of_demonstration)
+    assert (ended.exit_code, ended.stderr) == (0, "")
     words = " ".join(ended.stdout.split())
     for expected in (
         "Constant compliance",
@@ -130,13 +131,13 @@ def test_demo(tmp_path: Path) -> None:
         "THE RESULTS CAN BE USED WITH THIS RESERVATION. Not determined by the readings (5 of 11"
         " quantities): E_XX1, E_YX2, E_XY2, E_YY1 and E_C(0Y)X." in words
     )
-    out = tmp_path / "ldbb_demo"
-    assert [path.name for path in tmp_path.iterdir()] == ["ldbb_demo"]
+    out = ended.folder / "ldbb_demo"
+    assert [path.name for path in ended.folder.iterdir()] == ["ldbb_demo"]
     names = {path.name for path in (out / "figures").iterdir()}
     assert names == {f"{name}.png" for name in FIGURES} | {f"{name}.svg" for name in FIGURES}
     assert "<svg" in (out / "linear" / "report.html").read_text(encoding="utf-8")
     linear = json.loads((out / "linear" / "summary.json").read_text())
     assert linear["sampler"]["converged"]
     assert linear["campaign"]["sha256"] == lb.read_campaign(out / "campaign").sha256
-    again = run("demo", cwd=tmp_path)
+    again = run("demo", cwd=ended.folder)
     assert (again.returncode, "--force" in again.stderr) == (2, True)
