@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ldbb_bayes"
-ERRORS = ("InputError", "OpenQuestionError", "NoTableError")
+ERRORS = ("InputError", "OpenQuestionError", "NoTableError", "EmptyFileError")
 # Arguments of the methods that add a note to a log, counted from 0: without the place.
 NOTE_ARGUMENTS = {"add": slice(1, 5), "note": slice(0, 4)}
 # Variables that hold the reason of a note, or the place that states a value.

@@ -27,6 +27,7 @@ __all__ = [
     "COMPOUND_SIGNATURE",
     "LARGEST_TABLE",
     "LONGEST_CELL_SHOWN",
+    "EmptyFileError",
     "Row",
     "columns_of",
     "decode_text",
@@ -59,6 +60,10 @@ COMPOUND_SIGNATURE = b"\xd0\xcf\x11\xe0"
 _CONTROL_Z = b"\x1a"
 
 
+class EmptyFileError(InputError):
+    """Error for a file that holds nothing, or only blanks."""
+
+
 class Row(NamedTuple):
     """Row of a text table: its line number and its cells."""
 
@@ -85,10 +90,10 @@ def table_bytes(path: Path) -> bytes:
     Raise an `InputError` if the file is empty, too large or cannot be read.
     """
     raw = bytes_of(path, LARGEST_TABLE_BYTES, what="a file")
-    require(
-        raw.strip(b" \t\r\n\0"),
-        f"{path} must hold a table, got an empty file. Leave it out or export it again.",
-    )
+    if not raw.strip(b" \t\r\n\0"):
+        raise EmptyFileError(
+            f"{path} must hold a table, got an empty file. Leave it out or export it again."
+        )
     return raw
 
 

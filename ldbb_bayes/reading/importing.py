@@ -16,6 +16,7 @@ from typing import Annotated, Any
 from pydantic import PlainSerializer
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.text_table import EmptyFileError
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.assumptions import Assumption, AssumptionLog
 from ldbb_bayes.reading.campaign_fields import (
@@ -223,11 +224,16 @@ def _select_tables(
 
 
 def _sheets_of_file(path: Path, layout: Layout, is_only_file: bool) -> list[Sheet]:
-    """Return the sheets of a file. For one of several files, errors advise leaving it out."""
+    """Return the sheets of a file. For one of several files, errors advise leaving it out.
+
+    The error for an empty file advises this in any case.
+    """
     try:
         return read_sheets(
             path, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets
         )
+    except EmptyFileError:
+        raise
     except InputError as error:
         if is_only_file:
             raise

@@ -103,6 +103,8 @@ class Recording:
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
+    #: headers of two columns that only together identify the tests; empty if there are none
+    numbering_headers: Sequence[str] = ()
     #: units that are assumed for columns without a unit; the keys are the roles (angle, reading, …)
     #: of the columns
     assumed_units: dict[str, AssumedUnit] = field(default_factory=dict)

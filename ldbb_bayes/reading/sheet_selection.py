@@ -175,7 +175,7 @@ def _check_none_transposed(sheets: Sequence[Sheet]) -> None:
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add hidden sheets, hidden rows and repeated headers to the log, because they are left out.
+    """Add hidden sheets and hidden rows, which are left out, and repeated headers to the log.
 
     If a workbook is not in the format XLSX, hidden rows and number formats cannot be examined. This
     is noted too.
@@ -183,9 +183,10 @@ def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
     paths = set()
     for sheet in sheets:
         if sheet.n_headers:
-            headers = f"repeated headers: {sheet.n_headers}"
-            remedy = "save them as files of their own"
-            log.add(sheet.place, "left out", headers, "the table goes on below them", remedy)
+            headers = f"{sheet.n_headers} passed over, the table is read whole"
+            reason = "the table goes on below them"
+            remedy = "a file for each table, if there are several"
+            log.add(sheet.place, "repeated headers", headers, reason, remedy)
         if sheet.hidden_rows:
             rows = f"{sheet.hidden_rows} hidden rows"
             remedy = "show them in the spreadsheet program"

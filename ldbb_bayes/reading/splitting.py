@@ -85,6 +85,13 @@ class _SheetColumns:
     # index of the column of units for each column of numbers that has one; the keys are the indices
     # of the columns of numbers
     unit_columns: Mapping[int, int]
+    # indices of two columns that only together identify the tests; empty if there are none
+    numbering: Sequence[int]
+
+    @property
+    def numbering_headers(self) -> list[str]:
+        """Headers of the two columns that only together identify the tests."""
+        return [self.heading.headers[column] for column in self.numbering]
 
     def row_units(self, roles: Mapping[str, int], rows: Sequence[int]) -> dict[str, list[RowUnits]]:
         """Return a dict with the units that the file states row by row; the keys are the roles.
@@ -208,6 +215,7 @@ class _SheetColumns:
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
+        in_use.update(self.numbering)
         for column, header in enumerate(self.heading.headers):
             cells = set(self.cells_with_units(column, rows))
             if header and column not in in_use and len(cells) == 1 and header not in PER_TEST:
@@ -298,16 +306,12 @@ def split_sheet(
     """
     columns = _read_columns(sheet, heading, layout, campaign.get("plane"), log)
     shared_numbers = _shared_numbers(columns, layout)
-    numbering = _two_numbering_columns(columns, layout)
-    if numbering:
-        labels = _labels_of_two_columns(columns, numbering, log)
-    else:
-        labels = _labels_of(columns)
+    labels = _labels_of(columns, log)
     rows_by_label: dict[str, list[int]] = {}
     for row, label in enumerate(labels):
         rows_by_label.setdefault(label, []).append(row)
     field_columns = _field_columns(columns, labels, log)
-    _note_unused_columns(columns, list(rows_by_label.values()), numbering, log)
+    _note_unused_columns(columns, list(rows_by_label.values()), log)
     holds_several = len(rows_by_label) > 1 or len(heading.readings) > 1 or bool(sheet.name_in_file)
     for test_heading in columns.heading.split_by_readings():
         numbers = dict(shared_numbers)
@@ -347,6 +351,7 @@ def split_sheet(
                 fields=fields,
                 lines_of_all_tests=overview.of_all_tests,
                 constant_columns=columns.constant_lines(rows),
+                numbering_headers=columns.numbering_headers,
             )
 
 
@@ -522,6 +527,9 @@ def _read_columns(
     check_angle_columns(sheet, heading, cells)
     heading = name_plane_column(sheet, heading, cells, stated_plane, log)
     check_directions(sheet, heading, cells, layout)
+    numbering = _two_numbering_columns(heading, cells)
+    if numbering and "test" not in layout.columns:
+        heading = _without_test_column(heading)
     note_heading(sheet, heading, layout, log)
     clock_column = None
     if "time" in heading.roles and is_clock(cells[heading.roles["time"]][0]):
@@ -539,7 +547,9 @@ def _read_columns(
         units = list(heading.units)
         units[clock_column] = "s"
         heading = replace(heading, units=units)
-    return _SheetColumns(sheet, heading, lines, cells, clock_column, decimal, columns_of_units)
+    return _SheetColumns(
+        sheet, heading, lines, cells, clock_column, decimal, columns_of_units, numbering
+    )
 
 
 def _check_formulas(
@@ -705,46 +715,54 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
     return numbers
 
 
-def _two_numbering_columns(columns: _SheetColumns, layout: Layout) -> list[int]:
+def _two_numbering_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
     """Return the indices of two columns that only together identify the tests: ``run``, ``pass``.
 
     For each of the two columns alone, rows with the same cell differ in force, pressure or
     direction. Rows with the same cells in both columns agree in these quantities. Return an empty
-    list if there are no such columns, or if the layout states the column that names the tests.
+    list if there are no such columns. ``cells`` holds the cells of each column.
     """
-    roles = columns.heading.roles
+    roles = heading.roles
     conditions = [roles[role] for role in ("force", "pressure", "direction") if role in roles]
-    if not conditions or "test" in layout.columns:
+    if not conditions:
         return []
-    numbering = columns_that_number(columns.heading.headers, columns.cells, conditions)
+    numbering = columns_that_number(heading.headers, cells, conditions)
     if len(numbering) < 2:
         return []
     return numbering
 
 
-def _labels_of_two_columns(
-    columns: _SheetColumns, numbering: Sequence[int], log: AssumptionLog
-) -> list[str]:
+def _without_test_column(heading: Heading) -> Heading:
+    """Return a heading in which no single column names the tests."""
+    roles = dict(heading.roles)
+    roles.pop("test", None)
+    return replace(heading, roles=roles)
+
+
+def _labels_of_two_columns(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     """Return, for each row, the name of its test, which is made from the cells of two columns.
 
-    The use of these columns is noted. ``numbering`` are the indices of the columns.
+    The use of these columns is noted.
     """
-    names = [columns.heading.headers[column] for column in numbering]
+    names = columns.numbering_headers
     reason = "only both together name tests of one force"
-    log.add(columns.sheet.place, "test of each row", " and ".join(names), reason, "--test-column")
+    log.add(columns.sheet.place, "test of each row", ", ".join(names), reason, "--test-column")
     labels = []
     for row in range(len(columns.lines)):
-        words = [f"{columns.heading.headers[k]} {columns.cells[k][row]}" for k in numbering]
+        words = [f"{columns.heading.headers[k]} {columns.cells[k][row]}" for k in columns.numbering]
         labels.append(" ".join(words))
     return labels
 
 
-def _labels_of(columns: _SheetColumns) -> list[str]:
+def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     """Return the name of the test to which each row of a table belongs.
 
-    The names are empty if the table has no column that names tests. Raise an `InputError` if this
-    column has an empty cell.
+    If no single column names tests, but two columns together do, the names are made from both. The
+    names are empty if the table has no such columns. Raise an `InputError` if the single column has
+    an empty cell.
     """
+    if columns.numbering and "test" not in columns.heading.roles:
+        return _labels_of_two_columns(columns, log)
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     rows = range(len(columns.lines))
@@ -808,15 +826,13 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
 def _note_unused_columns(
     columns: _SheetColumns,
     rows_of_tests: Sequence[Sequence[int]],
-    numbering: Sequence[int],
     log: AssumptionLog,
 ) -> None:
     """Add a note to the log on the columns of a table that are not used.
 
     A column without a role (angle, reading, …) is used only if it states a field, such as the
     radius, for every test. ``rows_of_tests`` holds the indices of the rows of each test.
-    ``numbering`` holds the indices of two columns that together identify the tests, if there are
-    such columns.
+    Two columns that together identify the tests are never noted as unused.
     """
     used = set()
     for column in range(len(columns.heading.headers)):
@@ -828,7 +844,7 @@ def _note_unused_columns(
         used &= places
     headers = []
     for column in unused_columns(columns.heading):
-        if columns.place_of_column(column) not in used and column not in numbering:
+        if columns.place_of_column(column) not in used and column not in columns.numbering:
             headers.append(columns.heading.headers[column])
     if headers:
         log.add(

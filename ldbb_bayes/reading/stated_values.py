@@ -250,16 +250,32 @@ def _constant_load(recording: Recording, key: str) -> float | None:
         return float(values[0])
     extremes = f"{values.min():g} to {values.max():g} {unit}"
     if not _is_measured(values):
+        usual_advice = (
+            "Name the test of each row in a column (--test-column), or give the nominal value"
+            f" ({option_for(key)})."
+        )
         raise InputError(
             f"{recording.place}, line {recording.lines[different[0]]}: {role} must be the same in"
             f" all rows of a test, or vary by at most {100.0 * _LARGEST_VARIATION:g} % around its"
-            f" mean from row to row, got {extremes}. Name the test of each row in a column"
-            f" (--test-column), or give the nominal value ({option_for(key)})."
+            f" mean from row to row, got {extremes}. {_advice(recording, usual_advice)}"
         )
     mean = float(f"{values.mean():.{_DIGITS_OF_MEAN}g}")
     reason = f"its column varies from {extremes}"
     recording.note(key, f"{mean:g} {unit}, the mean", reason, option_for(key))
     return mean
+
+
+def _advice(recording: Recording, usual_advice: str) -> str:
+    """Return the advice of a message on rows of one test that differ in force or direction.
+
+    The usual advice does not help if two columns only together identify the tests, and the user
+    states one of them as the column that names the tests.
+    """
+    headers = recording.numbering_headers
+    if not headers or "test" not in recording.layout.columns:
+        return usual_advice
+    names = " and ".join(repr(header) for header in headers)
+    return f"Only {names} together name tests of one force. Leave --test-column out."
 
 
 def _is_measured(values: Array) -> bool:
@@ -334,7 +350,8 @@ def direction_of(recording: Recording) -> str | None:
         words = ", ".join(sorted(column_senses))
         raise InputError(
             f"{recording.place}, line {max(column_senses.values())}: direction must be CW or CCW in"
-            f" all rows of a test, got {words[:_TEXT_SHOWN]!r}. Correct it, or give --direction."
+            f" all rows of a test, got {words[:_TEXT_SHOWN]!r}."
+            f" {_advice(recording, 'Correct it, or give --direction.')}"
         )
     require(
         len(senses) <= 1,

@@ -15,6 +15,7 @@ from ldbb_bayes.campaign.text_table import (
     ARCHIVE_SIGNATURE,
     COMPOUND_SIGNATURE,
     LARGEST_TABLE,
+    EmptyFileError,
     Row,
 )
 from ldbb_bayes.errors import InputError, check_known, require
@@ -86,7 +87,10 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
         if type(error).__name__ != "PanicException":
             raise
         raise _unreadable(path, f"a damaged one ({error})") from None
-    require(sheets, f"{path} must hold a table, got empty sheets. Leave it out or export it again.")
+    if not sheets:
+        raise EmptyFileError(
+            f"{path} must hold a table, got empty sheets. Leave it out or export it again."
+        )
     size = sum(len(sheet.rows) * len(sheet.rows[0].cells) for sheet in sheets)
     require(
         size <= LARGEST_TABLE,

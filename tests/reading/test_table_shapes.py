@@ -57,6 +57,14 @@ def test_a_header_repeated_on_every_page_is_left_out(between: list[str], tmp_pat
     check_test(test, 100.0)
 
 
+def test_a_repeated_header_is_told_with_what_was_read(tmp_path: Path) -> None:
+    lines = rows(100.0)
+    path = file(tmp_path, "100N.csv", [HEADER, *lines[:30], HEADER, *lines[30:]])
+    notes = lb.import_campaign([path]).assumptions
+    (told,) = [note.value for note in notes if note.what == "repeated headers"]
+    assert told == "1 passed over, the table is read whole"
+
+
 def test_two_tables_with_a_line_above_each_are_two_tests(tmp_path: Path) -> None:
     first = ["Direction: CW", HEADER, *rows(100.0)]
     second = ["Direction: CCW", HEADER, *rows(100.0)]

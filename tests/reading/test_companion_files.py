@@ -1,0 +1,27 @@
+"""Files without readings among the files of a campaign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+
+
+def circle(folder: Path, force_N: int) -> Path:
+    """Write the file of one circle and return its path."""
+    lines = ["Angle [deg],Reading [um]"]
+    for angle_deg in range(0, 360, 10):
+        lines.append(f"{angle_deg},{0.02 * force_N + angle_deg % 30 / 100}")
+    path = folder / f"{force_N}N.csv"
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
+def test_an_empty_companion_is_told_once_to_be_left_out(tmp_path: Path) -> None:
+    empty = tmp_path / "notes.csv"
+    empty.touch()
+    with pytest.raises(lb.InputError) as refusal:
+        lb.import_campaign([circle(tmp_path, 100), circle(tmp_path, 300), empty])
+    assert str(refusal.value).endswith("got an empty file. Leave it out or export it again.")

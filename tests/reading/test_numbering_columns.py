@@ -1,0 +1,51 @@
+"""Tables whose circles are numbered by two columns together, such as run and pass."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.reading.layout import Layout
+
+FORCES = {("1", "1"): 100.0, ("1", "2"): 300.0, ("2", "1"): 300.0, ("2", "2"): 100.0}
+
+
+def table(folder: Path, has_directions: bool = False) -> Path:
+    """Write four circles, numbered by run and pass, which differ in force or in direction."""
+    lines = ["run,pass,Angle [deg],Reading [um],Force [N],direction"]
+    for (run, number), force_N in FORCES.items():
+        for angle_deg in range(0, 360, 10):
+            reading_um = 0.02 * force_N + np.cos(np.deg2rad(angle_deg))
+            condition = f"{force_N},CW"
+            if has_directions:
+                condition = "100,CW" if force_N == 100.0 else "100,CCW"
+            lines.append(f"{run},{number},{angle_deg},{reading_um:.3f},{condition}")
+    path = folder / "all.csv"
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
+def test_the_layout_of_two_columns_reads_them_again(tmp_path: Path) -> None:
+    path = table(tmp_path)
+    result = lb.import_campaign([path])
+    again = lb.import_campaign([path], layout=result.layout)
+    assert again.campaign.sha256 == result.campaign.sha256
+
+
+def test_two_columns_are_not_told_as_one_column_of_tests(tmp_path: Path) -> None:
+    result = lb.import_campaign([table(tmp_path)])
+    (columns,) = [entry for entry in result.assumptions if entry.what == "columns"]
+    assert "test =" not in columns.value
+
+
+@pytest.mark.parametrize("has_directions", [False, True])
+def test_one_of_two_columns_alone_is_refused_with_the_step_that_reads_them(
+    has_directions: bool, tmp_path: Path
+) -> None:
+    path = table(tmp_path, has_directions)
+    step = "Only 'run' and 'pass' together name tests of one force. Leave --test-column out."
+    with pytest.raises(lb.InputError, match=step):
+        lb.import_campaign([path], layout=Layout(columns={"test": "run"}))
