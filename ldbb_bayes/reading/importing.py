@@ -24,6 +24,7 @@ from ldbb_bayes.reading.campaign_fields import (
     note_assumed_fields,
     take_stated_fields,
 )
+from ldbb_bayes.reading.circle_centre import note_centres
 from ldbb_bayes.reading.companion_files import or_left_out
 from ldbb_bayes.reading.diameters import halve_diameters
 from ldbb_bayes.reading.file_patterns import matching
@@ -166,6 +167,7 @@ def import_campaign(
     for k, recording in enumerate(recordings):
         loads_of_test = {key: values[k] for key, values in loads.items()}
         _take_conditions(recording, loads_of_test)
+    note_centres(recordings)
     _check_directions(recordings, campaign)
     assume_units(recordings, campaign)
     arcs = [_measured_arc(recording) for recording in recordings]

@@ -16,7 +16,7 @@ TENTHS = 2.54  # one ten-thousandth of an inch [µm]
 
 def passage_cases() -> dict[str, FieldCase]:
     """Return the cases of lines that state several things."""
-    return {**unit_cases()}
+    return {**unit_cases(), **centre_cases()}
 
 
 def in_gon_clockwise(circle: Circle, k: int) -> list[object]:
@@ -61,5 +61,24 @@ def unit_cases() -> dict[str, FieldCase]:
         files = field.texts("Angle,Reading [um]", in_gon_clockwise, line)
         cases[f"unit_beside_sense_{number}"] = FieldCase(
             kind, f"a line '{line}'", files, told="unit of the angle: gon (line 1"
+        )
+    return cases
+
+
+def centre_cases() -> dict[str, FieldCase]:
+    """Return centres of circles, alone in a line and beside the radius."""
+    lines = (
+        "; centre X300 Y-120 radius 150",
+        "; centre X300 Y-120",
+        "Kreismittelpunkt: X = 300; Y = -120; Radius: 150 mm",
+        "Centre: 300, -120; radius 150 mm",
+    )
+    cases = {}
+    for number, line in enumerate(lines):
+        cases[f"centre_{number}"] = FieldCase(
+            "centres of circles",
+            f"a line '{line}'",
+            field.texts(HEADER, above=line),
+            told="centre: X 0, Y 0, Z 0 mm (line 1 says",
         )
     return cases
