@@ -74,6 +74,11 @@ _UNIT_ALONE = re.compile(
 # Regular expression for the word "in" beside a sign, as in "+ = in". The word then means inward and
 # not inches.
 _SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*", re.IGNORECASE)
+# Regular expression for a pair of a quantity and its unit, such as "Angle: deg".
+_PAIR = re.compile(r"\s*(?P<label>[^:=]+)[:=](?P<unit>[^:=]+)")
+# Regular expression for a factor of ten in front of a unit, such as 10, 0.1 or 1/100. A quantity
+# with another number, such as 5 µm, is a value.
+_FACTOR_OF_TEN = re.compile(r"(?:1\s?/\s?10+|10{0,2})(?![\d.,])|0[.,]0*1(?!\d)")
 # Regular expression for units of readings that are not units of length, such as V.
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 # Regular expression for words which say that readings are multiplied or divided by a number.
@@ -172,9 +177,13 @@ def units_stated(text: str) -> dict[str, str]:
 def _units_of_whole_line(text: str) -> dict[str, str]:
     """Return a dict with the units of a line that states nothing but units.
 
-    The line is a list of units, one unit alone, or a label and a unit. The keys are
-    ``reading_unit``, ``angle_unit`` and so on. The dict is empty for any other line.
+    The line is a list of quantities with their units, a list of units, one unit alone, or a label
+    and a unit. The keys are ``reading_unit``, ``angle_unit`` and so on. The dict is empty for any
+    other line.
     """
+    units_of_pairs = _units_of_pairs(text)
+    if units_of_pairs:
+        return units_of_pairs
     units_of_list = _units_of_list(_LABEL_IN_FRONT.sub("", text, count=1))
     if units_of_list:
         return units_of_list
@@ -182,6 +191,48 @@ def _units_of_whole_line(text: str) -> dict[str, str]:
     if unit_alone:
         return {"reading_unit": unit_alone}
     return _units_of_bare_line(text)
+
+
+def _units_of_pairs(text: str) -> dict[str, str]:
+    """Return a dict with the units of a line such as ``Angle: deg; Reading: 10 nm``.
+
+    The line must consist of at least two pairs of a quantity and its unit. The keys are
+    ``angle_unit``, ``reading_unit`` and so on. The dict is empty for any other line, for example if
+    one of the pairs states a value, as in ``Angle: deg; Deviation: 5 µm``.
+    """
+    units: dict[str, str] = {}
+    pairs = re.split(r"[;,|\t](?!\d)", text.strip(" ;,|\t"))
+    for pair in pairs:
+        match = _PAIR.fullmatch(pair)
+        if match is None or _OTHER.search(match["label"]):
+            return {}
+        role = _role_of_label(match["label"])
+        if not role:
+            return {}
+        unit = _unit_of_pair(role, match["label"], match["unit"].strip())
+        if not unit:
+            return {}
+        units[f"{role}_unit"] = unit
+    if len(units) < 2 or len(units) < len(pairs):
+        return {}
+    return units
+
+
+def _unit_of_pair(role: str, label: str, text: str) -> str:
+    """Return the unit of a quantity; empty if the text is a value or no unit of the quantity.
+
+    Only a unit of readings may have a factor, which must be a power of ten. ``role`` is the role of
+    a column that holds the quantity, and ``label`` the quantity as the line names it.
+    """
+    if comparable(text) == "grad" and "winkel" in comparable(label):
+        return "deg"  # in German, Grad means degree
+    unit = scaled_unit(text)
+    if not unit or unit.split()[-1] not in UNITS[role]:
+        return ""
+    has_number = re.match(r"\W*\d", text) is not None
+    if has_number and (role != "reading" or not _FACTOR_OF_TEN.match(text)):
+        return ""
+    return unit
 
 
 def _units_of_list(text: str) -> dict[str, str]:

@@ -10,6 +10,7 @@ from campaigns import refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.unit_lines import units_stated
 
 ANGLES = list(range(0, 360, 5))
 HEADER = "Angle [deg],Deviation [um]"
@@ -365,3 +366,36 @@ def test_a_minus_sign_behind_a_load_turns_the_readings(
         lines.append(f"{angle},{light},{heavy}")
     tests = read_tests(file(tmp_path, "all.csv", lines))
     np.testing.assert_allclose(tests[1].reading_um, sign * np.array(readings(300.0)))
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["Angle: deg; Reading: 10 nm", "Winkel: Grad | Messwert: 0,01 µm", "Reading=10nm,Angle=°"],
+)
+def test_a_line_of_quantities_with_their_units_states_units(line: str, tmp_path: Path) -> None:
+    numbers = []
+    for angle, reading in zip(ANGLES, readings(100.0), strict=True):
+        numbers.append(f"{angle};{100.0 * reading:.1f}")
+    path = file(tmp_path, "100N.csv", [line, "Angle;Reading", *numbers])
+    (test,) = read_tests(path)
+    check_test(test, 100.0)
+
+
+def test_a_line_of_quantities_with_their_units_is_not_told_as_unread(tmp_path: Path) -> None:
+    path = file(tmp_path, "100N.csv", ["Angle: deg; Reading: um", "Angle,Reading", *rows(100.0)])
+    reasons = [note.because for note in lb.import_campaign([path]).assumptions]
+    assert [reason for reason in reasons if "not understood" in reason] == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Angle: deg; Deviation: 5 µm",
+        "Angle: deg; Deviation: 1000 µm",
+        "Angle: 10 deg; Reading: mm",
+        "Angle: deg; Radius: mm",
+        "Angle: deg; Reading: mm; Reading: um",
+    ],
+)
+def test_a_line_of_quantities_with_values_states_no_units(line: str) -> None:
+    assert units_stated(line) == {}
