@@ -36,13 +36,13 @@ def list_cases() -> dict[str, FieldCase]:
         "° / 0.1 µm": 0.1,
         "[deg], [1/1000 mm]": 1.0,
         "Units: deg, 10 nm": 0.01,
-        "Angle: deg; Reading: 10 nm": 0.01,
         "Units: deg / 0.1 µm": 0.1,
         "Einheiten: Grad; 0,01 mm": 10.0,
         "deg/mm": 1e3,
         "Maßeinheit: 1/10 µm": 0.1,
         "Units deg/10 nm": 0.01,
         "Unit 0.1 µm / °": 0.1,
+        "Angle: deg; Reading: 10 nm": 0.01,
     }
     cases = {}
     for number, (line, size) in enumerate(sizes.items()):
