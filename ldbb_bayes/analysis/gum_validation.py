@@ -76,7 +76,7 @@ class GumComparison(Result):
     low: float  #: lower endpoint of the equal-tailed interval of the posterior distribution
     high: float  #: upper endpoint of the equal-tailed interval of the posterior distribution
     error: float  #: numerical error of ``low`` and ``high``: twice the larger standard error
-    tolerance: float  #: numerical tolerance δ, which follows from `GumValidation.digits` and ``sd``
+    tolerance: float  #: numerical tolerance δ, by ``GumValidation.digits`` and ``sd``
     #: largest number of significant digits, 0 to 2, for which the two intervals agree within the
     #: numerical tolerance; ``sd`` is the standard uncertainty that is rounded to these digits
     digits: int
