@@ -53,6 +53,9 @@ _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
 _START = re.compile(_WORDS["start"], re.IGNORECASE)
 # Regular expression for the name of an axis as a separate word, such as +X or x axis.
 _AXIS = re.compile(r"(?<![\w/])[+\-−]?(?:[XYZ][+\-−]?|[xyz](?=[ -]?(?:axis|achse)))(?![\w/])")
+# Regular expression for an axis with the digit 0, as in "theta Y0 cw", which may say that angles
+# begin at this axis.
+_AXIS_ZERO = re.compile(r"(?<![\w/.])[+\-−]?[XYZ]0(?![\w.,/])", re.IGNORECASE)
 # Regular expression for words for a direction that is not an axis, such as north.
 _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
 # Regular expression for the header of a column of angles that begins with a minus sign, such as
@@ -372,7 +375,7 @@ def _check_no_axis(recording: Recording, source: str, text: str) -> None:
     """
     if not any(words.search(text) for words in (_ANGLE, _ZERO_DEGREES, _COMPASS)):
         return
-    axes = _AXIS.findall(text)
+    axes = [*_AXIS.findall(text), *_AXIS_ZERO.findall(text)]
     is_one_axis = len(axes) == 1 and not _OTHER_AXIS.search(text)
     if is_one_axis or _NO_AXIS.search(text):
         raise _unknown_zero(recording, source, text.strip()[:_TEXT_SHOWN])

@@ -399,3 +399,17 @@ def test_a_line_of_quantities_with_their_units_is_not_told_as_unread(tmp_path: P
 )
 def test_a_line_of_quantities_with_values_states_no_units(line: str) -> None:
     assert units_stated(line) == {}
+
+
+@pytest.mark.parametrize("header", ["theta_Y0_cw", "angle_y0", "theta_-X0_ccw"])
+def test_a_header_of_angles_that_names_an_axis_and_zero_is_asked_for(
+    header: str, tmp_path: Path
+) -> None:
+    path = file(tmp_path, "100N.csv", [f"{header},Deviation [um]", *rows(100.0)])
+    refuses("angles must begin at an axis, got .* Say at which: --angle-zero", read_tests, path)
+
+
+def test_a_header_of_angles_with_an_axis_and_zero_is_read_with_the_step(tmp_path: Path) -> None:
+    path = file(tmp_path, "100N.csv", ["theta_Y0_cw,Deviation [um]", *rows(100.0)])
+    (test,) = read_tests(path, angle_zero="+Y")
+    np.testing.assert_allclose(test.angle_deg[:2], [90.0, 85.0])
