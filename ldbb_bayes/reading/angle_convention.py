@@ -26,6 +26,7 @@ __all__ = [
     "angle_of_axis",
     "name_is_about_angles",
     "says_where_angles_begin",
+    "states_angles",
 ]
 
 _WORDS = WORDS["angle_convention"]
@@ -150,7 +151,7 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
     if recording.layout.angle_zero or recording.layout.angle_sense:
         return
     convention = f"from {zero or f'+{plane[0]}'}, {sense or 'CCW'}"
-    for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+    for line, content in recording.lines_outside:
         text = content[:LONGEST_TEXT]
         if _is_unread(recording, line, text):
             reason = f"line {line} says {text.strip()[:_TEXT_SHOWN]!r}, not understood"
@@ -259,7 +260,7 @@ def _words_of(recording: Recording) -> list[_Words]:
     header = recording.heading.headers[recording.heading.roles["angle"]]
     text = name_as_words(header)
     words = [_words_in(recording, f"the header {header!r}", text, is_header=True)]
-    for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+    for line, content in recording.lines_outside:
         content = content[:LONGEST_TEXT].replace("_", " ")
         for text in statements_of_line(content, _is_mixed):
             if _SUBJECT.search(text) and not _OTHER_SUBJECT.search(text):
@@ -309,6 +310,13 @@ def says_where_angles_begin(text: str) -> bool:
     """Return whether a line says that angles run clockwise or that they do not begin at +X."""
     statements = statements_of_line(text, _is_mixed)
     return any(_states_where_angles_begin(statement) for statement in statements)
+
+
+def states_angles(text: str) -> bool:
+    """Return whether a text states where angles begin, or in which sense they run."""
+    if not _SUBJECT.search(text) or _OTHER_SUBJECT.search(text):
+        return False
+    return bool(_zero_in(text)) or bool(senses_in(text))
 
 
 def _states_where_angles_begin(text: str) -> bool:

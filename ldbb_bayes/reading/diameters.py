@@ -66,7 +66,7 @@ def _check_open_lines(recording: Recording, is_stated: bool) -> None:
     ``is_stated`` states whether the header or a line clearly says which length is measured. If so,
     an error is raised only for lines which say that readings are doubled.
     """
-    for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+    for line, text in recording.lines_outside:
         if doubles_readings(text) or (leaves_length_open(text) and not is_stated):
             raise OpenQuestionError(
                 f"{recording.place}: readings must be of radius or diameter, got"

@@ -197,11 +197,11 @@ def _not_understood_of(recording: Recording) -> dict[str, str]:
     """
     lines_above = recording.heading.lines_above
     notes = {}
-    unread = unread_direction([*recording.lines_of_all_tests, *lines_above])
+    unread = unread_direction(recording.lines_outside)
     if unread is not None:
         notes["direction"] = f"line {unread.line} says {unread.text!r}, not understood"
     if "mount" not in recording.statements:
-        notes["mount"] = unread_mount(lines_above)
+        notes["mount"] = unread_mount([*lines_above, *recording.lines_below])
     if recording.fields.get("plane") is None:
         notes["plane"] = unread_plane([*recording.lines_of_all_tests, *lines_above])
     if recording.fields.get("radius_mm") is None:
@@ -316,8 +316,8 @@ def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -
         for lines in (recording.heading.lines_above, recording.lines_of_all_tests):
             if "force_law" not in campaign:
                 check_force_law(recording.place, lines)
-            if "mount" not in campaign:
-                check_mount_is_clear(recording.place, lines)
+        if "mount" not in campaign:
+            check_mount_is_clear(recording.place, recording.lines_outside)
 
 
 def _check_directions(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:

@@ -8,18 +8,30 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 
-__all__ = ["divide_line", "statements_of_line"]
+__all__ = ["divide_line", "segments_of_line", "statements_of_line"]
 
 # Regular expression for the marks between sentences and between the cells of a line.
 _STRONG_MARK = re.compile(r"[;|\t]|\.(?=\s)")
 # Regular expression for any mark between the statements of a line. A comma before a digit may be a
 # decimal mark.
 _ANY_MARK = re.compile(r"[;|\t]|\.(?=\s)|,(?!\d)")
+# Regular expression for any mark or wide space between the segments of a line. A segment that
+# begins with a number is not divided from the segment before it, whose value the number may be.
+_SEGMENT_MARK = re.compile(rf"(?:{_ANY_MARK.pattern}|\s{{2,}})+(?!\W*\d)")
 
 
 def divide_line(text: str) -> list[str]:
     """Return the parts into which semicolons, ``|``, tabs, full stops and commas divide a line."""
     return _ANY_MARK.split(text)
+
+
+def segments_of_line(text: str) -> list[str]:
+    """Return the segments of a line, each of which may have a subject of its own.
+
+    Segments are divided by semicolons, ``|``, tabs, full stops, commas, and two or more blanks. A
+    number stays with the words before it: ``Force;238 N;travel CW`` has two segments.
+    """
+    return [segment for segment in _SEGMENT_MARK.split(text) if segment.strip()]
 
 
 def statements_of_line(text: str, is_mixed: Callable[[str], bool]) -> Iterator[str]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from ldbb_bayes.reading.line_parts import segments_of_line
+from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, WORDS, comparable
 
 __all__ = [
@@ -32,6 +34,8 @@ _OTHER = re.compile(_WORDS["other"])
 _DOUBLED = re.compile(_WORDS["doubled"])
 # Regular expression for the number of a column, as in "Column 2: diameter deviation".
 _NUMBER_OF_COLUMN = re.compile(r"\b(?:col(?:umn)?|spalte|channel|kanal|ch)\.? ?\d+")
+# Regular expression for a number with a unit of length, or a number at the end of a text.
+_LENGTH_BEFORE = re.compile(r"\d\s*(?:(?:[µuμ]m|mm|cm|m|in|inch|\")(?![^\W_])|$)")
 
 
 def measured_length(text: str) -> str:
@@ -52,15 +56,29 @@ def measured_length_stated(text: str) -> dict[str, str]:
 
     An example is the line ``Values: diameter deviation``. The result is a dict with the key
     ``measured``, whose value is "radius" or "diameter". The dict is empty if the line is not about
-    readings or contains a number.
+    readings or contains a number other than a load. If the line as a whole states no length, its
+    segments are tried: in ``Force 238 N; diameter deviation``, the last segment states one.
     """
-    text = _NUMBER_OF_COLUMN.sub("", comparable(text))
-    if _READINGS.search(text) is None or re.search(r"\d", text):
+    lengths = {_length_of_readings(text)}
+    if lengths == {""}:
+        lengths = {_length_of_readings(segment) for segment in segments_of_line(text)}
+    lengths.discard("")
+    if len(lengths) != 1:
         return {}
-    length = measured_length(text)
-    if not length:
-        return {}
-    return {"measured": length}
+    return {"measured": lengths.pop()}
+
+
+def _length_of_readings(text: str) -> str:
+    """Return "radius" or "diameter" if a text says which length readings measure; else empty."""
+    words = _without_numbers_of_others(text)
+    if _READINGS.search(words) is None or re.search(r"\d", words):
+        return ""
+    return measured_length(words)
+
+
+def _without_numbers_of_others(text: str) -> str:
+    """Return a text for comparison, without its loads and without the numbers of columns."""
+    return _NUMBER_OF_COLUMN.sub("", LOAD_IN_NAME.sub("", comparable(text[:LONGEST_TEXT])))
 
 
 def doubles_readings(text: str) -> bool:
@@ -82,12 +100,30 @@ def may_be_diameter(header: str) -> bool:
 def leaves_length_open(text: str) -> bool:
     """Return whether a line names a diameter that may, but need not, be what readings measure.
 
-    An example is ``Mode: diameter``.
+    Examples are ``Mode: diameter``, and a title such as ``Table 3: diameter deviation``. If the
+    line as a whole names no such diameter, its segments are tried.
     """
-    words = _NUMBER_OF_COLUMN.sub("", comparable(text[:LONGEST_TEXT]))
-    if re.search(r"\d", words) or _OTHER.search(words) or OTHER_QUANTITY.search(words):
+    return any(_leaves_open(passage) for passage in (text, *segments_of_line(text)))
+
+
+def _leaves_open(text: str) -> bool:
+    words = _without_numbers_of_others(text)
+    if _OTHER.search(words) or OTHER_QUANTITY.search(words) or _states_diameter(words):
         return False
     return measured_length(words) == "diameter"
+
+
+def _states_diameter(words: str) -> bool:
+    """Return whether a text has a number that may be the value of the diameter that it names.
+
+    Such a number stands behind the word for diameter, directly before it, or before a unit of
+    length. In ``table 3: diameter deviation``, the number is not the value of a diameter.
+    """
+    match = _DIAMETER.search(words) or _LONG_WORD.search(words)
+    if match is None:
+        return False
+    has_number_behind = re.search(r"\d", words[match.end() :]) is not None
+    return has_number_behind or _LENGTH_BEFORE.search(words[: match.start()]) is not None
 
 
 def names_diameter(name: str) -> bool:

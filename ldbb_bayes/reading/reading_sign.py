@@ -10,13 +10,13 @@ import re
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.bar_extensions import names_extension
 from ldbb_bayes.reading.column_roles import unit_of
-from ldbb_bayes.reading.line_parts import divide_line
+from ldbb_bayes.reading.line_parts import divide_line, segments_of_line
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
 
-__all__ = ["sign_of_readings"]
+__all__ = ["is_about_sign", "leaves_difference_unread", "sign_of_readings"]
 
 _WORDS = WORDS["reading_sign"]
 # Regular expression for a word for the sign of a reading, or a word for a shorter or longer bar.
@@ -204,7 +204,7 @@ def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:
     ``header`` is the header of the readings.
     """
     texts = [(f"the header {header!r}", header)]
-    for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+    for line, text in recording.lines_outside:
         texts += [(f"line {line}", statement) for statement in _statements(text)]
     return texts
 
@@ -231,7 +231,32 @@ def _statements(text: str) -> list[str]:
     statements = divide_line(text)
     if any(_words_in(statement) for statement in statements):
         return statements
+    if is_about_sign(text):
+        return [text]
+    segments = segments_of_line(text)
+    if any(is_about_sign(segment) for segment in segments):
+        return segments
     return [text]
+
+
+def is_about_sign(text: str) -> bool:
+    """Return whether a line or segment states the sign of readings, or leaves the sign open.
+
+    Examples are ``nominal minus measured`` and ``Readings inverted``.
+    """
+    if _sign_of_difference(text) is not None or _sign_of_name("line", text) is not None:
+        return True
+    return _is_open("line", text) or _explains_sign(text)
+
+
+def leaves_difference_unread(text: str) -> bool:
+    """Return whether a text defines a difference of two radii, but also names another subject.
+
+    An example is ``Force 238 N nominal minus measured``, from which no sign is taken.
+    """
+    words = _words_of_header(text)
+    is_difference = _NOMINAL_LESS_ACTUAL.search(words) or _ACTUAL_LESS_NOMINAL.search(words)
+    return is_difference is not None and _sign_of_difference(text) is None
 
 
 def _asks(source: str, text: str) -> bool:
@@ -276,11 +301,18 @@ def _note_unread(recording: Recording, source: str, text: str) -> None:
     ``source`` is the place of the line in words, such as "line 3", and ``text`` is the line.
     """
     text = text[:LONGEST_TEXT]
-    if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text) or not _MEANING.search(text):
+    if not _explains_sign(text):
         return
     if recording.layout.sign is None and source.startswith("line"):
         reason = f"{source} says {text.strip()[:_TEXT_SHOWN]!r}, not understood"
         recording.note("sign of the reading", "1: a longer bar is positive", reason, "--sign")
+
+
+def _explains_sign(text: str) -> bool:
+    """Return whether a text may say what a sign of readings means: ``Positive: see drawing``."""
+    if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text):
+        return False
+    return _MEANING.search(text) is not None
 
 
 def _is_turned_header(source: str, text: str) -> bool:

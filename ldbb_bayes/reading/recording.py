@@ -100,6 +100,9 @@ class Recording:
     #: lines from sheets without a table, which apply to all tests; each item holds the place of a
     #: line (line number and sheet) and the text of the line
     lines_of_all_tests: Sequence[tuple[str, str]]
+    #: lines below the table, each with its line number. A number there may be a result, so that
+    #: these lines state no quantity; they may state sign, diameter, direction and mount
+    lines_below: Sequence[tuple[int | str, str]] = ()
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
@@ -120,6 +123,11 @@ class Recording:
     def title(self) -> str:
         """Name of the test in its file: its label, or else the name of its sheet or file."""
         return self.label or self.sheet.title
+
+    @property
+    def lines_outside(self) -> list[tuple[int | str, str]]:
+        """Lines of sheets without a table, and lines above and below the table of the test."""
+        return [*self.lines_of_all_tests, *self.heading.lines_above, *self.lines_below]
 
     @property
     def radius_mm(self) -> float:

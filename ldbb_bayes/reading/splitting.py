@@ -59,6 +59,8 @@ _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 _FEWEST_MARKED = 5
 # Fields of a test or campaign that a column may state if it has no role (angle, reading, …).
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
+# Fields that lines below a table may state.
+_STATED_BELOW = ("measured", "mount")
 # Fields of a test or campaign that lines in a sheet without a table may state for all tests.
 FIELDS_OF_ALL_TESTS = {
     "plane",
@@ -313,6 +315,7 @@ def split_sheet(
     field_columns = _field_columns(columns, labels, log)
     _note_unused_columns(columns, list(rows_by_label.values()), log)
     holds_several = len(rows_by_label) > 1 or len(heading.readings) > 1 or bool(sheet.name_in_file)
+    lines_below = _lines_below(sheet, columns.lines)
     for test_heading in columns.heading.split_by_readings():
         numbers = dict(shared_numbers)
         for column in test_heading.readings:
@@ -334,6 +337,7 @@ def split_sheet(
             statements = _statements_of_all_tests(overview.of_all_tests)
             statements |= columns.constant_statements(rows)
             statements |= statements_in(lines_above)
+            _add_statements_below(statements, lines_below)
             yield Recording(
                 sheet=sheet,
                 heading=replace(test_heading, lines_above=lines_above),
@@ -350,9 +354,31 @@ def split_sheet(
                 log=log,
                 fields=fields,
                 lines_of_all_tests=overview.of_all_tests,
+                lines_below=lines_below,
                 constant_columns=columns.constant_lines(rows),
                 numbering_headers=columns.numbering_headers,
             )
+
+
+def _lines_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int | str, str]]:
+    """Return the number and the text of each line below a table.
+
+    ``lines_of_table`` are the numbers of the lines of the table.
+    """
+    last_line = max(lines_of_table, default=0)
+    return list(sheet.texts(row for row in sheet.rows if row.line > last_line))
+
+
+def _add_statements_below(statements: dict[str, list[LineStatement]], lines: Lines) -> None:
+    """Add to ``statements`` what lines below a table state about the readings.
+
+    These are the length that the readings measure, and whether they contain the deflection of the
+    mount. Other statements of these lines may be results, and are not added.
+    """
+    statements_of_lines = statements_in(lines)
+    for key in _STATED_BELOW:
+        if key in statements_of_lines:
+            statements[key] = [*statements.get(key, ()), *statements_of_lines[key]]
 
 
 def _note_unread_list(sheet: Sheet, headers: Sequence[str], log: AssumptionLog) -> None:

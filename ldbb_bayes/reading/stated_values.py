@@ -301,15 +301,15 @@ class _StatedSenses(NamedTuple):
 def _directions_above(recording: Recording) -> _StatedSenses:
     """Return the directions from the first source outside the table that states a direction.
 
-    The sources are, in this order, lines above the table together with names of files, G-code in
-    these lines, and sheets without a table. If G-code or sheets without a table state both
-    directions, the two directions belong to different circles and are not used.
+    The sources are, in this order, lines above and below the table together with names of files,
+    G-code in lines above the table, and sheets without a table. If G-code or sheets without a table
+    state both directions, the two directions belong to different circles and are not used.
     """
     lines_above = recording.heading.lines_above
     names = [name for name in recording.names() if not name_is_about_angles(name)]
-    senses = directions_stated(lines_above, names)
+    senses = directions_stated([*lines_above, *recording.lines_below], names)
     if senses:
-        return _StatedSenses(senses, "a line above the table, or the name")
+        return _StatedSenses(senses, "a line above or below the table, or the name")
     arcs = programmed_arcs(lines_above)
     senses = {arc.direction for arc in arcs}
     if len(senses) == 1:
@@ -324,11 +324,11 @@ def direction_of(recording: Recording) -> str | None:
     """Return the direction of travel of a test, CW or CCW; None if nothing states it.
 
     The first source that states a direction is used. The order is: the user, the column of
-    directions, lines above the table and names of files, G-code in these lines, sheets without a
-    table. Raise an `InputError` if this source states both directions, or if the column has a word
-    that means neither of them. G-code and sheets without a table are not used if they state both
-    directions. ``recording`` holds the rows of the test in its file, and all statements about the
-    test.
+    directions, lines above and below the table and names of files, G-code in lines above the table,
+    sheets without a table. Raise an `InputError` if this source states both directions, or if the
+    column has a word that means neither of them. G-code and sheets without a table are not used if
+    they state both directions. ``recording`` holds the rows of the test in its file, and all
+    statements about the test.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

@@ -228,7 +228,7 @@ def _check_no_direction(recording: Recording) -> None:
     """
     lines = [*recording.lines_of_all_tests, *recording.heading.lines_above]
     words = ""
-    unread = unread_direction(lines)
+    unread = unread_direction(recording.lines_outside)
     if unread is not None:
         words = f"{unread.text!r} in line {unread.line}"
     elif len({arc.direction for arc in programmed_arcs(lines)}) > 1:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ldbb_bayes.reading.line_parts import statements_of_line
+from ldbb_bayes.reading.line_parts import segments_of_line, statements_of_line
 from ldbb_bayes.reading.programmed_circles import programs_arc
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
@@ -65,6 +65,17 @@ _ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
 _TRAVEL = re.compile(_WORDS["travel"], re.IGNORECASE)
 # Regular expression for words, such as anticlockwise, that mean counter-clockwise.
 _COUNTER = re.compile(_WORDS["counter"], re.IGNORECASE)
+# Regular expression for words for loads, such as "force".
+_LOADS = re.compile(_WORDS["loads"], re.IGNORECASE)
+# Regular expression for a direction with an answer or a box, as in "CW: yes" and "CCW [x]".
+_ANSWERED = re.compile(
+    rf"(?<![^\W_])(?:(?P<right>{_WORDS['run_right']})|(?P<left>{_WORDS['run_left']})"
+    rf"|(?P<sense>{_SENSE.pattern}))\s*(?:[:=;,|\t]\s*(?:(?P<yes>{_WORDS['yes']})|{_WORDS['no']})"
+    r"(?!\w)|(?:[:=;,|\t]\s*)?(?:\[\s*(?P<box>x)?\s*\]|\(\s*(?P<bracket>x)?\s*\)))",
+    re.IGNORECASE,
+)
+# Regular expression for words such as "Rechtslauf".
+_RUNS = re.compile(rf"(?<![^\W_])(?:{_WORDS['run_right']}|{_WORDS['run_left']})", re.IGNORECASE)
 # Regular expression for words which show that a line is not about the angles of the readings.
 _NO_ANGLES = re.compile(WORDS["angle_convention"]["other"], re.IGNORECASE)
 # A note shows at most this number of characters of a line.
@@ -140,12 +151,68 @@ def directions_stated(
     for _, content in lines:
         text = content[:LONGEST_TEXT]
         for statement in statements_of_line(text, _is_about_angles_and_travel):
-            directions = directions | _stated_in(statement)
+            directions = directions | (_stated_in(statement) or _stated_in_segments(statement))
     return directions
+
+
+def _stated_in_segments(text: str) -> set[str]:
+    """Return the directions of travel that segments of a statement state: CW, CCW or both.
+
+    An example is ``Force 238 N; travel clockwise``. The result is empty for a text about angles,
+    because its segments may state the sense in which angles are counted.
+    """
+    directions: set[str] = set()
+    if not _is_about_angles(text):
+        for segment in _segments(text):
+            directions |= _stated_in(segment)
+    return directions
+
+
+def _segments(text: str) -> list[str]:
+    """Return the segments of a text. A direction alone, such as CW, stays with its label.
+
+    In ``Spindle;CW``, the direction belongs to the spindle. In ``Force 238 N;CW``, the words in
+    front of the direction are a complete statement.
+    """
+    segments: list[str] = []
+    for segment in segments_of_line(text):
+        is_alone = is_direction(segment.strip(" .;,|\t"))
+        if is_alone and segments and not _is_complete(segments[-1]):
+            segments[-1] += f";{segment}"
+        else:
+            segments.append(segment)
+    return segments
+
+
+def _is_complete(text: str) -> bool:
+    """Return whether a text has a number or a plane, and nothing that may have a direction."""
+    has_value = re.search(r"\d|\b[XYZ]{2}\b", text) is not None
+    is_about_others = _OTHER_DIRECTION.search(_LOADS.sub(" ", text)) or _ANGLES.search(text)
+    return has_value and not is_about_others
+
+
+def _answered_in(text: str) -> set[str]:
+    """Return the directions that a text answers with yes: CW for ``CW: yes, CCW: no``."""
+    senses: set[str] = set()
+    if _is_about_angles(text) or _OTHER_DIRECTION.search(text):
+        return senses
+    for match in _ANSWERED.finditer(text):
+        if not (match["yes"] or match["box"] or match["bracket"]):
+            continue
+        if match["right"]:
+            senses.add("CW")
+        elif match["left"]:
+            senses.add("CCW")
+        else:
+            senses |= senses_in(match["sense"])
+    return senses
 
 
 def _stated_in(text: str) -> set[str]:
     """Return the directions of travel, CW and CCW, that one statement of a line names."""
+    answered = _answered_in(text)
+    if answered:
+        return answered
     match = NAMES_DIRECTION.search(text)
     if match is None and _is_about_travel(text):
         return _direction_after(text)
@@ -210,19 +277,42 @@ def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection 
     """
     for line, content in lines:
         text = content[:LONGEST_TEXT]
-        if _OTHER_DIRECTION.search(text) or directions_stated([(line, text)]):
+        if directions_stated([(line, text)]):
             continue
-        statements = statements_of_line(text, _is_about_angles_and_travel)
-        if any(_may_state_direction(statement) for statement in statements):
-            return UnreadDirection(line, text.strip()[:_LENGTH_SHOWN])
+        for statement in statements_of_line(text, _is_about_angles_and_travel):
+            shown = _unread_in(statement)
+            if shown:
+                return UnreadDirection(line, shown.strip()[:_LENGTH_SHOWN])
     return None
 
 
+def _unread_in(text: str) -> str:
+    """Return a text or its first segment that may state a direction, but is not understood.
+
+    The result is empty if there is none.
+    """
+    if _is_about_angles(text):
+        return ""
+    if _OTHER_DIRECTION.search(text) is None:
+        return text if _may_state_direction(text) else ""
+    for segment in _segments(text):
+        if _may_state_direction(segment):
+            return segment
+    return ""
+
+
 def _may_state_direction(text: str) -> bool:
-    """Return whether a line may state a direction of travel, and is not about angles."""
+    """Return whether a line may state a direction of travel, and is not about angles.
+
+    A line about a load may state the direction only if it names one, such as clockwise.
+    """
     if _is_about_angles(text):
         return False
+    if _OTHER_DIRECTION.search(text):
+        is_of_load = _OTHER_DIRECTION.search(_LOADS.sub(" ", text)) is None
+        return is_of_load and (bool(senses_in(text)) or _RUNS.search(text) is not None)
     match = NAMES_DIRECTION.search(text)
     if match is not None:
         return _MISSING.fullmatch(match[1]) is None
-    return bool(senses_in(text)) or _TURNED.search(text) is not None
+    words = (_TURNED, _RUNS)
+    return bool(senses_in(text)) or any(pattern.search(text) for pattern in words)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import CircularTest
 from ldbb_bayes.reading.assumptions import AssumptionLog
@@ -16,17 +17,27 @@ from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.travel_direction import directions_stated
+from ldbb_bayes.reading.unused_segments import unused_segments
 
 __all__ = ["note_unstated"]
 
 # At most this number of unused texts get separate notes; one further note counts the others.
 _MOST_TEXTS = 6
 # A note shows at most this number of characters of a text.
-_TEXT_SHOWN = 60
+_TEXT_SHOWN = 160
 # Fields whose statements are used only if a note cites the line of the statement.
 _CITED_WHERE_USED = {"reading_scale"}
 # Regular expression for a letter; a text without a letter states nothing.
 _LETTER = re.compile(r"[^\W\d_]")
+
+
+class _TextOutside(NamedTuple):
+    """Line or cell outside a table."""
+
+    line: int | str  # number of the line, or its place in another sheet
+    text: str
+    is_used: bool  # whether something was taken from the text
 
 
 def note_unstated(
@@ -77,8 +88,9 @@ def _states_angles(layout: Layout) -> bool:
 def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> None:
     """Add a note on each text above, below or beside the tables from which nothing was taken.
 
-    ``recordings`` are the tests in the files. There is no note on a text that states a field of
-    a test or campaign, nor on a line that another note on the same file cites.
+    ``recordings`` are the tests in the files. Of a text that states a field of a test or campaign,
+    and of a line that another note on the same file cites, the note shows only the segments from
+    which nothing was taken.
     """
     last_lines: dict[Sheet, int] = {}
     for recording in recordings:
@@ -88,10 +100,13 @@ def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> N
     for recording in recordings:
         places = {"", recording.place, recording.sheet.place}
         reasons = " ".join(log.reasons_for(places))
-        for line, text in _texts_outside(recording, last_lines[recording.sheet]):
-            is_cited = re.search(rf"\bline {re.escape(str(line))}(?!\d)", reasons)
-            if not is_cited and _LETTER.search(text):
-                unused[line, text.strip()[:_TEXT_SHOWN]] = None
+        for outside in _texts_outside(recording, last_lines[recording.sheet]):
+            unused_text = outside.text
+            is_cited = re.search(rf"\bline {re.escape(str(outside.line))}(?!\d)", reasons)
+            if is_cited or outside.is_used:
+                unused_text = unused_segments(outside.text, reasons)
+            if _LETTER.search(unused_text):
+                unused[outside.line, unused_text.strip()[:_TEXT_SHOWN]] = None
     option = "the option for what they state"
     for line, text in list(unused)[:_MOST_TEXTS]:
         log.add("", "texts not used", repr(text), f"line {line}", option)
@@ -100,19 +115,22 @@ def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> N
         log.add("", "texts not used", str(further), "further lines", option)
 
 
-def _texts_outside(recording: Recording, last_line: int) -> Iterator[tuple[int | str, str]]:
-    """Yield the number (or place) and the text of lines and cells outside the table of a test.
+def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutside]:
+    """Yield the lines and cells outside the table of a test.
 
-    Lines above the table, and lines of sheets without a table, are yielded only if they state no
-    field of a test or campaign. Lines below the table and cells beside it are always yielded.
-    ``last_line`` is the number of the last line of the table.
+    Lines above the table, and lines of sheets without a table, count as used if they state a field
+    of a test or campaign, or the direction of travel. Of lines below the table, only the direction
+    counts; other uses are known from notes that cite the line. Cells beside the table count as not
+    used. ``last_line`` is the number of the last line of the table.
     """
     for line, text in (*recording.heading.lines_above, *recording.lines_of_all_tests):
-        if not set(statements_in([(line, text)])) - _CITED_WHERE_USED:
-            yield line, text
+        fields = set(statements_in([(line, text)])) - _CITED_WHERE_USED
+        yield _TextOutside(line, text, bool(fields or directions_stated([(line, text)])))
     sheet = recording.sheet
-    yield from sheet.texts(row for row in sheet.rows if row.line > last_line)
-    yield from _texts_beside(recording)
+    for line, text in sheet.texts(row for row in sheet.rows if row.line > last_line):
+        yield _TextOutside(line, text, bool(directions_stated([(line, text)])))
+    for line, text in _texts_beside(recording):
+        yield _TextOutside(line, text, is_used=False)
 
 
 def _texts_beside(recording: Recording) -> Iterator[tuple[int, str]]:

@@ -71,12 +71,136 @@ def test_a_line_that_is_used_is_not_told(tmp_path: Path) -> None:
     assert "texts not used" not in notes
 
 
-def test_lines_below_the_table_are_told(tmp_path: Path) -> None:
+def notes_below(folder: Path, line: str) -> dict[str, str]:
+    """Write a circle of 100 N with a line below its table; return value and reason of each note."""
     rows = "\n".join(f"{5 * k},{k % 7}.25" for k in range(72))
-    text = f"angle [deg],dR [um]\n{rows}\n\nPositive reading: bar shorter\n"
-    path = tmp_path / "100 N.csv"
-    path.write_text(text, encoding="utf-8")
-    assert "Positive reading: bar shorter" in notes_on(path)["texts not used"]
+    path = folder / "100 N.csv"
+    path.write_text(f"angle [deg],dR [um]\n{rows}\n\n{line}\n", encoding="utf-8")
+    return notes_on(path)
+
+
+def test_lines_below_the_table_are_told(tmp_path: Path) -> None:
+    notes = notes_below(tmp_path, "# tare 20 N not subtracted")
+    assert notes["texts not used"] == "'# tare 20 N not subtracted' (line 75)"
+
+
+@pytest.mark.parametrize(
+    ("line", "subject", "note"),
+    [
+        (
+            "Positive reading: bar shorter",
+            "sign of the reading",
+            "-1: a longer bar is negative (line 75)",
+        ),
+        (
+            "Readings are of the diameter",
+            "reading",
+            "half of each, as it is of the diameter (line 75)",
+        ),
+        ("Readings are raw", "mount", "raw (line 75)"),
+        ("Angles from +Y, clockwise", "angle", "from +Y, CW (line 75)"),
+        (
+            "travel: left",
+            "direction",
+            "not taken from there (line 75 says 'travel: left', not understood)",
+        ),
+    ],
+)
+def test_a_line_below_the_table_is_read(tmp_path: Path, line: str, subject: str, note: str) -> None:
+    assert notes_below(tmp_path, line)[subject] == note
+
+
+def test_a_direction_below_the_table_is_used(tmp_path: Path) -> None:
+    notes = notes_below(tmp_path, "Direction: clockwise")
+    assert notes["direction"].startswith("CW")
+
+
+def test_an_unclear_line_on_the_mount_below_the_table_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(lb.errors.InputError, match="not compensated for the mount"):
+        notes_below(tmp_path, "Note: readings are not compensated for the mount.")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "# nominal minus measured; angles ccw from +X",
+        "Force 100 N, nominal minus measured",
+        "Winkel ab +X gegen den Uhrzeigersinn; Soll - Ist",
+        "Machine DMU 50; nominal minus measured; Force 100 N",
+    ],
+)
+def test_a_sign_beside_another_statement_is_used(tmp_path: Path, line: str) -> None:
+    notes = notes_of(tmp_path, [line])
+    assert notes["sign of the reading"] == "-1: a longer bar is negative (line 1)"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Force 100 N, diameter deviation",
+        "R = 100 mm, travel CW, deviation of the diameter",
+        "Date: 2026-11-20, deviation of the diameter",
+    ],
+)
+def test_a_diameter_beside_another_statement_is_used(tmp_path: Path, line: str) -> None:
+    note = notes_of(tmp_path, [line])["reading"]
+    assert note == "half of each, as it is of the diameter (line 1)"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Force 100 N; travel clockwise",
+        "Force 100 N, plane YZ, R 100 mm, travel clockwise",
+        "Force 100 N; CW",
+        "Kraft 100 N   Rechtslauf: ja",
+        "Kraft 100 N   Linkslauf: nein   Rechtslauf: ja",
+        "CW [x]  CCW [ ]",
+    ],
+)
+def test_a_direction_beside_another_statement_is_used(tmp_path: Path, line: str) -> None:
+    assert notes_of(tmp_path, [line])["direction"].startswith("CW")
+
+
+@pytest.mark.parametrize("line", ["Spindle;CW", "Angles from +X, measured clockwise"])
+def test_the_sense_of_something_else_is_no_direction(tmp_path: Path, line: str) -> None:
+    assert notes_of(tmp_path, [line])["direction"].startswith("not stated")
+
+
+def test_a_direction_that_only_an_answer_denies_is_told(tmp_path: Path) -> None:
+    notes = notes_of(tmp_path, ["Kraft 100 N   Linkslauf: nein"])
+    assert notes["direction"].startswith("not taken from there")
+
+
+@pytest.mark.parametrize(
+    ("line", "segment"),
+    [
+        ("Force 100 N; e = L0 - L", "e = L0 - L"),
+        ("Force 100 N, Soll-Ist-Vergleich", "Soll-Ist-Vergleich"),
+        ("Force 100 N nominal minus measured", "Force 100 N nominal minus measured"),
+    ],
+)
+def test_a_segment_that_is_not_used_is_told(tmp_path: Path, line: str, segment: str) -> None:
+    assert notes_of(tmp_path, [line])["texts not used"] == f"{segment!r} (line 1)"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Drehsinn der Bahn: im Uhrzeigersinn",
+        "Die Bahn wurde im Uhrzeigersinn durchfahren.",
+        "Operator;Meier;Machine;DMU 50;Date;2026-11-12",
+        "Feed 2000 mm/min   Plane XY   Radius 150 mm",
+    ],
+)
+def test_a_line_of_which_all_is_used_is_not_told(tmp_path: Path, line: str) -> None:
+    assert "texts not used" not in notes_of(tmp_path, [line])
+
+
+def test_a_diameter_in_a_title_with_a_number_is_refused(tmp_path: Path) -> None:
+    title = "Tabelle 3: Durchmesserabweichung ΔD in µm bei verschiedenen Prüflasten (in daN)"
+    with pytest.raises(lb.errors.InputError, match="--measured"):
+        notes_of(tmp_path, [title])
 
 
 def test_cells_beside_the_table_are_told(tmp_path: Path) -> None:
@@ -111,7 +235,7 @@ def test_a_note_on_one_file_does_not_hide_a_line_of_another(tmp_path: Path) -> N
 
 def test_lines_below_several_columns_of_readings_are_told(tmp_path: Path) -> None:
     rows = "\n".join(f"{5 * k},{k % 7}.25,{k % 5}.5" for k in range(72))
-    text = f"angle [deg],100 N [um],200 N [um]\n{rows}\n\nPositive reading: bar shorter,,\n"
+    text = f"angle [deg],100 N [um],200 N [um]\n{rows}\n\n# tare not subtracted,,\n"
     path = tmp_path / "all.csv"
     path.write_text(text, encoding="utf-8")
-    assert "Positive reading: bar shorter" in notes_on(path)["texts not used"]
+    assert "# tare not subtracted" in notes_on(path)["texts not used"]

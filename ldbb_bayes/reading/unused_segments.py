@@ -1,0 +1,80 @@
+"""Segments of a line outside a table from which nothing was taken, although the line was used.
+
+In ``Force 238 N; e = L0 - L``, the first segment states the force, and the second is not used.
+"""
+
+from __future__ import annotations
+
+import re
+
+from ldbb_bayes.reading.angle_convention import states_angles
+from ldbb_bayes.reading.line_parts import segments_of_line
+from ldbb_bayes.reading.lines_above import is_label, statements_in
+from ldbb_bayes.reading.numerals import is_missing
+from ldbb_bayes.reading.reading_sign import is_about_sign, leaves_difference_unread
+from ldbb_bayes.reading.timestamps import stamps_in
+from ldbb_bayes.reading.travel_direction import directions_stated
+from ldbb_bayes.reading.words import LONGEST_TEXT, unit_named
+
+__all__ = ["unused_segments"]
+
+# A segment with fewer letters than this is not told; an example is a unit, or the number of a page.
+_FEWEST_LETTERS = 4
+_LETTER = re.compile(r"[^\W\d_]")
+# Regular expression for an equation between quantities, such as "e = L0 - L".
+_EQUATION = re.compile(r"[^\W\d]\w*\s*=\s*[+\-−(]*[^\W\d]")
+
+
+def unused_segments(text: str, reasons: str) -> str:
+    """Return the segments of a line from which nothing was taken, divided by semicolons.
+
+    Parameters
+    ----------
+    text
+        A line of which at least one segment was used.
+    reasons
+        Reasons in notes on the same file. A segment that they quote is left out.
+    """
+    segments = segments_of_line(text[:LONGEST_TEXT])
+    if len(segments) == 1 and not leaves_difference_unread(text):
+        return ""
+    unused = []
+    for k, segment in enumerate(segments):
+        is_quoted = repr(segment.strip()) in reasons
+        if _may_matter(segment) and not (is_quoted or _is_used(segments, k)):
+            unused.append(segment.strip())
+    return "; ".join(unused)
+
+
+def _may_matter(segment: str) -> bool:
+    """Return whether a segment says something: it is no unit, placeholder or empty label."""
+    word = segment.strip(" \t:=#*\"'[]()")
+    if _EQUATION.search(word):
+        return True
+    if len(_LETTER.findall(word)) < _FEWEST_LETTERS:
+        return False
+    return not (is_label(word) or is_missing(word) or unit_named(word))
+
+
+def _is_used(segments: list[str], k: int) -> bool:
+    """Return whether the segment ``k`` of a line states something, or does so with a neighbour.
+
+    In ``Operator;Meier``, the two segments together state the operator.
+    """
+    segment = segments[k]
+    if leaves_difference_unread(segment):
+        return False
+    if _facts(segment) or is_about_sign(segment) or states_angles(segment) or stamps_in(segment):
+        return True
+    for first in (k - 1, k):
+        pair = segments[max(first, 0) : first + 2]
+        facts_of_pair = _facts(";".join(pair))
+        if len(pair) > 1 and facts_of_pair - _facts(pair[0]) - _facts(pair[1]):
+            return True
+    return False
+
+
+def _facts(text: str) -> set[str]:
+    """Return the fields that a text states, and the directions of travel."""
+    lines = [(0, text)]
+    return set(statements_in(lines)) | directions_stated(lines)
