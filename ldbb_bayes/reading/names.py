@@ -29,7 +29,7 @@ __all__ = [
 # bar.
 LOAD_IN_NAME = re.compile(
     rf"(?<![\d.,A-Za-z])({NUMBER_IN_TEXT})[ _-]?"
-    r"(kN|daN|N|newton|lbf|kgf|kp|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
+    r"(kN|daN|N|newton|lbf|lbs?|kgf|kp|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
     re.IGNORECASE,
 )
 # Regular expression for a load (force or pressure) that can be read in two ways. An underscore, a

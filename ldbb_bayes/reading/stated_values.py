@@ -16,6 +16,7 @@ import numpy as np
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.angle_convention import name_is_about_angles
 from ldbb_bayes.reading.column_units import unit_size
+from ldbb_bayes.reading.loads_in_lines import LoadInLine, load_of_lines, loads_in_lines
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
 from ldbb_bayes.reading.programmed_circles import programmed_arcs
 from ldbb_bayes.reading.recording import (
@@ -219,9 +220,15 @@ def loads_of(recording: Recording) -> dict[str, float]:
         value = quantity_of(recording, key, column_value)
         if value is not None:
             loads[key] = value
+    in_lines = list(loads_in_lines(recording.heading.lines_above))
+    if not loads and not recording.label:
+        loads = _load_of_lines(recording, in_lines)
     question = ""
     if load_is_ambiguous(recording.names()):
         question = f" (which number does {recording.title!r} mean?)"
+    elif in_lines:
+        shown = in_lines[0].text[:_TEXT_SHOWN]
+        question = f" (is it the load that line {in_lines[0].line} says: {shown!r}?)"
     require(
         loads,
         f"{recording.place}: force or pressure must be known, got neither from a column, the lines"
@@ -229,6 +236,21 @@ def loads_of(recording: Recording) -> dict[str, float]:
         " test in the order of files and sheets, or a [[test]] in --layout.",
     )
     return loads
+
+
+def _load_of_lines(recording: Recording, in_lines: Sequence[LoadInLine]) -> dict[str, float]:
+    """Return the load of a test from lines that do not call it force or pressure, and note it.
+
+    The result is empty if the lines have no load, or more than one meaning. ``in_lines`` are the
+    loads in the lines above the table.
+    """
+    load = load_of_lines(in_lines)
+    if load is None:
+        return {}
+    reason = f"line {load.line} says {load.text[:_TEXT_SHOWN]!r}"
+    shown = f"{load.value:.6g} {UNITS_SHOWN[load.key]}"
+    recording.note(load.key, shown, reason, option_for(load.key))
+    return {load.key: load.value}
 
 
 def _constant_load(recording: Recording, key: str) -> float | None:

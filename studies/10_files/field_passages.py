@@ -11,12 +11,13 @@ from field_files import Circle, FieldCase
 __all__ = ["passage_cases"]
 
 HEADER = "Angle [deg],Reading [um]"
+ONE_CIRCLE = field.TRUTH[1:2]  # 300 N
 TENTHS = 2.54  # one ten-thousandth of an inch [µm]
 
 
 def passage_cases() -> dict[str, FieldCase]:
     """Return the cases of lines that state several things."""
-    return {**unit_cases(), **centre_cases()}
+    return {**unit_cases(), **centre_cases(), **load_cases()}
 
 
 def in_gon_clockwise(circle: Circle, k: int) -> list[object]:
@@ -80,5 +81,41 @@ def centre_cases() -> dict[str, FieldCase]:
             f"a line '{line}'",
             field.texts(HEADER, above=line),
             told="centre: X 0, Y 0, Z 0 mm (line 1 says",
+        )
+    return cases
+
+
+def unnamed(above: str) -> dict[str, bytes]:
+    """Return one file of 300 N, whose name does not state its force."""
+    files = field.texts(HEADER, above=above, circles=ONE_CIRCLE)
+    return {"run.csv": next(iter(files.values()))}
+
+
+def load_cases() -> dict[str, FieldCase]:
+    """Return forces in the lines above a single table, in words other than Force and Kraft."""
+    kind = "forces above one table"
+    lines = {
+        "Forza: 300 N": "force_N: 300 N (line 1",
+        "荷重:300 N": "force_N: 300 N (line 1",
+        "At a load of 0.3 kN, clockwise": "force_N: 300 N (line 1",
+        "Table 3: Deviation at a load of 0.3 kN": "force_N: 300 N (line 1",
+        "Run 1: 300 N": "force_N: 300 N (line 1 says 'Run 1: 300 N'",
+        "Test at 300 N, clockwise": "force_N: 300 N (line 1 says 'Test at 300 N",
+        "300 N": "force_N: 300 N (line 1 says '300 N'",
+    }
+    cases = {}
+    for number, (line, told) in enumerate(lines.items()):
+        cases[f"force_above_{number}"] = FieldCase(
+            kind, f"a line '{line}'", unnamed(line), told=told, circles=ONE_CIRCLE
+        )
+    refused = ("Weight of the table 300 N", "300 N / 600 N")
+    for number, line in enumerate(refused):
+        cases[f"force_above_unclear_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            unnamed(line),
+            refusal=f"(is it the load that line 1 says: '{line}'?). Give --forces-N",
+            step=("--forces-N", "300"),
+            circles=ONE_CIRCLE,
         )
     return cases

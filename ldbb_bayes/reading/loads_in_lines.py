@@ -1,0 +1,77 @@
+"""Loads in lines that do not call them force or pressure, such as ``Run 1: 490 N``.
+
+Such a line is used only if no other source states the load of a test.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from ldbb_bayes.reading.line_parts import divide_line
+from ldbb_bayes.reading.names import LOAD_IN_NAME, load_in_name
+from ldbb_bayes.reading.travel_direction import is_direction
+from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, WORDS
+
+__all__ = ["LoadInLine", "load_of_lines", "loads_in_lines"]
+
+# Regular expression for words that may stand beside the load of a test in a line that states
+# nothing else, such as "run".
+_BESIDE = re.compile(WORDS["loads"]["beside"], re.IGNORECASE)
+_WORD = re.compile(r"[^\W\d_]+")
+
+
+class LoadInLine(NamedTuple):
+    """Load in a line that does not call it force or pressure."""
+
+    key: str  #: kind of load: force_N or pressure_bar
+    value: float  #: value of the load, in N or bar as ``key`` states; NaN if it is not one number
+    line: int | str  #: number of the line
+    text: str  #: text of the line
+    is_clear: bool  #: whether the line has no words for anything but a test, its load and direction
+
+
+def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLine]:
+    """Yield the load of each line that states a number with a unit of force or pressure.
+
+    The load is NaN if the line states several loads, or one that can be read in two ways. Lines
+    about another quantity, such as a maximum or a preload, are left out.
+
+    Parameters
+    ----------
+    lines
+        Numbers and texts of the lines.
+    """
+    for line, content in lines:
+        text = content[:LONGEST_TEXT]
+        if LOAD_IN_NAME.search(text) is None or OTHER_QUANTITY.search(text):
+            continue
+        load = load_in_name([text])
+        if load is None:
+            yield LoadInLine("force_N", math.nan, line, text.strip(), False)
+        else:
+            yield LoadInLine(load.key, load.value, line, text.strip(), _is_clear(text))
+
+
+def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
+    """Return the load of a test from its lines; None unless these lines have one meaning.
+
+    ``loads`` are the loads in all lines above the table of the test.
+    """
+    values = {(load.key, load.value) for load in loads}
+    if len(values) == 1 and all(load.is_clear for load in loads):
+        return loads[0]
+    return None
+
+
+def _is_clear(text: str) -> bool:
+    """Return whether a line has no words for anything but a test, its load and its direction."""
+    for part in divide_line(LOAD_IN_NAME.sub(" ", text)):
+        if is_direction(part.strip()):
+            continue
+        for word in _WORD.findall(part):
+            if not (is_direction(word) or _BESIDE.fullmatch(word)):
+                return False
+    return True
