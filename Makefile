@@ -13,13 +13,19 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # Without bytecode every process of a test would compile the package and the tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-golden lint test-slow studies docs package release clean
+.PHONY: demo test test-newer test-golden lint test-slow studies docs package release clean
 
 demo: $(VENV)/.package
 	$(BIN)/ldbb-bayes demo --force
 
 test: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+# What may differ between versions of Python: not how the sources are written; processes, interruptions and results kept, too.
+test-newer: $(VENV)/.test
+	$(BIN)/python -m pytest -n 2 --dist worksteal --ignore tests/test_plainness.py
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow -k "not dask and not demo" \
+		tests/test_results.py tests/test_parallel.py tests/cli/test_processes.py
 
 # What a reader sees must not hang on the processor: words and goldens on other kernels of OpenBLAS.
 test-golden: $(VENV)/.test
