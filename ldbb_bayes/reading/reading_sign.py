@@ -233,10 +233,21 @@ def _statements(text: str) -> list[str]:
         return statements
     if is_about_sign(text):
         return [text]
-    segments = segments_of_line(text)
+    segments = _with_labels_joined(segments_of_line(text))
     if any(is_about_sign(segment) for segment in segments):
         return segments
     return [text]
+
+
+def _with_labels_joined(segments: list[str]) -> list[str]:
+    """Return segments in which a label such as "Sign" stands in front of the text that follows."""
+    joined: list[str] = []
+    for segment in segments:
+        if joined and comparable(joined[-1].strip(" #*:=")) in _WORDS["labels"]:
+            joined[-1] += f";{segment}"
+        else:
+            joined.append(segment)
+    return joined
 
 
 def is_about_sign(text: str) -> bool:

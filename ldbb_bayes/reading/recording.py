@@ -100,8 +100,8 @@ class Recording:
     #: lines from sheets without a table, which apply to all tests; each item holds the place of a
     #: line (line number and sheet) and the text of the line
     lines_of_all_tests: Sequence[tuple[str, str]]
-    #: lines below the table, each with its line number. A number there may be a result, so that
-    #: these lines state no quantity; they may state sign, diameter, direction and mount
+    #: lines below the table, each with its line number, without segments that hold a number. They
+    #: may state the sign and length of the readings, direction, angle convention and mount
     lines_below: Sequence[tuple[int | str, str]] = ()
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"

@@ -22,6 +22,7 @@ from ldbb_bayes.reading.column_contents import (
 from ldbb_bayes.reading.column_roles import BRACKET, unit_of
 from ldbb_bayes.reading.headers import Heading, note_heading, unused_columns
 from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.line_parts import segments_of_line
 from ldbb_bayes.reading.lines_above import Lines, LineStatement, statements_in
 from ldbb_bayes.reading.list_columns import unread_headers, with_loads_named
 from ldbb_bayes.reading.missing_readings import missing_in
@@ -44,7 +45,7 @@ from ldbb_bayes.reading.recording import Recording, RowUnits
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.unit_columns import unit_columns
 from ldbb_bayes.reading.unit_lines import UNIT_KEYS
-from ldbb_bayes.reading.words import LONGEST_NAME, UNITS, unit_named
+from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, UNITS, unit_named
 from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
@@ -59,6 +60,8 @@ _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 _FEWEST_MARKED = 5
 # Fields of a test or campaign that a column may state if it has no role (angle, reading, …).
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
+# Regular expression for a number that may be a result. G2, G3 and a factor of −1 are none.
+_RESULT = re.compile(r"(?<![^\W_])(?:\d\d|\d(?<![-−]1))")
 # Fields that lines below a table may state.
 _STATED_BELOW = ("measured", "mount")
 # Fields of a test or campaign that lines in a sheet without a table may state for all tests.
@@ -361,12 +364,21 @@ def split_sheet(
 
 
 def _lines_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int | str, str]]:
-    """Return the number and the text of each line below a table.
+    """Return the number and the text of each line below a table, without results.
 
-    ``lines_of_table`` are the numbers of the lines of the table.
+    A segment of a line that holds a number is left out, because it may be a result of the test, as
+    in ``Circularity CW: 12 µm``. ``lines_of_table`` are the numbers of the lines of the table.
     """
     last_line = max(lines_of_table, default=0)
-    return list(sheet.texts(row for row in sheet.rows if row.line > last_line))
+    lines: list[tuple[int | str, str]] = []
+    for line, text in sheet.texts(row for row in sheet.rows if row.line > last_line):
+        shown = text
+        if _RESULT.search(text):
+            segments = segments_of_line(text[:LONGEST_TEXT])
+            shown = "; ".join(segment for segment in segments if not _RESULT.search(segment))
+        if shown:
+            lines.append((line, shown))
+    return lines
 
 
 def _add_statements_below(statements: dict[str, list[LineStatement]], lines: Lines) -> None:

@@ -192,14 +192,20 @@ def texts(
     encoding: str = "utf-8",
     suffix: str = ".csv",
     circles: Sequence[Circle] = TRUTH,
+    below: str = "",
 ) -> dict[str, bytes]:
-    """Return one file for each circle, named after its force; ``{F}`` in a line is the force."""
+    """Return one file for each circle, named after its force; ``{F}`` in a line is the force.
+
+    Lines ``above`` stand above the table, and lines ``below`` follow an empty line below it.
+    """
     files = {}
     for circle in circles:
         lines = [*above.split("\n"), header]
         lines = [line.replace("{F}", f"{circle.force_N:g}") for line in lines if line]
         for k in range(len(circle.angle_deg)):
             lines.append(separator.join(str(cell) for cell in row(circle, k)))
+        if below:
+            lines += ["", *below.split("\n")]
         name = f"{circle.force_N:g}N{suffix}"
         files[name] = "\n".join([*lines, ""]).encode(encoding)
     return files

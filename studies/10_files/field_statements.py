@@ -4,6 +4,8 @@ of units with names, in rows of units with factors, and in names of columns.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import field_files as field
 from field_files import Circle, FieldCase
 from openpyxl import Workbook
@@ -13,6 +15,8 @@ __all__ = ["statement_cases"]
 HEADER = "Angle [deg];Reading [um]"
 NEGATED = "sign of the reading: −1: a longer bar is negative"
 KEPT = "sign of the reading: 1: a longer bar is positive"
+HALVED = "half of each, as it is of the diameter"
+COUNTER_CLOCKWISE = tuple(replace(circle, direction="CCW") for circle in field.TRUTH)
 
 
 def statement_cases() -> dict[str, FieldCase]:
@@ -26,6 +30,8 @@ def statement_cases() -> dict[str, FieldCase]:
         **angle_name_cases(),
         **reading_name_cases(),
         **numbered_column_cases(),
+        **segment_cases(),
+        **below_cases(),
     }
 
 
@@ -277,4 +283,93 @@ def numbered_column_cases() -> dict[str, FieldCase]:
             options=("--angle-column", "1", "--reading-column", "2"),
             told="left out: the sheet (it holds no table of angles and readings",
         )
+    }
+
+
+def segment_cases() -> dict[str, FieldCase]:
+    """Return lines that state a force, date or angle beside sign, diameter or direction."""
+    kind = "several statements in a line"
+    signs = (
+        "# nominal minus measured; angles ccw from +X",
+        "Force {F} N, nominal minus measured",
+        "Winkel ab +X gegen den Uhrzeigersinn; Soll - Ist",
+        "Machine DMU 50; nominal minus measured; Force {F} N",
+    )
+    diameters = (
+        "Force {F} N, diameter deviation",
+        "R = 150 mm, deviation of the diameter",
+        "Date: 2026-11-20, deviation of the diameter",
+    )
+    directions = (
+        "Force {F} N; travel counter-clockwise",
+        "Force {F} N, plane XY, R 150 mm, travel counter-clockwise",
+        "Kraft {F} N   Linkslauf: ja",
+        "Kraft {F} N   Linkslauf: ja   Rechtslauf: nein",
+        "Force {F} N; CW [ ] CCW [x]",
+    )
+    cases = {}
+    for number, line in enumerate(signs):
+        files = field.texts(HEADER, negated, above=line, separator=";")
+        cases[f"segment_sign_{number}"] = FieldCase(kind, f"a line '{line}'", files, told=NEGATED)
+    for number, line in enumerate(diameters):
+        files = field.texts(HEADER, field.doubled, above=line, separator=";")
+        what = f"a line '{line}'"
+        cases[f"segment_diameter_{number}"] = FieldCase(kind, what, files, told=HALVED)
+    for number, line in enumerate(directions):
+        cases[f"segment_direction_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, above=line, separator=";"),
+            told="direction: CCW",
+            circles=COUNTER_CLOCKWISE,
+        )
+    title = "Tabelle 3: Durchmesserabweichung ΔD in µm bei verschiedenen Prüflasten (in daN)"
+    cases["segment_diameter_in_title"] = FieldCase(
+        kind,
+        "a long title with a number and a diameter",
+        field.texts(HEADER, field.doubled, above=title, separator=";"),
+        refusal="Say which: --measured",
+        step=("--measured", "diameter"),
+    )
+    cases["segment_unused"] = FieldCase(
+        kind,
+        "a line 'Force {F} N; Soll-Ist-Vergleich'",
+        field.texts(HEADER, above="Force {F} N; Soll-Ist-Vergleich", separator=";"),
+        told="texts not used: 'Soll-Ist-Vergleich'",
+    )
+    return cases
+
+
+def below_cases() -> dict[str, FieldCase]:
+    """Return lines below a table on sign, diameter, direction and mount."""
+    kind = "lines below the table"
+    return {
+        "below_sign": FieldCase(
+            kind,
+            "a line 'nominal minus measured'",
+            field.texts(HEADER, negated, separator=";", below="nominal minus measured"),
+            told=NEGATED,
+        ),
+        "below_diameter": FieldCase(
+            kind,
+            "a line 'Readings are of the diameter'",
+            field.texts(HEADER, field.doubled, separator=";", below="Readings are of the diameter"),
+            told=HALVED,
+        ),
+        "below_direction": FieldCase(
+            kind,
+            "a line 'Direction: counter-clockwise'",
+            field.texts(HEADER, separator=";", below="Direction: counter-clockwise"),
+            told="direction: CCW",
+            circles=COUNTER_CLOCKWISE,
+        ),
+        "below_mount": FieldCase(
+            kind,
+            "a line 'Note: readings are not compensated for the mount.'",
+            field.texts(
+                HEADER, separator=";", below="Note: readings are not compensated for the mount."
+            ),
+            refusal="Give --raw if they do",
+            step=("--mount-um-per-bar", "2.33"),
+        ),
     }

@@ -115,6 +115,23 @@ def test_a_direction_below_the_table_is_used(tmp_path: Path) -> None:
     assert notes["direction"].startswith("CW")
 
 
+@pytest.mark.parametrize(
+    ("line", "subject"),
+    [
+        ("Nominal - measured: 0.012 mm", "sign of the reading"),
+        ("Circularity of circle CW: 12.3 um", "direction"),
+        ("Angle of the maximum from +Y: 30 deg", "angle"),
+    ],
+)
+def test_a_result_below_the_table_states_nothing(tmp_path: Path, line: str, subject: str) -> None:
+    assert "nothing says otherwise" in notes_below(tmp_path, line)[subject]
+
+
+def test_a_label_of_the_sign_beside_a_force_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(lb.errors.InputError, match="--sign"):
+        notes_of(tmp_path, ["Sign;reversed;Force;100 N"])
+
+
 def test_an_unclear_line_on_the_mount_below_the_table_is_refused(tmp_path: Path) -> None:
     with pytest.raises(lb.errors.InputError, match="not compensated for the mount"):
         notes_below(tmp_path, "Note: readings are not compensated for the mount.")
