@@ -75,6 +75,8 @@ _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
 _TEMPERATURE = re.compile(WORDS["columns"]["temperature"], re.IGNORECASE)
 # Regular expression for a factor and a unit without a blank between them, as in "Reading 0.1um".
 _FACTOR_AND_UNIT = re.compile(r"(?<![^\W_])0[.,]\d+(?P<unit>[^\W\d_]+)$")
+# Regular expression for the header of an angle, such as a tilt, that is not the angle of the bar.
+_OTHER_ANGLE = re.compile(rf"(?<![^\W_])(?:{WORDS['columns']['other_angle']})(?![^\W_])", re.I)
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 # Entries of ``words.toml`` with words for the radius or the diameter of a circle.
@@ -341,7 +343,10 @@ def find_columns(
         if role not in roles.columns:
             _find_role(place, role, roles, names)
     for role in _ROLES_BY_UNIT:
-        _find_role_by_unit(role, roles, units)
+        candidates = units
+        if role == "angle":
+            candidates = _units_of_angles(headers, units, "time" in layout.columns)
+        _find_role_by_unit(role, roles, candidates)
     _settle_time(roles, layout, headers)
     _settle_readings(roles)
     if len(roles.readings) > 1 and "test" in roles.columns:
@@ -489,15 +494,26 @@ def _several_candidates(
     )
 
 
+def _units_of_angles(headers: Sequence[str], units: Sequence[str], is_log: bool) -> list[str]:
+    """Return the units of the columns, each empty if the column cannot hold angles of the bar.
+
+    A column such as ``Tilt [deg]`` holds another angle. No column holds angles if ``is_log`` is
+    true, which means that the user states a column of times.
+    """
+    units_of_angles = []
+    for header, unit in zip(headers, units, strict=False):
+        is_other = is_log or _OTHER_ANGLE.search(header[:LONGEST_NAME]) is not None
+        units_of_angles.append("" if is_other else unit)
+    return units_of_angles
+
+
 def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> None:
     """Give a role to the only free column with a unit of this role, if no column has the role yet.
 
     A free column is a column without any role. If several free columns have a unit of the role
-    ``role``, none of them gets the role. The role of angle is not given if a column holds times.
-    ``units`` holds the unit of each column.
+    ``role``, none of them gets the role. ``units`` holds the unit of each column.
     """
-    has_abscissa = "angle" in roles.columns or "time" in roles.columns
-    if role in roles.columns or (role == "angle" and has_abscissa):
+    if role in roles.columns:
         return
     if role == "reading" and roles.readings:
         return

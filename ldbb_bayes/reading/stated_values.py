@@ -228,7 +228,7 @@ def loads_of(recording: Recording) -> dict[str, float]:
         question = f" (which number does {recording.title!r} mean?)"
     elif in_lines:
         shown = in_lines[0].text[:_TEXT_SHOWN]
-        question = f" (is it the load that line {in_lines[0].line} says: {shown!r}?)"
+        question = f" (is {shown!r} in line {in_lines[0].line} the load?)"
     require(
         loads,
         f"{recording.place}: force or pressure must be known, got neither from a column, the lines"

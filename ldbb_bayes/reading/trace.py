@@ -187,10 +187,7 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
     """
     feed = quantity_of(recording, "feed_mm_per_min")
     if feed is None or not feed > 0.0:
-        raise InputError(
-            f"{recording.place}: a log over time must come with its feed, got none. Give"
-            " --feed-mm-per-min."
-        )
+        raise _missing_feed(recording)
     if direction is None:
         _check_no_direction(recording)
     start_deg = _start_of_circle(recording, direction)
@@ -217,6 +214,25 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
         count = f"{np.count_nonzero(~on_circle)} readings left out"
         recording.note("run-in and run-out", count, "outside whole turns", "--overshoot-deg")
     return _Log(angle[on_circle], on_circle, direction)
+
+
+def _missing_feed(recording: Recording) -> InputError:
+    """Return the error for a log over time without a feed.
+
+    If the table also has positions along two axes, the error says how angles follow from them.
+    """
+    positions = position_headers(recording.heading.headers)
+    if positions:
+        listed = ", ".join(repr(header) for header in positions)
+        return InputError(
+            f"{recording.place}: a log over time must come with its feed, got none, and positions"
+            f" {listed[:_LIST_SHOWN]}. {cure_of_positions(has_reading=True)} If the"
+            " feed is known: --feed-mm-per-min."
+        )
+    return InputError(
+        f"{recording.place}: a log over time must come with its feed, got none. Give"
+        " --feed-mm-per-min."
+    )
 
 
 def _check_no_direction(recording: Recording) -> None:

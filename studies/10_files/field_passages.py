@@ -17,7 +17,7 @@ TENTHS = 2.54  # one ten-thousandth of an inch [µm]
 
 def passage_cases() -> dict[str, FieldCase]:
     """Return the cases of lines that state several things."""
-    return {**unit_cases(), **centre_cases(), **load_cases()}
+    return {**unit_cases(), **centre_cases(), **load_cases(), **log_cases()}
 
 
 def in_gon_clockwise(circle: Circle, k: int) -> list[object]:
@@ -114,8 +114,51 @@ def load_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             unnamed(line),
-            refusal=f"(is it the load that line 1 says: '{line}'?). Give --forces-N",
+            refusal=f"(is '{line}' in line 1 the load?). Give --forces-N",
             step=("--forces-N", "300"),
             circles=ONE_CIRCLE,
         )
     return cases
+
+
+def beside_times(circle: Circle, k: int) -> list[object]:
+    return [f"{0.1 * k:.1f}", *field.plain(circle, k)]
+
+
+def log_cases() -> dict[str, FieldCase]:
+    """Return logs over time that also hold angles or positions."""
+    kind = "angles in logs over time"
+    headers = ("Time [s],Encoder [deg],Reading [um]", "Time,C axis (°),LVDT [um]")
+    cases = {}
+    for number, header in enumerate(headers):
+        files = field.texts(header, beside_times)
+        cases[f"log_with_angle_{number}"] = FieldCase(kind, f"a header '{header}'", files)
+    header = "Time [s],Tilt [deg],Reading [um]"
+    cases["log_with_tilt"] = FieldCase(
+        kind,
+        f"a header '{header}'",
+        field.texts(header, lambda circle, k: log_row(circle, k, ["0.1"])),
+        refusal="a log over time must come with its feed, got none. Give --feed-mm-per-min",
+        step=("--feed-mm-per-min", f"{field.FEED_MM_PER_MIN:g}"),
+    )
+    header = "Time [s],X [mm],Y [mm],Reading [um]"
+    cases["log_with_positions"] = FieldCase(
+        kind,
+        f"a header '{header}'",
+        field.texts(header, lambda circle, k: log_row(circle, k, positions(circle, k))),
+        refusal="and positions 'X [mm]', 'Y [mm]'. Positions are not read: add a column",
+        step=("--feed-mm-per-min", f"{field.FEED_MM_PER_MIN:g}"),
+    )
+    return cases
+
+
+def log_row(circle: Circle, k: int, between: list[str]) -> list[object]:
+    stamp, reading = field.logged("{:.4f}".format)(circle, k)
+    return [stamp, *between, reading]
+
+
+def positions(circle: Circle, k: int) -> list[str]:
+    angle = np.deg2rad(circle.angle_deg[k])
+    x = 300.0 + field.RADIUS_MM * np.cos(angle)
+    y = -120.0 + field.RADIUS_MM * np.sin(angle)
+    return [f"{x:.4f}", f"{y:.4f}"]

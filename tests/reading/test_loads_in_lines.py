@@ -39,7 +39,7 @@ def test_a_load_with_one_meaning_is_read(line: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("line", UNCLEAR)
 def test_a_load_of_unclear_meaning_is_named_in_the_refusal(line: str, tmp_path: Path) -> None:
-    message = re.escape(f"(is it the load that line 1 says: {line!r}?). Give --forces-N")
+    message = re.escape(f"(is {line!r} in line 1 the load?). Give --forces-N")
     with pytest.raises(lb.InputError, match=message):
         lb.import_campaign(file_with(tmp_path, line))
 
@@ -60,5 +60,5 @@ def test_one_line_is_no_load_of_several_columns(tmp_path: Path) -> None:
     rows = "\n".join(f"{angle},{angle % 7},{angle % 5}" for angle in range(0, 360, 5))
     file.write_text(f"Run 1: 490 N\nAngle [deg],Run A [um],Run B [um]\n{rows}\n")
     layout = lb.reading.Layout(columns={"reading": [2, 3]})
-    with pytest.raises(lb.InputError, match="is it the load that line 1 says"):
+    with pytest.raises(lb.InputError, match="is 'Run 1: 490 N' in line 1 the load"):
         lb.import_campaign(file, layout=layout)
