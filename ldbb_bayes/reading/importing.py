@@ -45,7 +45,7 @@ from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.planes import take_plane_option, unread_plane
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.sheet_selection import SheetSelection, select_sheets
+from ldbb_bayes.reading.sheet_selection import SheetSelection, note_left_out, select_sheets
 from ldbb_bayes.reading.splitting import layout_names, split_sheet
 from ldbb_bayes.reading.spreadsheet import read_sheets
 from ldbb_bayes.reading.start_times import take_start_times
@@ -158,6 +158,7 @@ def import_campaign(
     matched = set(paths) - {Path(file) for file in named}
     selection = _select_tables(paths, matched, layout, log)
     recordings = _split_into_tests(selection, layout, campaign, log)
+    note_left_out(selection.left_out, _lists_of_tests(recordings), log)
     for recording in recordings:
         check_feed_is_whole(recording)
     _check_lines(recordings, campaign)
@@ -237,7 +238,7 @@ def _sheets_of_file(path: Path, layout: Layout, is_only_file: bool) -> list[Shee
     except EmptyFileError:
         raise
     except InputError as error:
-        if is_only_file:
+        if is_only_file or not path.exists():
             raise
         raise or_left_out(error, path) from error
 
@@ -258,6 +259,16 @@ def _split_into_tests(
                 " Import fewer at once."
             )
     return recordings
+
+
+def _lists_of_tests(recordings: Iterable[Recording]) -> set[str]:
+    """Return the places of the sheets whose rows describe single tests."""
+    places = set()
+    for recording in recordings:
+        for line, _ in recording.heading.lines_above:
+            _, _, place = str(line).partition(" of ")
+            places.add(place)
+    return places
 
 
 def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, list[float]]:

@@ -26,7 +26,7 @@ from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.transposed_tables import check_not_transposed
 from ldbb_bayes.reading.words import LONGEST_NAME, UNITS
 
-__all__ = ["HeadedSheet", "SheetSelection", "select_sheets"]
+__all__ = ["HeadedSheet", "SheetSelection", "note_left_out", "select_sheets"]
 
 # Number of rows at the beginning of a table that are examined for numbers.
 _FIRST_ROWS = 9
@@ -57,8 +57,8 @@ def select_sheets(
 
     A sheet without such a table is left out in three cases: if it is one of several sheets in a
     workbook, if the file was found by a pattern with ``*`` or ``?``, or if it is a text with few
-    numbers and other files have tables. Each sheet that is left out is noted. An `InputError` is
-    raised for any other sheet without a table. It is also raised if no file has a table.
+    numbers and other files have tables. An `InputError` is raised for any other sheet without a
+    table. It is also raised if no file has a table.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def select_sheets(
     layout
         Layout that the user states. If the layout names sheets, each named sheet must have a table.
     log
-        Log to which the sheets that are left out are added.
+        Log to which hidden sheets and rows are added.
     matched
         Files that were found by a pattern, and were not named by the user.
     """
@@ -103,13 +103,33 @@ def select_sheets(
         # an error that states the missing column.
         selection = SheetSelection(tables=incomplete)
         return _mark_only_tables(selection, list(incomplete))
-    reason = "it holds no table of angles and readings"
-    for sheet in selection.left_out:
-        if sheet.name:
-            log.add(sheet.place, "left out", "the sheet", reason, "--sheets")
-        else:
-            log.add(sheet.place, "left out", "the file", reason, "a table in it")
     return _mark_only_tables(selection, selection.tables)
+
+
+def note_left_out(left_out: Sequence[Sheet], lists: Collection[str], log: AssumptionLog) -> None:
+    """Add a note on each sheet without a table of readings.
+
+    Parameters
+    ----------
+    left_out
+        Sheets without a table of readings.
+    lists
+        Places of those sheets whose rows describe single tests.
+    log
+        Log to which the notes are added.
+    """
+    for sheet in left_out:
+        subject = "left out"
+        reason = "it holds no table of angles and readings"
+        option = "a table in it"
+        if sheet.place in lists:
+            subject = "list of tests"
+            reason = "its rows name tests"
+        value = "the file"
+        if sheet.name:
+            value = "the sheet"
+            option = "--sheets"
+        log.add(sheet.place, subject, value, reason, option)
 
 
 def _companions(sheets: Sequence[Sheet], layout: Layout, optional: Collection[Path]) -> set[Path]:

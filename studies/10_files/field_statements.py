@@ -281,7 +281,7 @@ def numbered_column_cases() -> dict[str, FieldCase]:
             "a workbook with an overview, and columns that the user states by number",
             {"m.xlsx": field.workbook(fill)},
             options=("--angle-column", "1", "--reading-column", "2"),
-            told="left out: the sheet (it holds no table of angles and readings",
+            told="list of tests: the sheet (its rows name tests",
         )
     }
 
