@@ -36,6 +36,9 @@ class Sheet:
     #: whether number formats and hidden rows of the workbook could be read
     is_examined: bool = False
     hidden_rows: int = 0  #: number of hidden rows, which are left out
+    #: factor by which all numbers of the table were multiplied, as written; empty if there is none
+    factor: str = ""
+    factor_line: int = 0  #: number of the line that states the factor; 0 if there is none
     hidden_sheets: Sequence[str] = ()  #: names of hidden sheets of the file, which are left out
 
     @property

@@ -195,7 +195,7 @@ def _check_none_transposed(sheets: Sequence[Sheet]) -> None:
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add hidden sheets and hidden rows, which are left out, and repeated headers to the log.
+    """Add hidden sheets and rows, which are left out, repeated headers and factors to the log.
 
     If a workbook is not in the format XLSX, hidden rows and number formats cannot be examined. This
     is noted too.
@@ -207,6 +207,12 @@ def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
             reason = "the table goes on below them"
             remedy = "a file for each table, if there are several"
             log.add(sheet.place, "repeated headers", headers, reason, remedy)
+        if sheet.factor:
+            reason = f"line {sheet.factor_line} says {f'{sheet.factor} *'!r}"
+            remedy = "write the numbers without a factor (format long g)"
+            log.add(
+                sheet.place, "factor", f"{float(sheet.factor):g} in all columns", reason, remedy
+            )
         if sheet.hidden_rows:
             rows = f"{sheet.hidden_rows} hidden rows"
             remedy = "show them in the spreadsheet program"

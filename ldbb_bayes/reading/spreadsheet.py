@@ -20,6 +20,7 @@ from ldbb_bayes.reading.companion_files import is_document
 from ldbb_bayes.reading.encodings import encoding_of
 from ldbb_bayes.reading.labview import is_labview, rows_of_labview
 from ldbb_bayes.reading.loads_between import with_loads_between
+from ldbb_bayes.reading.matlab_display import displays_of_matlab, is_matlab_display
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import split_tables
 from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
@@ -96,6 +97,9 @@ def read_sheets(
         rows = rows_of_labview(rows_of_text(path, text, separator))
     else:
         rows = rows_of_text(path, text, separator)
+    if is_matlab_display(text):
+        displays = displays_of_matlab(Sheet(path, "", rows, encoding, separator), text)
+        return [_with_plain_cells(display) for display in displays]
     sheet = _with_plain_cells(Sheet(path, "", rows, encoding, separator))
     return split_tables(with_loads_between(sheet))
 

@@ -24,7 +24,7 @@ from ldbb_bayes.reading.timestamps import stamps_in
 from ldbb_bayes.reading.travel_direction import direction_named, directions_stated
 from ldbb_bayes.reading.words import comparable
 
-__all__ = ["first_header", "split_tables"]
+__all__ = ["first_header", "lines_that_hold", "named_sheets", "split_tables"]
 
 # Regular expression for a cell that is empty or holds only the number of a printed page, such as
 # "Page 2 of 3".
@@ -65,13 +65,13 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
         if not begins_anew:
             lines = _without_titles(sheet, lines, lines_above_first)
         if lines or begins_anew:
-            kept = _lines_that_hold(sheet, lines_above_first, lines)
+            kept = lines_that_hold(sheet, lines_above_first, lines)
             tables.append([*kept, *lines, sheet.rows[k]])
         end = k + 1
     tables[-1] += sheet.rows[end:]
     if len(tables) == 1:
         return [replace(sheet, rows=tables[0], n_headers=len(headers))]
-    return _named_sheets(sheet, tables)
+    return named_sheets(sheet, tables)
 
 
 def _repeated_headers(rows: Sequence[Row], header: int) -> list[int]:
@@ -192,7 +192,7 @@ def _without_numbers(text: str) -> str:
     return " ".join(word for word in words if not _CONTINUED.fullmatch(word))
 
 
-def _lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) -> list[Row]:
+def lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) -> list[Row]:
     """Return the lines above the first table that also apply to a further table.
 
     ``first`` are all lines above the first table, and ``lines`` are the lines above the further
@@ -214,7 +214,7 @@ def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
     return keys
 
 
-def _named_sheets(sheet: Sheet, tables: Sequence[list[Row]]) -> list[Sheet]:
+def named_sheets(sheet: Sheet, tables: Sequence[list[Row]]) -> list[Sheet]:
     """Return one sheet for each table.
 
     A sheet is named after the file or sheet and the direction of travel that is stated above the

@@ -17,7 +17,7 @@ TENTHS = 2.54  # one ten-thousandth of an inch [µm]
 
 def passage_cases() -> dict[str, FieldCase]:
     """Return the cases of lines that state several things."""
-    return {**unit_cases(), **centre_cases(), **load_cases(), **log_cases()}
+    return {**unit_cases(), **centre_cases(), **load_cases(), **log_cases(), **display_cases()}
 
 
 def in_gon_clockwise(circle: Circle, k: int) -> list[object]:
@@ -162,3 +162,45 @@ def positions(circle: Circle, k: int) -> list[str]:
     x = 300.0 + field.RADIUS_MM * np.cos(angle)
     y = -120.0 + field.RADIUS_MM * np.sin(angle)
     return [f"{x:.4f}", f"{y:.4f}"]
+
+
+def shown(circle: Circle, unit_mm: float, command: str) -> list[str]:
+    """Return a display of MATLAB: angles [rad] and distances of the balls, with a factor of 100."""
+    lines = [command, "", "data =", "", "   1.0e+02 *", ""]
+    for angle_deg, reading_um in zip(circle.angle_deg, circle.reading_um, strict=True):
+        distance = (field.RADIUS_MM + 1e-3 * reading_um) / unit_mm
+        lines.append(f"  {np.deg2rad(angle_deg) / 100.0:.15f}   {distance / 100.0:.15f}")
+    return [*lines, ""]
+
+
+def display_cases() -> dict[str, FieldCase]:
+    """Return diaries of MATLAB with a factor above the numbers."""
+    kind = "displays of MATLAB"
+    command = ">> data    % theta [rad], distance of the balls [mm]"
+    files = {}
+    diary = [">> load run", ">> R0", "", "R0 =", "", "   150", ""]
+    for circle in field.TRUTH:
+        assigned = f">> F = {circle.force_N:g}; dir = 'CCW';   % N"
+        lines = [assigned, *shown(circle, 1.0, command)]
+        files[f"run_{circle.force_N:g}.txt"] = "\n".join(lines).encode()
+        diary += lines
+    told = "factor: 100 in all columns (line"
+    return {
+        "display_each": FieldCase(kind, "a diary for each matrix", files, told=told),
+        "display_diary": FieldCase(
+            kind,
+            "a diary of three matrices",
+            {"diary.txt": "\n".join([*diary, ">> diary off", ""]).encode()},
+            told=told,
+        ),
+        "display_in_parts": FieldCase(
+            kind,
+            "a matrix in two parts",
+            {
+                name: content.replace(b"data =\n", b"data =\n\n  Columns 1 through 2\n")
+                for name, content in files.items()
+            },
+            refusal="got 'Columns 1 through 2'. Write it to a file with writematrix",
+            mended=files,
+        ),
+    }

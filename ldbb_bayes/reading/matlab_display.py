@@ -1,0 +1,282 @@
+"""Matrices as MATLAB shows them in its command window, such as ``1.0e+02 *`` above numbers.
+
+A text may hold several displays. Each of them is a table of its own; the commands above it belong
+to it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.column_roles import names_any_role, names_columns
+from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, is_missing, looks_like_number
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.stacked_tables import lines_that_hold, named_sheets
+from ldbb_bayes.reading.words import UNITS, unit_named
+
+__all__ = ["displays_of_matlab", "is_matlab_display"]
+
+# Regular expression for a line with the factor of all numbers below it.
+_FACTOR = re.compile(r"\s*(?P<factor>\d+(?:\.\d+)?[eE][+\-]\d+)\s*\*\s*")
+# Regular expression for a line with the name of the variable that is shown below it.
+_NAME = re.compile(r"[A-Za-z]\w*\s*=")
+# Regular expression for the prompt in front of a command.
+_PROMPT = re.compile(r"\s*>>\s*")
+# Regular expression for a command that only shows a variable.
+_SHOWING = re.compile(r"\s*>>\s*\w+\s*")
+# Regular expression for a line above a part of the columns of a matrix that is too wide to be shown
+# at once.
+_PART = re.compile(r"\s*Columns? \d+(?: (?:through|and|to) \d+)?\s*")
+# Regular expression for a command that assigns one number to a variable, such as F = 490.
+_ASSIGNED_NUMBER = re.compile(rf"\b[A-Za-z]\w*\s*=\s*(?P<number>{NUMBER_IN_TEXT})\s*(?=[;,%]|$)")
+# Regular expression for a number as MATLAB shows it.
+_NUMBER = re.compile(r"[+\-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+\-]?\d+)?")
+# Words with which a load is stated; the keys are the roles of columns to whose units it belongs.
+_LOADS = {"force": "Force", "pressure": "Pressure"}
+# Smallest number of successive rows of numbers that are a table.
+_FEWEST_ROWS = 9
+
+
+@dataclass
+class _Shown:
+    """Rows of numbers that are shown below each other, and the lines above them."""
+
+    above: list[Row]  # lines above the numbers, as one cell each
+    numbers: list[Row]  # rows of numbers; empty for the lines below the last display
+
+
+@dataclass
+class _Display:
+    """Display of a matrix: its lines, header and numbers."""
+
+    lines: list[Row] = field(default_factory=list)  # lines above the header, as one cell each
+    header: list[Row] = field(default_factory=list)  # row with the names of all columns, if any
+    numbers: list[Row] = field(default_factory=list)  # rows of numbers, with the factor
+    factor: str = ""  # factor as written; empty if there is none
+    factor_line: int = 0  # number of the line with the factor; 0 if there is none
+
+
+def is_matlab_display(text: str) -> bool:
+    """Return whether a text has a line with a factor, or commands and names, of MATLAB."""
+    lines = text.split("\n")
+    if any(_FACTOR.fullmatch(line) for line in lines):
+        return True
+    has_prompt = any(_PROMPT.match(line) for line in lines)
+    return has_prompt and any(_NAME.fullmatch(line.strip()) for line in lines)
+
+
+def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
+    """Return one sheet for each display of a matrix with the numbers of a table.
+
+    Every number of a display is multiplied by the factor above it. A comment behind the command,
+    such as ``% theta [rad], distance [mm]``, is the header if it names every column. A display
+    without a header has that of the first display, and lines above the first display also apply to
+    a further display, unless the lines above the further display state the same field. If no
+    display has enough rows for a table, the sheet is returned unchanged.
+
+    Parameters
+    ----------
+    sheet
+        The text, split into rows of cells.
+    text
+        The text.
+
+    Raises
+    ------
+    InputError
+        If a matrix is shown in several parts, each with some of its columns; if a number below a
+        factor is not written as MATLAB writes it; or if a factor stands above too few rows for a
+        table.
+    """
+    *shown, end = _shown_matrices(sheet.rows, text.split("\n"))
+    if not shown:
+        _check_no_factor(sheet, end.above)
+        return [sheet]
+    displays = [_display(sheet, matrix) for matrix in shown]
+    tables = [_rows_of_display(sheet, displays[0], display) for display in displays]
+    tables[-1] += _with_values(end.above)
+    named = [sheet]
+    if len(tables) > 1:
+        named = named_sheets(sheet, tables)
+    sheets = []
+    for display, rows, named_sheet in zip(displays, tables, named, strict=True):
+        sheets.append(
+            replace(named_sheet, rows=rows, factor=display.factor, factor_line=display.factor_line)
+        )
+    return sheets
+
+
+def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_Shown]:
+    """Return all rows of a text: each matrix with the lines above it, and last the lines below.
+
+    ``rows`` are the rows of the text, and ``written`` its lines as written.
+    """
+    shown = [_Shown([], [])]
+    run: list[Row] = []
+    for row in rows:
+        if _is_row_of_numbers(row) and (not run or len(row.cells) == len(run[0].cells)):
+            run.append(row)
+            continue
+        _end_run(shown, run)
+        run = []
+        if _is_row_of_numbers(row):
+            run.append(row)
+        else:
+            shown[-1].above.append(Row(row.line, [written[row.line - 1].strip()]))
+    _end_run(shown, run)
+    return shown
+
+
+def _is_row_of_numbers(row: Row) -> bool:
+    """Return whether a row has at least two cells, all of them numbers or missing numbers."""
+    if len(row.cells) < 2 or all(is_missing(cell) for cell in row.cells):
+        return False
+    return all(looks_like_number(cell) or is_missing(cell) for cell in row.cells)
+
+
+def _end_run(shown: list[_Shown], run: Sequence[Row]) -> None:
+    """Add successive rows of numbers to the last matrix, and begin the next, if they are a table.
+
+    Fewer rows are added to the lines above the next matrix.
+    """
+    if len(run) < _FEWEST_ROWS:
+        shown[-1].above += [Row(row.line, [" ".join(row.cells)]) for row in run]
+        return
+    shown[-1].numbers += run
+    shown.append(_Shown([], []))
+
+
+def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
+    for row in lines:
+        if _FACTOR.fullmatch(row.cells[0]):
+            raise InputError(
+                f"{sheet.place}, line {row.line}: a factor must stand above a table of at least"
+                f" {_FEWEST_ROWS} rows of numbers, got {row.cells[0]!r} above fewer. Write the"
+                " matrix to a file with writematrix."
+            )
+
+
+def _display(sheet: Sheet, shown: _Shown) -> _Display:
+    """Return the display of a matrix: its numbers with their factor, its header and other lines.
+
+    A factor belongs to the numbers of the variable that is named last above it.
+    """
+    display = _Display()
+    for row in shown.above:
+        content = row.cells[0]
+        factor = _FACTOR.fullmatch(content)
+        if _PART.fullmatch(content):
+            raise InputError(
+                f"{sheet.place}, line {row.line}: a matrix must be shown with all its columns, got"
+                f" {content!r}. Write it to a file with writematrix."
+            )
+        if factor is not None:
+            display.factor = factor["factor"]
+            display.factor_line = row.line
+            continue
+        if _NAME.fullmatch(content) or _PROMPT.match(content):
+            display.factor = ""
+            display.factor_line = 0
+        names = _column_names(content, len(shown.numbers[0].cells))
+        if names:
+            display.header = [Row(row.line, names)]
+            content, _, _ = content.partition("%")
+            if content.split() == names or _SHOWING.fullmatch(content):
+                continue
+        display.lines += _line_of_command(row.line, content)
+    display.lines = _with_values(display.lines)
+    for row in shown.numbers:
+        display.numbers.append(_multiplied(sheet, row, display))
+    return display
+
+
+def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[Row]:
+    """Return the rows of the table of a display: its lines, header and numbers.
+
+    ``first`` is the first display. The lines and the header that hold for all displays stand there.
+    """
+    if display is first:
+        return [*first.lines, *first.header, *first.numbers]
+    kept = lines_that_hold(sheet, first.lines, display.lines)
+    header = display.header
+    if not header and len(first.numbers[0].cells) == len(display.numbers[0].cells):
+        header = first.header
+    return [*kept, *display.lines, *header, *display.numbers]
+
+
+def _column_names(content: str, width: int) -> list[str]:
+    """Return the names of the columns in a line; empty if the line does not name every column.
+
+    The names stand in a comment, separated by commas, or the line consists of them. ``width`` is
+    the number of columns.
+    """
+    _, mark, comment = content.partition("%")
+    names = content.split()
+    if mark:
+        names = [name.strip() for name in comment.split(",")]
+    if len(names) != width or not names_columns(names):
+        return []
+    if not any(names_any_role(name) for name in names):
+        return []
+    return names
+
+
+def _line_of_command(line: int, content: str) -> list[Row]:
+    """Return a line as a row of one cell, without the prompt; an empty list if nothing is left.
+
+    If the comment behind an assigned number is a unit of force or pressure, a statement of the load
+    is added, as in ``F = 490; % N; Force: 490 N``.
+    """
+    command = _PROMPT.sub("", content).strip()
+    if not command:
+        return []
+    code, _, comment = command.partition("%")
+    unit = unit_named(comment.strip(" []().;"))
+    numbers = _ASSIGNED_NUMBER.findall(code)
+    for role, word in _LOADS.items():
+        if unit in UNITS[role] and len(numbers) == 1:
+            command = f"{command}; {word}: {numbers[0]} {unit}"
+    return [Row(line, [command])]
+
+
+def _with_values(lines: Sequence[Row]) -> list[Row]:
+    """Return lines in which a name and the number shown below it are one line: ``R0 = 150``.
+
+    Names without such a number are left out.
+    """
+    joined: list[Row] = []
+    name = ""
+    for row in lines:
+        content = row.cells[0]
+        if _NAME.fullmatch(content):
+            name = content
+            continue
+        if name and _NUMBER.fullmatch(content):
+            content = f"{name} {content}"
+        joined.append(Row(row.line, [content]))
+        name = ""
+    return joined
+
+
+def _multiplied(sheet: Sheet, row: Row, display: _Display) -> Row:
+    """Return a row whose numbers are multiplied by the factor of the display, if there is one."""
+    if not display.factor:
+        return row
+    cells = []
+    for cell in row.cells:
+        if is_missing(cell):
+            cells.append(cell)
+            continue
+        if not _NUMBER.fullmatch(cell):
+            raise InputError(
+                f"{sheet.place}, line {row.line}: numbers below the factor {display.factor} in line"
+                f" {display.factor_line} must have a decimal point, got {cell!r}. Write the matrix"
+                " to a file with writematrix."
+            )
+        cells.append(f"{Decimal(cell) * Decimal(display.factor):f}")
+    return Row(row.line, cells)
