@@ -207,9 +207,9 @@ class Campaign(CampaignFields):
     #: tests without readings that may be run later. The model of the campaign already includes
     #: effects that only these tests can reveal.
     foreseen: Tests = field(default=(), kw_only=True)
-    #: pilot: the campaign or plan from which this plan was designed. Forecasts of the plan use what
-    #: the pilot's readings show about the machine, the scatter and the instrument. Analyses of
-    #: readings ignore the pilot.
+    #: the campaign or plan from which this plan was designed; None if there is none. Forecasts of
+    #: the plan use what the pilot's readings show about the machine, the scatter and the
+    #: instrument. If this campaign has readings, analyses of these readings do not use the pilot.
     pilot: SkipValidation[Campaign | None] = field(default=None, kw_only=True)
     #: whether the tests of this plan are run in addition to the tests of the pilot, which then
     #: count as already run. The pilot is the campaign or plan from which this plan was designed.

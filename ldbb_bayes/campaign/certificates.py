@@ -103,8 +103,8 @@ class CertifiedQuantity:
         Parameters
         ----------
         factor
-            Size of the unit of the returned numbers, in SI units (for a pressure, in bar). For
-            example, 1e-6 stands for µm.
+            Unit of the value and of U in the result, expressed in SI units (pressures in bar). For
+            example, 1e-6 returns both in µm, because 1 µm is 1e-6 m.
 
         Raises
         ------

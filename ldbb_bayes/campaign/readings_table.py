@@ -204,7 +204,7 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 
 
 def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
-    """Return whichever of the two ``names`` is the name of a column of a table.
+    """Return the one of two column names that occurs in a table; ``names`` holds both names.
 
     ``columns`` holds the columns of the table; the keys are the names of the columns. Raise an
     `InputError` if the table has columns of both names, or no column of these names.

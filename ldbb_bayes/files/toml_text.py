@@ -19,9 +19,10 @@ _LONGEST_LINE = 20_000
 # Pattern of a key with eight dots or more (such as a.b.c.d.e.f.g.h.i), which is refused. The time
 # to read a key grows with the square of its number of parts; valid files need at most three parts.
 _DEEP_KEY = re.compile(r"(?:[\w-]{1,200}[ \t]{0,9}\.[ \t]{0,9}){8}")
-# Pattern of strings and comments. A string between triple quotes may end with two more quotes. A
-# string without closing quotes is assumed to end at the end of its line, or of the text; such a
-# text is refused later. Because of this assumption, no part of the text is searched twice.
+# Regular expression for strings and comments in a TOML file. A string between triple quotes may end
+# with two more quotes. If a string on one line has no closing quote, the match ends with the line.
+# If a string between triple quotes has no closing quotes, the match ends with the file. Files with
+# such strings are refused later. No part of the file is therefore searched twice.
 _STRING_OR_COMMENT = re.compile(
     r'''
     """(?:[^\\]|\\(?:.|\Z))*?(?:"{3,5}|\Z)  # string between triple quotation marks

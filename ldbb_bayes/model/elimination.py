@@ -75,30 +75,31 @@ _MANY_TERMS = 12
 class Update(NamedTuple):
     """Products that are subtracted from entries of P when groups of columns are eliminated.
 
-    P is the matrix that is factorised. Eliminating a group of its columns changes entries in a set
-    of later columns, which is called the border of the group. The change is a sum of products of
-    two entries of an eliminated column, both in rows of the border. An `Update` comprises those
-    products whose first factor is in the rows ``first`` to ``stop`` − 1 of the border; the second
-    factor is in any row of the border from ``first`` on.
+    P is the matrix that is factorised. When a group of its columns is eliminated, entries of P
+    change in m columns that are eliminated later. The code calls these m columns the border of the
+    group, and they are numbered from 0 to m − 1. The change is a sum of products of two entries of
+    an eliminated column. Each entry belongs to one of the m later columns, because it is in the row
+    with the index of this column. An `Update` comprises the products whose first factor belongs to
+    a later column with a number from ``first`` to ``stop`` − 1. The second factor belongs to a
+    later column with the number ``first`` or higher, or to the right-hand side.
     """
 
     #: Slice of the list of all groups of columns that are eliminated together. The slice selects
     #: the groups to which this update applies. Groups that change the same later columns are
     #: adjacent in the list.
     groups: slice
-    #: Number of borders to which the update applies. A border is the set of later columns that a
-    #: group of columns changes. No two of these borders have a column in common.
+    #: Number of different sets of later columns that the groups change. Each set is called a border
+    #: and has m columns. No column belongs to two of these sets.
     borders: int
-    #: Index of the first row of the border that supplies a first factor of the products. The border
-    #: is the set of later columns that a group changes; the index counts from 0 within the border.
+    #: Number of the first of the m later columns to which a first factor of the products belongs.
+    #: The m later columns that a group changes are numbered from 0.
     first: int
-    #: Index of the row after the last row of the border that supplies a first factor of the
-    #: products. The border is the set of later columns that a group changes; the index counts from
-    #: 0 within the border.
+    #: One more than the number of the last of the m later columns to which a first factor of the
+    #: products belongs. The m later columns that a group changes are numbered from 0.
     stop: int
     #: Rows of the workspace (the array with the entries of P) from which the products are
-    #: subtracted, shape (borders, stop − first, m + 1 − first). Each border is a set of m later
-    #: columns that groups change. Because P is symmetric, only half of its entries are needed.
+    #: subtracted, shape (borders, stop − first, m + 1 − first), where m is the number of later
+    #: columns that a group changes. Because P is symmetric, only half of its entries are needed.
     #: Products for the other half are subtracted from the last row of the workspace, which is never
     #: read.
     targets: NDArray[np.intp]
@@ -107,8 +108,8 @@ class Update(NamedTuple):
 class Front(NamedTuple):
     """Groups of columns of the design matrix A that the same function calls eliminate together.
 
-    Each group has s columns. The elimination of a group changes m later columns, which are called
-    the border of the group.
+    Each group has s columns. When a group is eliminated, entries of P = Aᵀ D⁻¹ A change in m
+    columns that are eliminated later. The field ``border`` names these m columns.
     """
 
     #: Rows of the workspace that hold the entries of this front's columns. The workspace is the
@@ -125,8 +126,8 @@ class Front(NamedTuple):
     signs: Array | None
     #: Indices of the s columns of each group in the design matrix, shape (groups, s).
     columns: NDArray[np.intp]
-    #: Indices, in the design matrix, of the m later columns that each group changes (its border),
-    #: shape (groups, m).
+    #: Indices of the m later columns that change when a group is eliminated, shape (groups, m). The
+    #: indices count the columns of the design matrix, from 0.
     border: NDArray[np.intp]
     updates: list[Update]
 
@@ -173,7 +174,10 @@ class Front(NamedTuple):
 
 
 class _Family(NamedTuple):
-    """Groups of columns with the same border (set of later columns that a group changes)."""
+    """Groups of columns whose elimination changes the same later columns.
+
+    ``border`` holds the indices of these later columns in the design matrix.
+    """
 
     border: tuple[int, ...]
     groups: list[ColumnGroup]
@@ -234,9 +238,9 @@ class EliminationPlan:
         """Return the front that consists of the groups of all ``families``, in their order.
 
         A front contains groups of columns that are eliminated together. The groups of a family
-        change the same later columns, which are called their border. All groups of the front have
-        equal numbers of columns, and their borders have equal numbers of columns. ``signs`` are the
-        signs ±1 of the prior variances of all coefficients.
+        change the same later columns when they are eliminated. All groups of the front have equal
+        numbers of columns, and they change equal numbers of later columns. ``signs`` are the signs
+        ±1 of the prior variances of all coefficients.
         """
         groups = [group for family in families for group in family.groups]
         columns = np.array([group.columns for group in groups])
@@ -255,9 +259,9 @@ class EliminationPlan:
     def _updates(self, families: list[_Family]) -> list[Update]:
         """Return the changes of later columns that are caused by eliminating the groups of a front.
 
-        The groups of columns in one family change the same later columns, which are called their
-        border. Consecutive families are treated together, in the same `Update`, if they have equal
-        numbers of groups and if their borders have no column in common.
+        The groups of columns in one family change the same later columns. Consecutive families are
+        treated together, in the same `Update`, if they have equal numbers of groups and no later
+        column is changed by two of these families.
         """
         updates = []
         start = 0
@@ -275,13 +279,13 @@ class EliminationPlan:
         return updates
 
     def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
-        """Return the rows of the workspace from which products for one border are subtracted.
+        """Return the rows of the workspace from which products of two entries are subtracted.
 
-        The workspace is the array with the entries of P. A border is the set of m later columns
-        that a group of columns changes when it is eliminated. In each product, the first factor is
-        an entry in the rows ``first`` to ``stop`` − 1 of the border. The second factor is an entry
-        in the rows of the border from ``first`` on, or in the right-hand side. The result has the
-        shape (stop − first, m + 1 − first).
+        The workspace is the array with the entries of P. ``border`` holds the indices of the m
+        later columns that change when a group of columns is eliminated. The first factor of a
+        product belongs to one of the columns ``border[first]`` to ``border[stop − 1]``. The second
+        factor belongs to ``border[first]``, to a column after it in ``border``, or to the
+        right-hand side. The result has the shape (stop − first, m + 1 − first).
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]
@@ -504,12 +508,12 @@ def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> 
 def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
     """Sort groups of columns into fronts, and the groups of each front into families.
 
-    Eliminating a group of columns changes a set of later columns, the border of the group. A front
-    consists of groups that can be eliminated at the same time: they do not depend on each other,
-    because their heights (function `heights`) are equal. The groups of a front also have equal
-    numbers of columns, and their borders have equal numbers of columns. A family consists of groups
-    that have the same border. Fronts are in the order of elimination. Within a front, families with
-    more groups come first.
+    Eliminating a group of columns changes entries of P in later columns. A front consists of groups
+    that can be eliminated at the same time: they do not depend on each other, because their heights
+    (function `heights`) are equal. The groups of a front also have equal numbers of columns, and
+    they change equal numbers of later columns. A family consists of groups that change the same
+    later columns. Fronts are in the order of elimination. Within a front, families with more groups
+    come first.
     """
     fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):
@@ -524,10 +528,10 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
 
 
 def _disjoint_families(families: list[_Family]) -> list[list[_Family]]:
-    """Divide families into lists such that the borders of the families in a list do not overlap.
+    """Divide families into lists in which no two families change the same later column.
 
-    A family consists of groups of columns that change the same later columns, which are called
-    their border. The families of a list have equal numbers of groups and are consecutive in
+    A family consists of groups of columns that change the same later columns when they are
+    eliminated. The families of a list have equal numbers of groups and are consecutive in
     ``families``.
     """
     lists: list[list[_Family]] = []

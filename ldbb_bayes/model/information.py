@@ -25,8 +25,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Information"]
 
-# Limit for the rank of the matrix that holds the effects of the parameters of interest on the
-# readings. Singular values below this fraction of the largest singular value count as zero.
+# The effects of the parameters of interest on the readings form a matrix. Its singular values count
+# as zero, when its rank is determined, if they are below this fraction of the largest one.
 _RANK_TOLERANCE = 1e-9
 # The precision (1 / variance) that the readings alone give to a coefficient is divided by the prior
 # precision of the coefficient. If the ratio is below this number, it counts as a rounding error,

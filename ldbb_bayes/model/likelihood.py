@@ -78,7 +78,7 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice that selects this batch from all values of the hyper-parameters."""
+        """Slice that selects this batch's hyper-parameter values from the caller's array."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property
@@ -140,9 +140,9 @@ class StructuredGaussian:
             _round_to_ten_digits(rows.variance), axis=0, return_index=True, return_inverse=True
         )
         self._kinds = kinds.ravel()
-        # Each row of ``rows.variance`` gives the variance of one observation equation. All numbers
-        # in a row have the same sign; they are negative only if the equation is a prior with a
-        # negative variance.
+        # Each row of ``rows.variance`` holds the factors from which the variance of one observation
+        # equation is computed. Factors in the same row that are not zero have the same sign. The
+        # sign is negative only if the equation is a prior with a negative variance.
         self._kind_signs = np.where(rows.variance[first].sum(axis=1) < 0.0, -1.0, 1.0)
         self._kind_variance = sparse_or_dense(np.abs(rows.variance[first]))
         # The rows of the observation equations that depend on the parameters of interest are

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 
 __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 
-# Number of columns that one function call multiplies by all columns of a border. A border is the
-# set of later columns that a group of columns changes when it is eliminated.
+# When a group of columns is eliminated, several later columns change. The change is computed for
+# this number of later columns by one function call.
 PRODUCT_COLUMNS = 8
 # Time of the function calls that are needed once for each group of columns when it is eliminated.
 # This time and the following times were measured; the unit is the time of one multiplication for
@@ -41,8 +41,8 @@ _GROUP_COST = 100.0
 # Time of the function calls that eliminate one column of a group, in units of the time of one
 # multiplication.
 _COLUMN_COST = 200.0
-# Time of the function calls that multiply `PRODUCT_COLUMNS` columns of a border (the later columns
-# that a group changes) by all columns of the border, in units of the time of one multiplication.
+# Time of the function calls that compute the change of `PRODUCT_COLUMNS` later columns when a group
+# of columns is eliminated, in units of the time of one multiplication.
 _PRODUCT_CALL_COST = 250.0
 # Time to subtract one product from one entry of the matrix P = Aᵀ D⁻¹ A, in units of the time of
 # one multiplication.
@@ -55,8 +55,9 @@ _KEPT_COSTS = 4096
 class ColumnGroup(NamedTuple):
     """Columns of the design matrix that are eliminated together.
 
-    ``columns`` and ``border`` hold indices of columns of the design matrix, in the order of
-    elimination.
+    ``columns`` holds the indices of these columns, and ``border`` the indices of the later columns
+    that change when the group is eliminated. The indices refer to the design matrix and are in the
+    order of elimination.
     """
 
     #: Indices of the s columns of the group, shape (s,).
