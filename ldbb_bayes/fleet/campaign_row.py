@@ -266,12 +266,13 @@ def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
 def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     """Return a dictionary with the stiffness by direction at the reference force.
 
-    The dictionary has one entry, ``stiffness``: a dictionary with the unit and the numbers of each
-    quantity, whose keys are the names of the quantities. The quantities are stiffnesses, their
-    ratios and directions, and differences of compliances. If the readings do not determine a
-    quantity, its numbers are None. Only the lower end of the credible interval of a stiffness, or
-    of a ratio of stiffnesses, is kept as a lower limit. If the reference force is zero, an empty
-    dictionary is returned. ``prob`` is the probability of the credible intervals.
+    The dictionary has one entry, ``stiffness``. This entry is a dictionary whose keys are the names
+    of quantities: stiffnesses, their ratios and directions, and differences of compliances. The
+    values hold the unit, mean, sd, median and credible interval of each quantity. If the readings
+    do not determine a quantity, its mean, sd, median and credible interval are None. Only the lower
+    end of the credible interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower
+    limit. If the reference force is zero, an empty dictionary is returned. ``prob`` is the
+    probability of the credible intervals.
     """
     reference_N = fitted.draws.bound.setting.reference_force_N
     if not reference_N > 0.0:
@@ -290,10 +291,11 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
 
 
 def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
-    """Return the numbers of one quantity from its row of `DirectionalStiffness.table`.
+    """Return mean, sd, median and credible interval of a quantity.
 
-    If the readings do not determine the quantity, its numbers are None. Only the lower end of the
-    credible interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower limit.
+    ``row`` is the row of the quantity in `DirectionalStiffness.table`. If the readings do not
+    determine the quantity, all values returned are None. Only the lower end of the credible
+    interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower limit.
     """
     numbers: dict[str, float | None] = {name: row[name] for name in PARAMETER_COLUMNS}
     if not row["is_determined"]:

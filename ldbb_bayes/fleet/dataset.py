@@ -43,8 +43,8 @@ PART = f".{DATASET}.part"
 # this version under the key ``_METADATA_KEY``.
 _SCHEMA = 4
 _METADATA_KEY = b"ldbb_bayes"
-# Numbers that a batch's table holds for every parameter. Each number has a separate column, such as
-# C_XXX.mean.
+# Results that a batch's table holds for every parameter: posterior mean, standard deviation,
+# median, and the two ends of the credible interval. Each has a separate column, such as C_XXX.mean.
 PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
 # Pattern of the names of stiffness quantities in a batch's table. For each plane, the quantities
 # are the least and the greatest stiffness, their ratio, the directions of least and of greatest
@@ -176,12 +176,12 @@ def _unit_in(column: str) -> str:
 
 
 def _flatten(row: dict[str, Any]) -> dict[str, Any]:
-    """Return the row of a campaign with a separate column for each number of each quantity.
+    """Return the row of a campaign without nested dictionaries: every value has its own column.
 
-    In the given row, the entry ``parameters`` holds the numbers of each parameter, and the entry
-    ``stiffness`` holds the numbers of each stiffness by direction. The entry ``conformity`` holds
-    the probability of conformity and the decision for each quantity with a tolerance. In the
-    result, the columns have names such as C_XXX.mean and C_XXX.decision.
+    In the given row, the entries ``parameters`` and ``stiffness`` hold the mean, sd, median and
+    credible interval of each parameter and of each stiffness by direction. The entry ``conformity``
+    holds the probability of conformity and the decision for each quantity with a tolerance. In the
+    result, the columns of these values have names such as C_XXX.mean and C_XXX.decision.
     """
     flat = dict(row)
     for name, numbers in _numbers_of(row).items():
@@ -194,9 +194,10 @@ def _flatten(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _numbers_of(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return the numbers of each parameter and of each stiffness by direction in a batch's row.
+    """Return the results for each parameter and each stiffness by direction in a batch's row.
 
-    The keys of the result are the names of these quantities.
+    The results are mean, sd, median and credible interval. The keys are the names of the parameters
+    and stiffnesses.
     """
     return {**row.get("parameters", {}), **row.get("stiffness", {})}
 

@@ -27,13 +27,14 @@ class StiffnessOfVisit(Result):
     """One stiffness by direction at the reference force of a campaign, from this campaign alone.
 
     The quantity may also be a ratio of stiffnesses, a direction, or a difference of compliances. If
-    the readings do not determine the quantity, its numbers are None. Only the lower end of the
-    interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower limit.
+    the readings do not determine the quantity, its mean, uncertainties and interval are None. Only
+    the lower end of the interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower
+    limit.
     """
 
     campaign: str  #: label of the campaign
     force_N: float  #: reference force of the campaign, for which the stiffness is given [N]
-    unit: str  #: unit of the numbers: N/mm, mm/N, deg, or empty for a ratio
+    unit: str  #: unit of the quantity: N/mm, mm/N, deg, or empty for a ratio
     mean: float | None  #: posterior mean of the stiffness, in ``unit``
     sd: float | None  #: standard uncertainty u of the stiffness, in ``unit``
     U_k2: float | None  #: expanded uncertainty U = 2 u of the stiffness, in ``unit``

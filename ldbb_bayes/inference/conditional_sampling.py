@@ -34,7 +34,8 @@ def conditional_draws(
 
     The parameters are compliances, their changes with force, and geometric errors. They are drawn
     from their density given the readings and the hyper-parameters (scales of the noise and of other
-    effects). ``exact`` of the result states for which draws this is not so.
+    effects). The second array of the result, ``exact``, is False for a draw that does not follow
+    this density exactly.
 
     Parameters
     ----------

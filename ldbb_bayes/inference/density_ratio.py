@@ -36,15 +36,15 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
-# Number of times that a node of an integral is picked for the largest sample of nodes. Nodes are
-# the points at which the integrated density is known. A node may be picked repeatedly.
+# Number of random picks that make the largest sample of nodes. Nodes are the points at which the
+# integrated density is known. A node may be picked repeatedly.
 _LARGEST_SAMPLE = 4608
 # Three samples of nodes (points) are used: every 24th node of the largest sample, every 8th node,
 # and all nodes. The density is evaluated at the nodes of the next larger sample until the error is
 # small enough.
 _STEPS = (24, 8, 1)
-# Smallest number of nodes (points) of an integral, divided by the number of nodes in a sample, with
-# which the sample is used.
+# A sample is used only if the integral has at least this many times as many nodes (points) as the
+# sample.
 _NODES_PER_SAMPLE = 2
 # Largest number of coefficients of the fitted polynomial, as a fraction of the number of nodes
 # (points) to which the polynomial is fitted.

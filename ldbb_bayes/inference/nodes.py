@@ -94,9 +94,10 @@ _FINEST_TOLERANCE = 1e-3
 # quasi-random points. The points differ between nodes, so that the errors cancel in the mean over
 # hundreds of nodes.
 _NOISE_PER_TOLERANCE = 2.0
-# Nodes (weighted values of the hyper-parameters) may miss the tolerance only because of the error
-# of the probability that no compliance is negative. New nodes are then computed with the tolerance
-# multiplied by this factor.
+# Two errors add to the error of the log evidence: the error of the integral over the nodes
+# (weighted values of the hyper-parameters), and the error of the probability that no compliance is
+# negative. If the integral alone meets the tolerance, but not both errors together, new nodes are
+# computed with the tolerance multiplied by this factor.
 _NODES_SHARE = 0.7
 # The probability that no compliance is negative is first averaged over ``_FEWEST_PICKED`` nodes
 # (values of the hyper-parameters). As long as the error of the average is too large, the number of
