@@ -1,4 +1,4 @@
-"""A computation of a browser tab in a process of its own: its progress, its outcome and its end."""
+"""A computation for one browser tab, which runs in a separate process and can be stopped."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ _MAIN = "from ldbb_bayes.app.worker import main; main()"
 
 @dataclass(eq=False)
 class Computation:
-    """A fit, or a search for the cheapest campaign, in a process of its own."""
+    """A fit, or a search for the cheapest campaign, that runs in a separate process."""
 
     kind: str  #: Kind of computation: fit or search.
     folder: Path  #: Folder in which the process of the computation reads and writes.
-    #: Result of the last computation, or the reason for a refusal; empty before the first.
+    #: Result of the last computation, or the reason for a refusal; empty before the
+    #: first computation.
     outcome: dict[str, Any] = field(default_factory=dict)
     #: Task that runs the computation, or waits for its turn; None before the first computation.
     task: asyncio.Task[None] | None = None
@@ -40,7 +41,11 @@ class Computation:
 
     @property
     def progress(self) -> dict[str, Any]:
-        """Progress: the completed share, the name of the step, and the things done in this step."""
+        """Progress of the computation: the completed share, and the name of the present step.
+
+        The progress also states how many items of this step there are (``of``) and, once the
+        process has reported progress, how many of them are done.
+        """
         if self.process is None:
             return {"share": 0.0, "step": "waiting", "of": 0}
         if self.running:

@@ -20,8 +20,8 @@ __all__ = ["House"]
 
 MOST_SESSIONS = 32  # largest number of sessions (browser tabs) at the same time
 LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
-# A computation is stopped if its page has sent no request for this time [s] and another computation
-# of its kind is waiting. The page of the waiting one must have sent a request within this time.
+# A page is silent if it has sent no request for this time [s]. The computation of a silent page is
+# stopped if another computation of the same kind is waiting for a page that is not silent.
 ABANDONED_S = 150.0
 
 

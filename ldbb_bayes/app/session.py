@@ -58,8 +58,8 @@ class Session:
     names: dict[str, str] = field(default_factory=dict)
     #: Lock that lets only one file be added at a time, so that the limit on the total size holds.
     adding: asyncio.Lock = field(default_factory=asyncio.Lock)
-    #: The fit. Its outcome is the report's alerts and its sentence on whether the numbers can be
-    #: used, or the reason for a refusal.
+    #: The fit. The outcome of the fit holds the warnings of the report and the sentence on whether
+    #: the results can be used; if the fit is refused, the outcome states the reason.
     fit: Computation = field(init=False)
     #: The search for the cheapest campaign. Its outcome is what the page shows, or the reason for a
     #: refusal.

@@ -36,7 +36,7 @@ class Fields:
 
 @dataclass(frozen=True)
 class Banner:
-    """Banner of a certificate: one sentence on whether the certificate's numbers can be used.
+    """Banner of a certificate: one sentence on whether the stated results can be used.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Findings:
 
     @property
     def numbers(self) -> xr.DataTree:
-        """Posterior whose numbers the certificate's sheets state.
+        """Posterior from which the estimates on the certificate's sheets are computed.
 
         This is the averaged posterior if an average over models was computed, and otherwise the
         posterior of the fit.
@@ -168,7 +168,7 @@ class Findings:
 
     @cached_property
     def gum_validation(self) -> GumValidation:
-        """Comparison of the certificate's numbers with those of the GUM's law of propagation.
+        """Comparison of each parameter's interval with that from the GUM's law of propagation.
 
         The comparison follows the validation procedure of JCGM 101.
         """

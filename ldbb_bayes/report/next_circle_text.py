@@ -14,9 +14,10 @@ __all__ = ["aims_passages", "parts_of"]
 def _passages_of_next_circle(step: NextCircle) -> tuple[Passage, ...]:
     """Return sentences and tables on the best next circle and on the aims of the campaign.
 
-    The first sentences name the best next circle. Tables then state how far each aim, such as a
-    goal for an uncertainty, is reached. The last table lists several good choices for the next
-    circle; the table is left out if the campaign may stop.
+    The aims are target uncertainties, decisions on tolerances, and the choice of a model. The first
+    sentences name the best next circle. Tables and sentences then state how far each aim is
+    reached. The last table lists several good choices for the next circle; the table is left out if
+    the campaign may stop.
     """
     passages: list[Passage] = [*wording.next_circle_head(step), *aims_passages(step)]
     if not step.finished:

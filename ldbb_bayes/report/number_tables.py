@@ -48,8 +48,8 @@ def tables(
     """Return tables with all numbers of a report, except the decisions on conformity.
 
     The key of each table is the name of its CSV file without the ending ``.csv``. If the report has
-    no annex (no sections after the certificate's sheets), tables whose numbers only the annex shows
-    are left out: circular-test quantities, and contributions to the tool path.
+    no annex (no sections after the certificate's sheets), tables of values that only the annex
+    shows are left out: circular-test quantities, and contributions to the tool path.
 
     Parameters
     ----------

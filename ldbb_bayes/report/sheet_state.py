@@ -1,4 +1,4 @@
-"""Texts that state whether the certificate's numbers can be used, and what is undetermined."""
+"""Texts on whether the certificate's results can be used, and on undetermined quantities."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 
 
 
 def banner(numbers: SheetNumbers) -> Banner:
-    """Return the banner, which states whether the numbers can be used and the main reasons."""
+    """Return the banner: whether the certificate's results can be used, and the main reasons."""
     words = numbers.words
     findings = numbers.findings
     quantities = numbers.parameters

@@ -700,11 +700,11 @@ def _add_remarks(record: dict[str, Any], remarks: Sequence[Remark]) -> None:
 
 
 def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
-    """Return the name of an instrument error, and the place in campaign.toml where it is stated.
+    """Return the name of an instrument error, and where to state its value from a certificate.
 
-    The place is the entry of campaign.toml in which the user can state the value from a
-    certificate. If there is no such entry, the text on the place names the model term that
-    describes the error.
+    The second string names the entry of campaign.toml in which the user can state this value. If
+    there is no such entry, the string begins with "none" and names the model term that describes
+    the error.
     """
     table, _, key = uncertainty.certificate.partition("_")
     if key:
