@@ -39,7 +39,8 @@ def note_centres(recordings: Iterable[Recording]) -> None:
         if any(stated.get(key) is not None for key in CENTRE):
             continue
         for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
-            if _CENTRE.search(text[:LONGEST_TEXT]):
-                shown = text.strip()[:_TEXT_SHOWN]
+            centre = _CENTRE.search(text[:LONGEST_TEXT])
+            if centre is not None:
+                shown = centre[0].strip()[:_TEXT_SHOWN]
                 reason = f"line {line} says {shown!r}, perhaps not in machine coordinates"
                 recording.note("centre", "X 0, Y 0, Z 0 mm", reason, "a [[test]] in --layout")

@@ -64,7 +64,7 @@ def _is_used(segments: list[str], k: int) -> bool:
     segment = segments[k]
     if leaves_difference_unread(segment):
         return False
-    if _facts(segment) or is_about_sign(segment) or states_angles(segment) or stamps_in(segment):
+    if _facts(segment) or is_about_sign(segment) or stamps_in(segment):
         return True
     for first in (k - 1, k):
         pair = segments[max(first, 0) : first + 2]
@@ -75,6 +75,9 @@ def _is_used(segments: list[str], k: int) -> bool:
 
 
 def _facts(text: str) -> set[str]:
-    """Return the fields that a text states, and the directions of travel."""
+    """Return the fields that a text states, the directions of travel, and "angle" for angles."""
     lines = [(0, text)]
-    return set(statements_in(lines)) | directions_stated(lines)
+    facts = set(statements_in(lines)) | directions_stated(lines)
+    if states_angles(text):
+        facts.add("angle")
+    return facts

@@ -208,6 +208,8 @@ def test_a_segment_that_is_not_used_is_told(tmp_path: Path, line: str, segment: 
         "Die Bahn wurde im Uhrzeigersinn durchfahren.",
         "Operator;Meier;Machine;DMU 50;Date;2026-11-12",
         "Feed 2000 mm/min   Plane XY   Radius 150 mm",
+        "Angles in deg, positive clockwise from +X",
+        "Winkel in Grad, von +X aus im Uhrzeigersinn",
     ],
 )
 def test_a_line_of_which_all_is_used_is_not_told(tmp_path: Path, line: str) -> None:
