@@ -153,7 +153,7 @@ class HyperPosterior:
         which P(T | y, φ) is computed.
     near : ndarray, shape (h,), optional
         Mode of a similar density, in free coordinates. The search for modes then starts from this
-        point alone.
+        point first.
     """
 
     def __init__(
@@ -484,13 +484,16 @@ class HyperPosterior:
     def _starts(self) -> list[Array]:
         """Return the starting points of the search for modes (maxima) of the posterior density.
 
-        If the mode of a similar density was given, only this mode is returned. Otherwise at most
-        three points are returned. They are chosen from many points for their high density and for a
-        sufficient distance from each other. Each point, shape (h,), holds the h hyper-parameters in
-        normal scores, coordinates in which most of the priors are standard normal.
+        If the mode of a similar density was given, it is the first point. At most three further
+        points are chosen from many points for their high density and for a sufficient distance
+        from each other. They are needed beside the mode of a similar density, because the search
+        from this mode may end at a lower maximum. Each point, shape (h,), holds the h
+        hyper-parameters in normal scores, coordinates in which most of the priors are standard
+        normal.
         """
+        similar: list[Array] = []
         if self._near is not None:
-            return [self._scores.scores(self._near)]
+            similar.append(self._scores.scores(self._near))
         prior = self.bound.hyper_prior
         points = qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed)).random(_STARTS)
         starts = self._scores.scores(prior.starts(points))
@@ -499,7 +502,7 @@ class HyperPosterior:
         for start in starts[:_BEST_STARTS]:
             if len(basins) < _BASINS and _is_separate(start, basins):
                 basins.append(start)
-        return basins
+        return similar + basins
 
     @cached_property
     def _corners(self) -> list[tuple[Array, Array]]:

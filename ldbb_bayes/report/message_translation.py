@@ -18,8 +18,8 @@ from ldbb_bayes.report.translation import words_of
 __all__ = ["OwnWords", "in_language", "is_own_text"]
 
 # Parts of a message that are the same in every language: text in quotation marks as Python writes
-# it, and names of files such as campaign.toml.
-_QUOTED = r"'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\""
+# it, and names of files such as campaign.toml. The apostrophe in "ball's" is no quotation mark.
+_QUOTED = r"(?<!\w)'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\""
 _SAME = rf"{_QUOTED}|\b\w+\.toml\b"
 # While a message is translated, a single character stands for each part that is the same in every
 # language. These are the first and the last of the characters used. Unicode assigns no meaning to

@@ -162,3 +162,20 @@ def test_mode_is_a_maximum(bound: BoundModel) -> None:
     around = posterior.mode + 0.3 * np.random.default_rng(0).normal(size=(200, 4))
     highest = posterior.log_density(posterior.mode[None])[0]
     assert posterior.log_density(around).max() <= highest + 1e-4
+
+
+def test_the_mode_of_a_similar_density_does_not_hide_a_higher_mode() -> None:
+    angle_deg = np.arange(0.0, 360.0, 9.0)
+    tests = []
+    for force_N in np.round(np.linspace(40.0, 740.0, 12)):
+        tests.append(lb.CircularTest(float(force_N), angle_deg, name=f"{force_N:g}"))
+    linear = lb.HybridModel.first(1).without("truncation")
+    scales_um = {"tau": 15.0, "kappa": 0.5, "delta": 0.0, "sigma": 0.3}
+    campaign = linear.simulate(lb.Campaign(tests), seed=0, hyper_um=scales_um).campaign
+    of_linear = HyperPosterior(linear.bind(campaign), truncated=False)
+    # Without the slope of C_XXX, which is large here, the readings ask for other scales.
+    reduced = linear.fixing("C_XXX_1").bind(campaign)
+    alone = HyperPosterior(reduced, truncated=False)
+    beside = HyperPosterior(reduced, truncated=False, near=of_linear.mode)
+    heights = [float(one.log_density(one.mode[None])[0]) for one in (alone, beside)]
+    assert heights[1] == pytest.approx(heights[0], abs=1e-3)
