@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from ldbb_bayes.reading.layout import Layout
 
-__all__ = ["Assumption", "AssumptionLog"]
+__all__ = ["Assumption", "AssumptionLog", "shown_list"]
+
+
+def shown_list(texts: Iterable[str], longest: int) -> str:
+    """Return texts separated by commas, without those that do not fit.
+
+    An ellipsis shows that texts are left out. ``longest`` is the largest number of characters of
+    the texts that are shown. The first text is always shown in part.
+    """
+    shown = ""
+    for text in texts:
+        longer = f"{shown}, {text}" if shown else text
+        if len(longer) > longest:
+            return f"{shown}, …" if shown else f"{text[:longest]}…"
+        shown = longer
+    return shown
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ldbb_bayes.campaign.campaign import LABELS, CircularTest, ForceLaw, MountCo
 from ldbb_bayes.campaign.preview import resolution_of
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
 from ldbb_bayes.reading.names import plane_in_name, plane_word_in_name
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, check_plane
 from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
@@ -422,8 +422,8 @@ def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
             stated.append(f"{test.force_N:g} N at {test.pressure_bar:g} bar")
             by_law.append(f"{force_by_law:.4g} N")
     if stated:
-        forces = ", ".join(stated)[:_LIST_SHOWN]
-        reason = f"of the pressures the force law makes {', '.join(by_law)[:_LIST_SHOWN]}"
+        forces = shown_list(stated, _LIST_SHOWN)
+        reason = f"of the pressures the force law makes {shown_list(by_law, _LIST_SHOWN)}"
         log.add("", "force", forces, reason, options)
     if any(test.force_N is None for test in tests):
         words = f"{law.slope_N_per_bar:g} N/bar × pressure − {-law.offset_N:g} N"

@@ -35,6 +35,7 @@ __all__ = [
     "find_columns",
     "has_role",
     "heads_loads",
+    "is_rule",
     "names_any_role",
     "names_columns",
     "unit_of",
@@ -292,6 +293,11 @@ def _is_word(cell: str) -> bool:
     return RULE.fullmatch(cell) is None
 
 
+def is_rule(cells: Sequence[str]) -> bool:
+    """Return whether a row consists of dashes or similar signs that underline a header."""
+    return all(RULE.fullmatch(cell) for cell in cells)
+
+
 def count_numbers(cells: Sequence[str]) -> int:
     """Return how many of the cells are numbers."""
     return sum(looks_like_number(cell) for cell in cells)
@@ -482,6 +488,12 @@ def _several_candidates(
     ``place`` names the table, and ``candidates`` are the indices of the columns.
     """
     names = " and ".join(repr(headers[column][:LONGEST_NAME]) for column in candidates)
+    different = {comparable(headers[column]) for column in candidates}
+    if role != "reading" and len(different) < len(candidates):
+        return InputError(
+            f"{place}: one column must hold the {role}, got {names}. Say which by its number,"
+            f" one of {_numbers_of(candidates)}: --{role}-column {candidates[0] + 1}."
+        )
     advice = ""
     if role == "reading":
         options = " ".join(f"--reading-column {column + 1}" for column in candidates[:3])
@@ -620,11 +632,26 @@ def _column_index(place: str, role: str, reference: str | int, headers: Sequence
         matching = [k for k, name in enumerate(names) if name == wanted]
     if len(matching) == 1:
         return matching[0]
+    if matching:
+        raise InputError(
+            f"{place}: column of the {role} must be one, got several named {reference!r}. Say which"
+            f" by its number, one of {_numbers_of(matching)}: --{role}-column {matching[0] + 1}."
+        )
+    raise _unknown_column(place, role, reference, headers)
+
+
+def _numbers_of(columns: Sequence[int]) -> str:
+    """Return the numbers of columns, counted from 1, as a list in a text."""
+    return ", ".join(str(column + 1) for column in columns)
+
+
+def _unknown_column(place: str, role: str, reference: str, headers: Sequence[str]) -> InputError:
+    """Return the error for a column that the layout states, but that no header names."""
     candidates = ", ".join(repr(header[:LONGEST_NAME]) for header in headers if header)
     hint = ""
     if any(headers):
         hint = f" Did you mean {nearest(reference, headers)!r}?"
-    raise InputError(
+    return InputError(
         f"{place}: column of the {role} must be one of {candidates or 'no header'}, got"
-        f" {reference!r} ({len(matching) or 'none'} such).{hint}"
+        f" {reference!r} (none such).{hint}"
     )

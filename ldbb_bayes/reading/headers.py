@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
 from ldbb_bayes.reading.column_roles import (
     BRACKET,
-    RULE,
     count_numbers,
     find_columns,
     heads_loads,
+    is_rule,
     names_columns,
     unit_of,
 )
@@ -194,7 +194,7 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
             scaled_units = _scaled_units(names, units_below)
             unit_line = sheet.rows[next_row].line
             next_row += 1
-    while next_row < first_block_row and _is_underline(sheet.rows[next_row]):
+    while next_row < first_block_row and is_rule(sheet.rows[next_row].cells):
         next_row += 1
     return _HeaderRows(
         line=sheet.rows[header_row].line,
@@ -205,10 +205,6 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
         scaled_units=scaled_units,
         unit_line=unit_line,
     )
-
-
-def _is_underline(row: Row) -> bool:
-    return all(RULE.fullmatch(cell) for cell in row.cells)
 
 
 def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> list[str]:
@@ -525,12 +521,12 @@ def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: Assumptio
         columns["reading"] = [heading.headers[column] for column in heading.readings]
     if columns:
         log.keep(columns=dict(layout.columns) | columns)
-        assignments = ", ".join(f"{role} = {column!r}" for role, column in columns.items())
+        assignments = [f"{role} = {column!r}" for role, column in columns.items()]
         reason = "their names"
         if not heading.line:
             reason = "no header: the first two"
         options = ", ".join(f"--{role}-column" for role in columns)
-        log.add(sheet.place, "columns", assignments[:LONGEST_NAME], reason, options)
+        log.add(sheet.place, "columns", shown_list(assignments, LONGEST_NAME), reason, options)
 
 
 def unused_columns(heading: Heading) -> list[int]:

@@ -18,7 +18,7 @@ from pydantic import PlainSerializer
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.campaign.text_table import EmptyFileError
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.reading.assumptions import Assumption, AssumptionLog
+from ldbb_bayes.reading.assumptions import Assumption, AssumptionLog, shown_list
 from ldbb_bayes.reading.campaign_fields import (
     find_resolution,
     note_assumed_fields,
@@ -164,7 +164,8 @@ def import_campaign(
     _check_lines(recordings, campaign)
     loads = _stated_loads(recordings, layout)
     take_stated_fields(campaign, recordings)
-    take_start_times(campaign, recordings, log)
+    columns_of_times = take_start_times(campaign, recordings, log)
+    _note_unused_columns(recordings, columns_of_times, log)
     for k, recording in enumerate(recordings):
         loads_of_test = {key: values[k] for key, values in loads.items()}
         _take_conditions(recording, loads_of_test)
@@ -392,6 +393,24 @@ def _check_names_differ(tests: Sequence[CircularTest], paths: Sequence[Path]) ->
                 " [[test]] of --layout."
             )
         names.add(test.name)
+
+
+def _note_unused_columns(
+    recordings: Iterable[Recording], columns_of_times: set[str], log: AssumptionLog
+) -> None:
+    """Add a note to the log for each sheet on the columns that are not used.
+
+    ``columns_of_times`` are the headers of the columns that state when the tests were run.
+    """
+    places = set()
+    for recording in recordings:
+        place = recording.sheet.place
+        headers = [name for name in recording.unused_columns if name not in columns_of_times]
+        if headers and place not in places:
+            places.add(place)
+            reason = "no role is known for them"
+            option = "--…-column, or a [[test]] in --layout"
+            log.add(place, "columns not used", shown_list(headers, _LIST_SHOWN), reason, option)
 
 
 def _note_unused_entries(

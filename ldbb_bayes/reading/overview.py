@@ -11,18 +11,26 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from ldbb_bayes.campaign.campaign import PER_TEST
-from ldbb_bayes.reading.column_roles import has_role, names_any_role, names_columns, unit_of
+from ldbb_bayes.reading.column_roles import (
+    count_numbers,
+    has_role,
+    names_any_role,
+    names_columns,
+    unit_of,
+)
 from ldbb_bayes.reading.lines_above import is_label
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.travel_direction import is_direction
 from ldbb_bayes.reading.words import WORDS, comparable
 
-__all__ = ["LONGEST_OVERVIEW", "OverviewLines", "overview_lines"]
+__all__ = ["LONGEST_OVERVIEW", "OverviewLines", "lists_tests", "overview_lines"]
 
 # Largest number of rows that are examined in a sheet without a table, or above a table. A table
 # must also begin within this number of rows.
 LONGEST_OVERVIEW = 1000
+# Smallest number of rows with numbers that may be the readings of a circle.
+_FEWEST_READINGS = 9
 
 
 @dataclass
@@ -34,6 +42,38 @@ class OverviewLines:
     #: place (line number and sheet) and text of each cell in the rows that lists of tests hold for
     #: one particular test; the text is "header: cell"
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
+
+
+def lists_tests(sheet: Sheet, names: Collection[str]) -> bool:
+    """Return whether a sheet is a list of tests, with a row for each test.
+
+    In such a sheet, cells of one column name the tests, each test once. The list may state a start
+    time and a radius for each test. It is then not a log of readings over time, because hardly any
+    row of numbers is without the name of a test. ``names`` are the names of the other sheets and
+    files that are imported.
+    """
+    wanted = {_without_blanks(name) for name in names}
+    rows = [sheet.cells_as_written(row) for row in sheet.rows[:LONGEST_OVERVIEW]]
+    width = max((len(cells) for cells in rows), default=0)
+    return any(_names_tests(rows, column, wanted) for column in range(width))
+
+
+def _names_tests(rows: Sequence[Sequence[str]], column: int, wanted: set[str]) -> bool:
+    """Return whether a column of a sheet names tests, and the sheet holds no readings of a circle.
+
+    ``rows`` are the cells of each row of the sheet, ``column`` is the index of the column, and
+    ``wanted`` are the names of tests, without blanks.
+    """
+    names = []
+    n_rows_of_numbers = 0
+    for cells in rows:
+        cell = "".join(cells[column : column + 1])
+        if _without_blanks(cell) in wanted:
+            names.append(_without_blanks(cell))
+        elif count_numbers(cells) >= 2:
+            n_rows_of_numbers += 1
+    names_each_once = bool(names) and len(set(names)) == len(names)
+    return names_each_once and n_rows_of_numbers < _FEWEST_READINGS
 
 
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:

@@ -21,7 +21,7 @@ from ldbb_bayes.reading.companion_files import (
 from ldbb_bayes.reading.headers import Heading, NoTableError, find_heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number
-from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
+from ldbb_bayes.reading.overview import LONGEST_OVERVIEW, lists_tests
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.transposed_tables import check_not_transposed
 from ldbb_bayes.reading.words import LONGEST_NAME, UNITS
@@ -57,8 +57,9 @@ def select_sheets(
 
     A sheet without such a table is left out in three cases: if it is one of several sheets in a
     workbook, if the file was found by a pattern with ``*`` or ``?``, or if it is a text with few
-    numbers and other files have tables. An `InputError` is raised for any other sheet without a
-    table. It is also raised if no file has a table.
+    numbers and other files have tables. A list of tests counts as a sheet without such a table. An
+    `InputError` is raised for any other sheet without a table. It is also raised if no file has a
+    table.
 
     Parameters
     ----------
@@ -79,7 +80,9 @@ def select_sheets(
     if not layout.sheets:
         optional |= _workbooks_of_several_sheets(sheets)
     optional |= _companions(sheets, layout, optional)
-    for sheet in sheets:
+    selection.left_out += _lists_of_tests(sheets, optional)
+    lists = {sheet.place for sheet in selection.left_out}
+    for sheet in [sheet for sheet in sheets if sheet.place not in lists]:
         is_optional = sheet.path in optional
         try:
             heading = _heading_of(sheet, layout, is_optional)
@@ -130,6 +133,26 @@ def note_left_out(left_out: Sequence[Sheet], lists: Collection[str], log: Assump
             value = "the sheet"
             option = "--sheets"
         log.add(sheet.place, subject, value, reason, option)
+
+
+def _lists_of_tests(sheets: Sequence[Sheet], optional: Collection[Path]) -> list[Sheet]:
+    """Return the sheets that list the tests on other sheets.
+
+    Only the files in ``optional`` may have such sheets. The result is empty if every sheet would be
+    a list, because the sheets are then tables of readings below lists of all tests.
+    """
+    lists = []
+    for sheet in sheets:
+        names: set[str] = set()
+        for other in sheets:
+            if other is not sheet:
+                names |= {other.name, other.path.name, other.path.stem} - {""}
+        names -= {sheet.path.name, sheet.path.stem}
+        if sheet.path in optional and lists_tests(sheet, names):
+            lists.append(sheet)
+    if len(lists) == len(sheets):
+        return []
+    return lists
 
 
 def _companions(sheets: Sequence[Sheet], layout: Layout, optional: Collection[Path]) -> set[Path]:

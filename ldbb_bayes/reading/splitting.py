@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.campaign import LABELS, PER_TEST
 from ldbb_bayes.campaign.text_table import Row, columns_of
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
 from ldbb_bayes.reading.column_contents import (
     check_angle_columns,
     check_directions,
@@ -43,6 +43,7 @@ from ldbb_bayes.reading.placeholders import placeholders_in
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.recording import Recording, RowUnits
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.travel_direction import with_sides_in_full
 from ldbb_bayes.reading.unit_columns import unit_columns
 from ldbb_bayes.reading.unit_lines import UNIT_KEYS
 from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, UNITS, unit_named
@@ -258,9 +259,9 @@ class _SheetColumns:
         """
         words: dict[str, int] = {}
         if "direction" in self.heading.roles:
-            column = self.heading.roles["direction"]
+            cells = with_sides_in_full(self.cells[self.heading.roles["direction"]])
             for k in rows:
-                words.setdefault(self.cells[column][k], self.lines[k])
+                words.setdefault(cells[k], self.lines[k])
         return words
 
 
@@ -316,7 +317,7 @@ def split_sheet(
     for row, label in enumerate(labels):
         rows_by_label.setdefault(label, []).append(row)
     field_columns = _field_columns(columns, labels, log)
-    _note_unused_columns(columns, list(rows_by_label.values()), log)
+    unused = _unused_columns(columns, list(rows_by_label.values()))
     holds_several = len(rows_by_label) > 1 or len(heading.readings) > 1 or bool(sheet.name_in_file)
     lines_below = _lines_below(sheet, columns.lines)
     for test_heading in columns.heading.split_by_readings():
@@ -360,6 +361,7 @@ def split_sheet(
                 lines_below=lines_below,
                 constant_columns=columns.constant_lines(rows),
                 numbering_headers=columns.numbering_headers,
+                unused_columns=unused,
             )
 
 
@@ -402,7 +404,7 @@ def _note_unread_list(sheet: Sheet, headers: Sequence[str], log: AssumptionLog) 
         log.add(
             sheet.place,
             "columns not used",
-            ", ".join(headers)[:LONGEST_NAME],
+            shown_list(headers, LONGEST_NAME),
             "in the list of tests on another sheet, no role is known for them",
             "a [[test]] in --layout",
         )
@@ -514,7 +516,7 @@ def _without_placeholders(
     if len(left_out) == len(rows):  # keep the rows, so that later code can raise an error for them
         return list(rows)
     if left_out:
-        shown = ", ".join(dict.fromkeys(left_out.values()))[:LONGEST_NAME]
+        shown = shown_list(dict.fromkeys(left_out.values()), LONGEST_NAME)
         reason = (
             f"{shown} from line {columns.lines[min(left_out)]} on, far from all other numbers of"
             " the column"
@@ -861,12 +863,10 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
     return fields
 
 
-def _note_unused_columns(
-    columns: _SheetColumns,
-    rows_of_tests: Sequence[Sequence[int]],
-    log: AssumptionLog,
-) -> None:
-    """Add a note to the log on the columns of a table that are not used.
+def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int]]) -> list[str]:
+    """Return the headers of the columns of a table that state nothing about its tests.
+
+    The column may still state the times at which the tests were run.
 
     A column without a role (angle, reading, …) is used only if it states a field, such as the
     radius, for every test. ``rows_of_tests`` holds the indices of the rows of each test.
@@ -884,14 +884,7 @@ def _note_unused_columns(
     for column in unused_columns(columns.heading):
         if columns.place_of_column(column) not in used and column not in columns.numbering:
             headers.append(columns.heading.headers[column])
-    if headers:
-        log.add(
-            columns.sheet.place,
-            "columns not used",
-            ", ".join(headers)[:LONGEST_NAME],
-            "no role is known for them",
-            "--…-column, or a [[test]] in --layout",
-        )
+    return headers
 
 
 def _field_columns(

@@ -13,6 +13,7 @@ from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.column_roles import (
     count_numbers,
     has_role,
+    is_rule,
     names_any_role,
     names_columns,
     unit_of,
@@ -102,7 +103,8 @@ def _end_of_numbers(rows: Sequence[Row], start: int, header: int) -> int:
 def first_header(rows: Sequence[Row]) -> int | None:
     """Return the index of the first header of a table; None if there is no header.
 
-    A header names columns, and one of the two rows below it holds numbers.
+    A header names columns, and one of the two rows below it holds numbers. A rule of dashes below
+    the header is not counted.
     """
     for k in range(len(rows) - 1):
         cells = rows[k].cells
@@ -110,12 +112,18 @@ def first_header(rows: Sequence[Row]) -> int | None:
             continue
         if _describes_columns(cells) or _names_circle(rows[k + 1].cells):
             continue
-        if (
-            count_numbers(rows[k + 1].cells) >= 2
-            or count_numbers(rows[min(k + 2, len(rows) - 1)].cells) >= 2
-        ):
+        if any(count_numbers(row.cells) >= 2 for row in _rows_below(rows, k)):
             return k
     return None
+
+
+def _rows_below(rows: Sequence[Row], header: int) -> list[Row]:
+    """Return the two rows below a header, without the rules of dashes that underline it.
+
+    ``header`` is the index of the header among the rows.
+    """
+    below = [row for row in rows[header + 1 : header + 5] if not is_rule(row.cells)]
+    return below[:2]
 
 
 def _names_circle(cells: Sequence[str]) -> bool:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.timestamps import (
     Rank,
@@ -51,6 +51,7 @@ class _Start(NamedTuple):
     title: str  # name of the test
     stamp: Timestamp
     source: str  # place of the timestamp in words, such as "line 3"
+    column: str = ""  # header of the column that states the timestamp; empty for another source
 
 
 class _Times(NamedTuple):
@@ -65,7 +66,7 @@ class _Times(NamedTuple):
 
 def take_start_times(
     campaign: Mapping[str, Any], recordings: Sequence[Recording], log: AssumptionLog
-) -> None:
+) -> set[str]:
     """Set the field ``time_s`` of every test to its start time, counted from the first test [s].
 
     Start times are the dates and times that columns, lines above the tables, and names of files
@@ -82,9 +83,14 @@ def take_start_times(
         Recordings of all tests, to whose fields the times are added.
     log
         Log to which the assumptions are added.
+
+    Returns
+    -------
+    set of str
+        Headers of the columns of the tables whose times are used.
     """
     if len(recordings) < 2 or any(_states_time(recording) for recording in recordings):
-        return
+        return set()
     starts = []
     for recording in recordings:
         start = _start_of(recording)
@@ -95,10 +101,11 @@ def take_start_times(
     if times.seconds is None:
         if campaign.get("order") is None and campaign.get("drift", True):
             log.add("", "order", "as listed", times.reason, _OPTIONS_LISTED)
-        return
+        return set()
     for recording, seconds in zip(recordings, times.seconds.tolist(), strict=True):
         recording.fields["time_s"] = round(seconds, 3)
     _note_times(starts, times, log)
+    return {start.column for start in starts if start.column}
 
 
 def _times_of_tests(starts: Sequence[_Start], titles: Sequence[str]) -> _Times:
@@ -113,7 +120,7 @@ def _times_of_tests(starts: Sequence[_Start], titles: Sequence[str]) -> _Times:
         stated = [start.title for start in starts]
         lacking = [title for title in titles if title not in stated]
         counts = f"only {len(starts)} of {len(titles)} tests state when they were run"
-        return _Times(None, f"{counts}, not {', '.join(lacking)[:_LIST_SHOWN]}")
+        return _Times(None, f"{counts}, not {shown_list(lacking, _LIST_SHOWN)}")
     return _times_of([start.stamp for start in starts])
 
 
@@ -153,7 +160,7 @@ def _statements(recording: Recording) -> list[_Start]:
     for header, cell in recording.first_cells.items():
         source = f"the column {header[:_LIST_SHOWN]!r}"
         for stamp in _stamps_of_cell(header, cell):
-            starts.append(_Start(title, stamp, source))
+            starts.append(_Start(title, stamp, source, header))
     for line, text in recording.heading.lines_above:
         for stamp in stamps_in(text):
             starts.append(_Start(title, stamp, f"line {line}"))
@@ -290,10 +297,10 @@ def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> 
     for k in in_order:
         entries.append(f"{starts[k].title} at {seconds[k] / 60.0:.4g} min")
     sources = list(dict.fromkeys(start.source for start in starts))
-    reason = ", ".join(sources)[:_LIST_SHOWN]
+    reason = shown_list(sources, _LIST_SHOWN)
     if times.reason:
         reason += f"; {times.reason}"
-    log.add("", "time_s", ", ".join(entries)[:_LIST_SHOWN], reason, _OPTIONS_TAKEN)
+    log.add("", "time_s", shown_list(entries, _LIST_SHOWN), reason, _OPTIONS_TAKEN)
     if in_order != list(range(len(starts))):
         log.add("", "order", "that of their times", "they are listed in another", _OPTIONS_TAKEN)
     span_s = float(seconds.max())

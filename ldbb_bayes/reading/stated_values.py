@@ -47,6 +47,8 @@ _LARGEST_VARIATION = 0.02
 _ROWS_OF_CHANGE = 20
 # Number of digits to which the mean of a measured load is rounded.
 _DIGITS_OF_MEAN = 6
+# Advice for a column of directions with other words than CW and CCW.
+_WRITE_DIRECTIONS = "Write CW or CCW into the column, or give --direction if all tests ran alike."
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60
 
@@ -331,7 +333,7 @@ def _directions_above(recording: Recording) -> _StatedSenses:
     names = [name for name in recording.names() if not name_is_about_angles(name)]
     senses = directions_stated([*lines_above, *recording.lines_below], names)
     if senses:
-        return _StatedSenses(senses, "a line above or below the table, or the name")
+        return _StatedSenses(senses, _source_of_direction(recording))
     arcs = programmed_arcs(lines_above)
     senses = {arc.direction for arc in arcs}
     if len(senses) == 1:
@@ -340,6 +342,34 @@ def _directions_above(recording: Recording) -> _StatedSenses:
     if len(senses) != 1:
         senses = set()
     return _StatedSenses(senses, "a sheet without a table")
+
+
+def _source_of_direction(recording: Recording) -> str:
+    """Return where the direction of travel is stated: a list of tests, a line, or else the name.
+
+    The cells of a list of tests on another sheet follow the lines above the table, with the line
+    and the sheet as their place.
+    """
+    for line, text in recording.heading.lines_above:
+        if directions_stated([(line, text)]):
+            if isinstance(line, str):
+                return "the list of tests on another sheet"
+            return "a line above the table"
+    if directions_stated(recording.lines_below):
+        return "a line below the table"
+    return "the name"
+
+
+def _contradiction_of(senses: set[str]) -> str:
+    """Return the reason for a note on a direction that the user states and the file does not.
+
+    ``senses`` are the directions in the file: CW, CCW, and other words in capitals, which are not
+    understood.
+    """
+    unread = sorted(senses - {"CW", "CCW"})
+    if unread:
+        return f"the file says {', '.join(unread)[:_TEXT_SHOWN]!r}, not understood"
+    return "the file says the other"
 
 
 def direction_of(recording: Recording) -> str | None:
@@ -365,7 +395,7 @@ def direction_of(recording: Recording) -> str | None:
     stated: str | None = recording.stated_value("direction")
     if stated is not None:
         if senses - {stated}:
-            reason = "the file says the other"
+            reason = _contradiction_of(senses)
             recording.note("direction", f"{stated}, as given", reason, "--direction")
         return stated
     if len(column_senses) > 1 or set(column_senses) - {"CW", "CCW"}:
@@ -373,7 +403,7 @@ def direction_of(recording: Recording) -> str | None:
         raise InputError(
             f"{recording.place}, line {max(column_senses.values())}: direction must be CW or CCW in"
             f" all rows of a test, got {words[:_TEXT_SHOWN]!r}."
-            f" {_advice(recording, 'Correct it, or give --direction.')}"
+            f" {_advice(recording, _WRITE_DIRECTIONS)}"
         )
     require(
         len(senses) <= 1,

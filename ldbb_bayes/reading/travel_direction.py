@@ -21,6 +21,7 @@ __all__ = [
     "is_direction",
     "senses_in",
     "unread_direction",
+    "with_sides_in_full",
 ]
 
 _WORDS: Mapping[str, Any] = WORDS["directions"]
@@ -40,6 +41,8 @@ _ARC = re.compile(
 # grade of balls or the name of a product.
 _OTHER_ARC = re.compile(_WORDS["other_arc"], re.IGNORECASE)
 _SENSES_OF_ARCS = {"2": "CW", "3": "CCW"}
+# Sides that letters in a column of directions mean, if it holds both letters and nothing else.
+_SIDES_BY_LETTER = {"R": "right", "L": "left"}
 # Regular expression for a word for "direction", with the text that follows it.
 NAMES_DIRECTION = re.compile(_WORDS["after"], re.IGNORECASE)
 # Regular expression for words which show that a direction is not the direction of travel, as in
@@ -107,6 +110,18 @@ def direction_named(word: str) -> str:
     """
     letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", word.strip().upper())
     return _SENSES_BY_WORD.get(letters, word.upper())
+
+
+def with_sides_in_full(cells: Sequence[str]) -> list[str]:
+    """Return the cells of a column of directions, with "right" for R and "left" for L.
+
+    The letters are replaced only if the column holds both, and no other word. R alone may mean
+    another word, such as "reverse".
+    """
+    letters = [cell.strip().upper() for cell in cells]
+    if {letter for letter in letters if letter} != set(_SIDES_BY_LETTER):
+        return list(cells)
+    return [_SIDES_BY_LETTER.get(letter, "") for letter in letters]
 
 
 def senses_in(text: str) -> set[str]:

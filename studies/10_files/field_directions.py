@@ -12,6 +12,11 @@ __all__ = ["direction_cases"]
 FEED = f"Feed: {FEED_MM_PER_MIN:g} mm/min"
 LOG_HEADER = "Time [s],Reading [um]"
 CLOCKWISE = tuple(replace(circle, direction="CW") for circle in TRUTH)
+# The three circles, run in turn clockwise and counter-clockwise.
+IN_TURN = tuple(
+    replace(circle, direction=direction)
+    for circle, direction in zip(TRUTH, ("CW", "CCW", "CW"), strict=True)
+)
 SWAPPED = "if from +X towards +Z, give --plane ZX --angle-zero +X --angle-sense CW"
 WHICH_DIRECTION = "Say which: --direction CW or CCW"
 
@@ -19,11 +24,48 @@ WHICH_DIRECTION = "Say which: --direction CW or CCW"
 def direction_cases() -> dict[str, FieldCase]:
     """Return the cases of directions of travel in words."""
     return {
+        **column_cases(),
         **log_direction_cases(),
         **log_programme_cases(),
         **shared_line_cases(),
         **plane_cases(),
     }
+
+
+def turned_in_turn(words: tuple[str, str]) -> dict[str, bytes]:
+    """Return one table of all circles with these words for CW and CCW in a column Richtung."""
+    lines = ["Versuch;Zeitstempel;Last_N;Richtung;Winkel_deg;Anzeige_um"]
+    for number, circle in enumerate(IN_TURN):
+        word = words[("CW", "CCW").index(str(circle.direction))]
+        order = 1 if circle.direction == "CCW" else -1
+        for k in range(len(circle.angle_deg))[::order]:
+            cells = [f"V{number}", f"20.11.2026 08:{10 * number:02}:00", f"{circle.force_N:g}"]
+            cells += [word, *(str(cell) for cell in field.plain(circle, k))]
+            lines.append(";".join(cells))
+    return {"export.csv": "\n".join([*lines, ""]).encode()}
+
+
+def column_cases() -> dict[str, FieldCase]:
+    """Return tables with a column of directions in letters, or in words that nobody knows."""
+    kind = "columns of directions"
+    cases = {}
+    for clockwise_word, other_word in (("RL", "LL"), ("R", "L"), ("Rechtslauf", "Linkslauf")):
+        cases[f"direction_column_{clockwise_word}"] = FieldCase(
+            kind,
+            f"{clockwise_word} and {other_word}",
+            turned_in_turn((clockwise_word, other_word)),
+            told="time_s: V0 at 0 min",
+            circles=IN_TURN,
+        )
+    cases["direction_column_unknown"] = FieldCase(
+        kind,
+        "hin and her",
+        turned_in_turn(("hin", "her")),
+        refusal="Write CW or CCW into the column",
+        mended=turned_in_turn(("CW", "CCW")),
+        circles=IN_TURN,
+    )
+    return cases
 
 
 def clockwise(circle: Circle, k: int) -> list[object]:

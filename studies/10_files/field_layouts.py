@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import replace
+from datetime import time
 
 import field_files as field
 from field_files import TRUTH, FieldCase
@@ -12,6 +14,11 @@ from openpyxl import Workbook
 __all__ = ["layout_cases"]
 
 HEADER = "Angle [deg],Reading [um]"
+# The three circles, run in turn clockwise and counter-clockwise, on a larger radius.
+LISTED = tuple(
+    replace(circle, radius_mm=250.0, direction=direction)
+    for circle, direction in zip(TRUTH, ("CW", "CCW", "CW"), strict=True)
+)
 
 
 def layout_cases() -> dict[str, FieldCase]:
@@ -22,7 +29,54 @@ def layout_cases() -> dict[str, FieldCase]:
         **step_cases(),
         **page_cases(),
         **numbering_cases(),
+        **list_cases(),
     }
+
+
+def listed_workbook(header: Sequence[str], directions: Sequence[str]) -> dict[str, bytes]:
+    """Return a workbook with a sheet for each circle, and a list of them on its first sheet.
+
+    The list states a pressure, a direction, a start time and a radius for each circle.
+    """
+    book = Workbook()
+    overview = book.active
+    overview.title = "Liste"
+    overview.append(["Campagne 7"])
+    overview.append(list(header))
+    for number, circle in enumerate(LISTED, start=1):
+        pressure_MPa = (circle.force_N + 14.2) / 126.04 / 10.0
+        row = [f"Essai {number}", pressure_MPa, directions[number % 2], time(14, 7 * number)]
+        overview.append([*row, circle.radius_mm])
+        sheet = book.create_sheet(f"Essai {number}")
+        sheet.append(["Angle [deg]", "Reading [um]"])
+        for k in range(len(circle.angle_deg)):
+            sheet.append([float(cell) for cell in map(str, field.plain(circle, k))])
+    stream = io.BytesIO()
+    book.save(stream)
+    return {"campaign.xlsx": stream.getvalue()}
+
+
+def list_cases() -> dict[str, FieldCase]:
+    """Return workbooks whose list of tests states a start time and a radius for each test."""
+    english = ("Pressure (MPa)", "Direction", "Start time", "Radius (mm)")
+    french = ("Essai", "Pression (MPa)", "Sens", "Heure de début", "Rayon (mm)")
+    cases = {}
+    for first in ("Sheet", "Test"):
+        cases[f"list_{first.lower()}"] = FieldCase(
+            "lists of tests",
+            f"{first}, pressure, direction, time and radius",
+            listed_workbook([first, *english], ("CCW", "CW")),
+            told="time_s: Essai 1 at 0 min",
+            circles=LISTED,
+        )
+    cases["list_french"] = FieldCase(
+        "lists of tests",
+        "in French: essai, pression, sens, heure and rayon",
+        listed_workbook(french, ("antihoraire", "horaire")),
+        told="time_s: Essai 1 at 0 min",
+        circles=LISTED,
+    )
+    return cases
 
 
 def companion_cases() -> dict[str, FieldCase]:
@@ -174,6 +228,21 @@ def parts_beside() -> dict[str, bytes]:
     return files
 
 
+def ruled_parts(n_parts: int) -> dict[str, bytes]:
+    """Return a printout for each circle: parts beside each other below names, units and a rule."""
+    files = {}
+    n_rows = len(field.ANGLES_DEG) // n_parts
+    for circle in TRUTH:
+        lines = ["  Winkel  Abw." * n_parts, "  Grad  um" * n_parts, "-" * 52]
+        for k in range(n_rows):
+            cells: list[str] = []
+            for part in range(n_parts):
+                cells += [str(cell) for cell in field.plain(circle, n_rows * part + k)]
+            lines.append("  " + "  ".join(cells))
+        files[f"{circle.force_N:g}N.txt"] = "\n".join([*lines, ""]).encode()
+    return files
+
+
 def page_cases() -> dict[str, FieldCase]:
     """Return printouts of several pages, and circles whose parts stand beside each other."""
     titles = (
@@ -189,6 +258,13 @@ def page_cases() -> dict[str, FieldCase]:
             pages(title, "100 N;;300 N;;600 N;"),
             told="the table goes on below them",
         )
+    cases["parts_beside_above_a_rule"] = FieldCase(
+        "pages",
+        "parts of one circle beside each other, below a rule of dashes",
+        ruled_parts(3),
+        refusal="Put all pairs below each other in one pair of columns",
+        mended=ruled_parts(1),
+    )
     cases["parts_beside"] = FieldCase(
         "pages",
         "parts of one circle beside each other",
