@@ -23,7 +23,7 @@ _SAME_SIZE = 1.0 + 1e-9
 
 @dataclass(frozen=True)
 class AssumedSize:
-    """Largest prior standard deviation among an assumed effect's coefficients of one unit."""
+    """Largest prior standard deviation of an assumed effect, for its coefficients in one unit."""
 
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of ``source``

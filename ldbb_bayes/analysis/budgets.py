@@ -104,14 +104,18 @@ class Budget(Result):
     u_if_known: float | None
 
     def share(self, term: str) -> float:
-        """Return the share of all sources of one model term in the parameter's variance."""
+        """Return the share of the parameter's variance that one model term causes.
+
+        The result is the sum of the shares of all sources that belong to the term.
+        """
         return sum(line.share for line in self.contributions if line.term == term)
 
     def origin_of(self, term: str) -> Origin:
-        """Return the most important origin of a term's uncertainty: measured, stated or assumed.
+        """Return whether the uncertainty of a model term is mainly measured, stated or assumed.
 
-        ``term`` is the name of a model term. The result is the origin of those sources of the term
-        that cause the largest part of the parameter's variance.
+        ``term`` is the name of the model term, to which several sources may belong. Their shares of
+        the parameter's variance are added up separately for each origin (measured, stated or
+        assumed). The origin with the largest sum is returned.
         """
         shares = dict.fromkeys(Origin, 0.0)
         for line in self.contributions:
@@ -168,12 +172,16 @@ class _ParameterVariance:
 
     @property
     def total(self) -> float:
-        """The averaged variance, the denominator of all shares; 1 if this variance is zero."""
+        """Variance by which contributions to the variance are divided to obtain shares.
+
+        It is the variance of the parameter in the average over the models. If this variance is
+        zero, the result is 1.
+        """
         return (sum(self.weights) + (self.spread or 0.0)) or 1.0
 
 
 class _SourceKey(NamedTuple):
-    """Names of a source and of its model term, and the origin of the source."""
+    """A source of uncertainty, identified by its name, its model term and its origin."""
 
     source: str
     term: str

@@ -98,12 +98,12 @@ class Validation(Result):
 
     @property
     def pit(self) -> xr.DataTree:
-        """The ranks scaled to 0 … 1, in the group ``prior_sbc`` for plot_ecdf_pit of ArviZ.
+        """The scaled ranks, in the form that the function ``plot_ecdf_pit`` of ArviZ needs.
 
         A rank is the number of posterior draws below the true value in a replicate (simulated
         campaign). The scaled rank is (rank + ½) / (draws + 1), where ``draws`` is the number of
-        posterior draws in each replicate. The dimension ``draw`` of the result runs over the
-        replicates.
+        posterior draws in each replicate. The scaled ranks are in the group ``prior_sbc`` of the
+        result, where the dimension ``draw`` runs over the replicates.
         """
         shares = (self.ranks + 0.5) / (self.draws + 1.0)
         data = {

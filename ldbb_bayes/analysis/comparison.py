@@ -779,7 +779,7 @@ def _weigh_assumptions(
 
 
 def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:
-    """Return one list with the evidences of all models, each computed without one of the tests.
+    """Return a list with one evidence for each model and each test left out.
 
     ``left_out_nodes`` holds, for each model and each test left out, the posterior given the other
     tests. The outer keys are names of models, and the inner keys are names of tests.

@@ -92,7 +92,7 @@ class ChangeWithForce(Result):
 def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, ChangeWithForce]:
     """Return how much each compliance C(F) changes from the smallest tested force to the largest.
 
-    All numbers are computed from posterior draws of the curve C(F). Each draw gives the compliance
+    All results are computed from posterior draws of the curve C(F). Each draw gives the compliance
     at both forces. If the posterior is an average over models, draws of models with constant
     compliance are included, with a change of zero.
 

@@ -76,7 +76,7 @@ _TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
 class StatedValue(Result):
     """A quantity with standard uncertainty, expanded uncertainty and credible interval."""
 
-    unit: str  #: unit of all numbers: N/mm, mm/N, or empty for a ratio
+    unit: str  #: unit of the quantity: N/mm or mm/N; empty for a ratio
     mean: Number  #: posterior mean
     sd: Number  #: standard uncertainty u: the posterior standard deviation
     U_k2: Number  #: expanded uncertainty U = 2 u
@@ -205,7 +205,9 @@ class DirectionalStiffness(Result):
         return tuple(plane for plane in self.planes if plane.force_N == force_N)
 
     def table(self) -> pd.DataFrame:
-        """Return all numbers as a table, one row per plane, force and quantity.
+        """Return stiffnesses, compliances and directions as a table.
+
+        There is one row per plane, force and quantity.
 
         Columns are plane, force_N, quantity, unit, mean, sd, U_k2, median, ci_low, ci_high and
         is_determined. Directions are in degrees. If three planes were tested, there are also rows

@@ -64,7 +64,7 @@ class GumComparison(Result):
     (True, True)
     """
 
-    unit: str  #: unit of all numbers
+    unit: str  #: unit of all fields except ``digits``
     #: estimate y by the linear model, with the scales of noise and effects fixed at their posterior
     #: means
     gum_estimate: float

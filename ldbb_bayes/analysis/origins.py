@@ -125,10 +125,10 @@ def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
 
 
 def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
-    """Return a model term with the package's default numbers instead of the user's numbers.
+    """Return a model term with default settings instead of those that the user has made.
 
-    The default numbers are those of the model's preset. If the preset does not have the term, they
-    are the defaults of the term's class. Settings that are texts, such as the covariate of a drift,
+    The defaults are those of the model's preset. If the preset does not have the term, they are
+    the defaults of the term's class. Settings that are strings, such as the covariate of a drift,
     are kept, because they state which effect is modelled, and not how large the effect is.
     """
     usual = edition_terms(bound).get(type(term), type(term)())

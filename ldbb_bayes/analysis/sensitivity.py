@@ -52,8 +52,8 @@ class Assumed:
     """Log evidences of two models and their log Bayes factor under one assumption [nat].
 
     ``log_bayes_factor`` is the log Bayes factor of the second model over the first. ``assumption``
-    is a text, such as "without set-up shift". The keys of ``log_evidence`` are the names of the two
-    models.
+    is a label, such as "without set-up shift". The keys of ``log_evidence`` are the names of the
+    two models.
     """
 
     assumption: str

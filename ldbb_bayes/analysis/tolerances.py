@@ -1,4 +1,4 @@
-"""Quantities that may have a tolerance, and tolerances read from texts with a unit."""
+"""Quantities that may have a tolerance, and tolerances read from strings with a unit."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
 def tolerances_in(
     known: Mapping[str, Quantity], given: Mapping[str, str | Tolerance]
 ) -> dict[str, Tolerance]:
-    """Read tolerances from texts with a unit, check their names and limits, and return them.
+    """Read tolerances from strings with a unit, check their names and limits, and return them.
 
     ``given`` are the tolerances as the user stated them, and ``known`` are all quantities that may
     have a tolerance. The keys of ``given``, of ``known`` and of the result are names of quantities.
@@ -228,7 +228,7 @@ def check_force(campaign: Campaign, force_N: float | None) -> None:
 
 
 def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
-    """Return the tolerance of a quantity from a text with a unit, such as ``≥ 18 N/µm``.
+    """Return the tolerance of a quantity from a string with a unit, such as ``≥ 18 N/µm``.
 
     ``name`` is the name of the quantity for error messages.
     """
@@ -251,7 +251,7 @@ def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
 
 
 def _read_range(subject: str, text: str, lower: str, upper: str, inside_unit: str) -> Tolerance:
-    """Return the tolerance whose limits are the texts ``lower`` and ``upper``.
+    """Return the tolerance whose limits are the strings ``lower`` and ``upper``.
 
     A lower limit without a unit has the unit of the upper limit. ``inside_unit`` is the internal
     unit of the result (composed of mm, N and rad). ``subject``, such as "tolerance of C_XXX", and

@@ -56,8 +56,8 @@ _LEAST_TARGET = 1e-3
 class GoalSoFar(Result):
     """Uncertainty of a parameter and its goal: now, and after the best next circle.
 
-    The goal is an upper limit of the expanded uncertainty U (k = 2). All numbers except the
-    probabilities are in the unit ``unit``.
+    The goal is an upper limit of the expanded uncertainty U (k = 2). The
+    probabilities have no unit; all other values are in the unit ``unit``.
     """
 
     unit: str
@@ -129,7 +129,11 @@ def _inflation(sd: float, weights: Array, covariance: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class GoalState:
-    """A goal, the present estimate of its parameter, and the aim for the next circle."""
+    """A goal for the uncertainty of a parameter, and the present estimate of the parameter.
+
+    ``aim`` states the standard uncertainty that is needed to meet the goal. It is used for the
+    choice of the next circle.
+    """
 
     goal: Goal
     unit: str  # internal unit of the parameter (composed of mm, N and rad)
@@ -186,8 +190,9 @@ class GoalState:
 def goal_states(
     goals: Mapping[str, Goal], known: Known, covariance: Array, confidence: float
 ) -> dict[str, GoalState]:
-    """Return, for every goal, the present estimate of its parameter and the aim to reach the goal.
+    """Return every goal with the present estimate of the goal's parameter.
 
+    The result also states, for each goal, the standard uncertainty that is needed to meet the goal.
     The keys of the result are the names of the goals' parameters. ``known`` is the posterior given
     the circles run so far. ``covariance``, shape (K, p, p), are the present covariances of the
     parameters at K values of the hyper-parameters. ``confidence`` is the minimum probability at
@@ -215,7 +220,11 @@ def goal_states(
 
 @dataclass(frozen=True, eq=False)
 class ToleranceState:
-    """Present decision on a quantity with a tolerance, and the aim to reach a decision."""
+    """Present decision on a quantity with a tolerance, and the uncertainty needed to decide.
+
+    ``aim`` states the standard uncertainty of the quantity at which a decision is possible if the
+    estimate does not change.
+    """
 
     now: Conformity
     aim: UncertaintyAim
@@ -244,15 +253,15 @@ def tolerance_states(
     covariance: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return, for every tolerance, the present decision and the aim to reach a decision.
+    """Return, for every tolerance, the present decision and the uncertainty needed to decide.
 
     The decision is whether a quantity, such as a stiffness, conforms with its tolerance. The keys
-    of the result are the names of the quantities. For the aim, each quantity is approximated by a
-    linear function of the parameters. This function is fitted to the draws in ``posterior``.
-    ``tolerances`` holds the tolerance of each quantity. ``known`` is the posterior given the
-    circles run so far. ``covariance``, shape (K, p, p), are the covariances of the p parameters at
-    K values of the hyper-parameters. ``confidence`` is the minimum probability at which a decision
-    is made.
+    of the result are the names of the quantities. To find the uncertainty needed, each quantity is
+    approximated by a linear function of the parameters. This function is fitted to the draws in
+    ``posterior``. ``tolerances`` holds the tolerance of each quantity. ``known`` is the posterior
+    given the circles run so far. ``covariance``, shape (K, p, p), are the covariances of the p
+    parameters at K values of the hyper-parameters. ``confidence`` is the minimum probability at
+    which a decision is made.
     """
     decisions = assess_conformity(posterior, tolerances, confidence=confidence)
     draws = quantity_draws(posterior, decisions)

@@ -142,8 +142,9 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
 
 
 def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
-    """Return the goal that ``entry`` states: a text, a number in internal units, or a `Goal`.
+    """Return the goal that the user stated as ``entry``.
 
+    ``entry`` is a string such as "5 %" or "2 nm/N", a number in internal units, or a `Goal`.
     ``name``, ``unit`` and ``group`` are the name, the internal unit and the group of the goal's
     parameter. The groups are compliances, slopes and geometric errors.
     """
@@ -170,7 +171,7 @@ def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
 
 
 def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
-    """Return the goal that a text states.
+    """Return the goal that a string such as "5 %" or "2 nm/N" states.
 
     ``name`` and ``unit`` are the name and the unit of the parameter. ``subject`` names the goal in
     error messages.

@@ -191,7 +191,7 @@ def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
 def _likely_candidates(
     objective: Objective, base: Array, size: int, rng: np.random.Generator
 ) -> Array:
-    """Return the indices of candidates of which one more test is likely to improve a design.
+    """Return the indices of candidates whose addition to a design is likely to improve it.
 
     The result holds the ``size`` candidates with the largest sensitivities, and ``size`` random
     candidates. The sensitivity is the derivative of the criterion with respect to the number of
