@@ -209,6 +209,14 @@ def test_a_broken_workbook_is_answered_where_it_is(page: Any, tmp_path: Path) ->
     assert "--bar-U-um must be a number" in alert.inner_text()
 
 
+def test_files_chosen_while_the_page_redraws_arrive(page: Any) -> None:
+    with page.expect_file_chooser() as opening:
+        page.click("#chosen")
+    page.evaluate("show('files')")
+    opening.value.set_files(CIRCLES)
+    page.wait_for_selector("#understood-part table")
+
+
 def test_cancel_and_two_sessions_at_once(page: Any, browser: Any, address: str) -> None:
     context = browser.new_context()
     other = context.new_page()

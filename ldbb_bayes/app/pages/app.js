@@ -40,7 +40,9 @@ async function show(name) {
   try {
     const answer = await ask("GET", `part/${name}`);
     if (answer.ok) {
-      place.innerHTML = await answer.text();
+      const text = await answer.text(), chooser = place.querySelector("input[type=file]");
+      place.innerHTML = text;
+      if (chooser) at(chooser.id).replaceWith(chooser);  // files chosen while this is drawn anew must arrive
       for (const own of place.querySelectorAll("summary")) own.parentElement.open ||= opened.includes(own.textContent);
     } else tell(await reason(answer));
   } finally {
