@@ -42,7 +42,7 @@ _GLOSSARY = "glossary"  # key of the section whose table is in alphabetical orde
 # longest pieces come first.
 _JOINTS = ("; ", ": ", ", ", " and ", " or ")
 _WORD = re.compile(r"(?<![\w./\\-])(?:[A-Za-z][a-z]{2,}|of|by|to|or|at|is|it|as)(?![\w/\\(=])")
-# Words that are the same in every language: symbols, units, names of programs and quantities.
+# Symbols, units, names of programs, and other words that are the same in every language.
 _SAME = frozenset(
     (
         "bar",
@@ -109,7 +109,7 @@ class AnnexTranslation:
     Parameters
     ----------
     words
-        Texts of the certificate's sheets in the same language.
+        Texts of the certificate's sheets in the language of the translation.
     catalogue
         The translations of English texts.
     kept
@@ -264,10 +264,10 @@ class AnnexTranslation:
 
 
 def _in_alphabetical_order(part: Any) -> Any:
-    """Return a part of a section; the rows of a table are sorted by their first column.
+    """Return a copy of a table whose rows are sorted by the text in the first column.
 
     The order is alphabetical. A letter with an umlaut comes after the same letter without an
-    umlaut. A part that is not a table is returned unchanged.
+    umlaut. If ``part`` is not a table, it is returned unchanged.
     """
     if not isinstance(part, Table):
         return part

@@ -43,8 +43,8 @@ class Banner:
     kind
         ``usable``, ``reserved`` (usable with reservations) or ``unusable``.
     sentence
-        Sentence that states whether the numbers can be used, and the most serious reasons for
-        caution.
+        Sentence that states whether the results on the certificate can be used, and the most
+        serious reasons for caution.
     """
 
     kind: str
@@ -107,7 +107,10 @@ class PictureRow:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Share of the row's width for each figure; with these shares, all have the same height."""
+        """Share of the row's width that each figure gets.
+
+        With these shares, all figures of the row have the same height.
+        """
         ratios = []
         for picture in self.pictures:
             width, height = picture.figure.get_size_inches()

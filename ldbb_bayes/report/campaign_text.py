@@ -130,7 +130,7 @@ def _significant(value: float | None, digits: int) -> str:
 
 @parts_of.register
 def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
-    """Return a table of what a fit assumes about the instrument, and the names of certificates.
+    """Return a table of what a fit assumes about the instrument, and a list of its certificates.
 
     Each row of the table states a quantity, its nominal value, its standard uncertainty u, and
     whether u comes from a certificate or from the model. The last column names the place in
@@ -155,5 +155,5 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
 
 
 def _is_assumed_lobe(assumed: Uncertainty) -> bool:
-    """Return whether an uncertainty is that of a ball's form and comes from no certificate."""
+    """Return whether ``assumed`` is the uncertainty of a ball's form and comes from the model."""
     return Term.owner(assumed.name) is BallForm and not assumed.stated

@@ -58,8 +58,8 @@ class Findings:
         Function that returns a design of the next tests, or a string that states why there is no
         design.
     averaged
-        Posterior averaged over models; the certificate's sheets state the numbers of this
-        posterior. None if no average was computed.
+        Posterior averaged over models. If it is present, the certificate's sheets state its
+        estimates. None if no average was computed.
     tolerances
         Tolerances; the keys are names of quantities. Default: the tolerances of the campaign.
     sheets_only
@@ -168,8 +168,9 @@ class Findings:
 
     @cached_property
     def gum_validation(self) -> GumValidation:
-        """Comparison of each parameter's interval with that from the GUM's law of propagation.
+        """Comparison of each parameter's credible interval with an interval according to the GUM.
 
+        The interval according to the GUM is computed with the law of propagation of uncertainty.
         The comparison follows the validation procedure of JCGM 101.
         """
         return validate_gum(self.numbers, prob=self.prob)

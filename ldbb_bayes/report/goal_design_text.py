@@ -40,9 +40,9 @@ def _record_of_goal_design(result: GoalDesign) -> dict[str, Any]:
 def _goals_table(result: GoalDesign) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
-    For each goal, the table states the U that is wanted, the present U, and a limit for U after the
-    cheapest campaign. Given what is known so far, U will not exceed the limit with a probability of
-    90 %.
+    For each goal, the table states the largest U that is allowed, the present U, and a limit for U
+    after the cheapest campaign. The probability that U is at most this limit is 90 %, given what is
+    known so far.
     """
     rows = []
     for name, stated in result.goals.items():
@@ -109,9 +109,9 @@ def _plans_table(result: GoalDesign) -> Table:
 def _forecasts_table(result: GoalDesign) -> Table:
     """Return a table of the goals after each of the cheapest campaigns.
 
-    For each campaign and goal, the table states the U (k = 2) that is expected, a limit for U on
-    nine in ten of the machines that are possible, and the share of these machines on which the goal
-    is met.
+    For each campaign and goal, the table states the median of the expanded uncertainty U (k = 2), a
+    limit for U, and the probability that the goal is reached. The probability that U is at most the
+    limit is 90 %.
     """
     rows = []
     for number, plan in enumerate(result.plans, start=1):

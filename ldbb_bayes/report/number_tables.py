@@ -125,7 +125,7 @@ def _results(findings: Findings) -> pd.DataFrame:
 
 
 def _changes(findings: Findings) -> pd.DataFrame:
-    """Return a table of how the compliances change with force, according to the certificate.
+    """Return a table of the changes of compliances with force that the certificate states.
 
     The table has one row for each compliance.
     """

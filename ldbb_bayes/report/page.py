@@ -66,7 +66,7 @@ class Document(Shown):
         Sections of the annex in the order of the page. The tuple is empty if the report has no
         annex.
     sheets
-        The two sheets of the certificate, which people sign.
+        The two sheets of the certificate. They have fields for signatures.
     annex
         Whether a printout of the page contains the annex. It always contains the sheets.
     language
@@ -195,8 +195,8 @@ def _ignore(done: int, total: int) -> None:
 def _lines(findings: Findings) -> tuple[str, str, str]:
     """Return the three lines of text below the report's title.
 
-    The first line states the machine and its tests. The second states the day of the fit and the
-    version of this package. The third line names the model whose numbers the annex shows.
+    The first line states the machine and its tests. The second line states the day of the fit and
+    the version of this package. The third line names the model whose results the annex shows.
     """
     result = findings.result
     seen = findings.seen
@@ -312,8 +312,9 @@ def write_report(
         Result of `design` or `read_design` for the same readings. Default: the function computes a
         design with ``tests`` circles at the forces tested.
     averaged : DataTree, optional
-        Result of `average`. If it is given, the sheets state its numbers. Default: the sheets state
-        the numbers of ``posterior``, and say that these numbers are from one model.
+        Result of `average`. If it is given, the sheets state the results averaged over models.
+        Default: the sheets state the results of ``posterior``, and say that these are from one
+        model.
     tolerances : mapping of quantity to Tolerance, optional
         Tolerances for which the sheets state conformity. Default: the tolerances of the campaign.
     language : str

@@ -1,4 +1,4 @@
-"""Translation of the tables and sentences about the cheapest campaign for goals."""
+"""Translation of texts about the cheapest campaign that reaches goals for uncertainties."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CATALOGUES = ("annex", "goal_design")
 def passages_in_language(
     passages: Sequence[Passage], language: str, names: Iterable[str] = ()
 ) -> tuple[Passage, ...]:
-    """Return tables and sentences about the cheapest campaign in another language.
+    """Translate tables and sentences about the cheapest campaign into another language.
 
     The English texts are looked up in the catalogues templates/annex_<language>.toml and
     templates/goal_design_<language>.toml. A text that is in neither stays in English.
@@ -48,9 +48,10 @@ def passages_in_language(
 def untranslated_texts(
     passages: Sequence[Passage], language: str, names: Iterable[str] = ()
 ) -> set[str]:
-    """Return the English texts of tables and sentences that no catalogue of a language has.
+    """Return those English texts that have no translation in the catalogues of a language.
 
-    The arguments are the same as those of `passages_in_language`.
+    The texts are those of the tables and sentences ``passages``. The arguments are the same as
+    those of `passages_in_language`.
     """
     translation = _translation(language, names)
     if translation is None:

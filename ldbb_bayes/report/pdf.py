@@ -261,7 +261,7 @@ _SECOND_COLUMN = _FieldColumn(_FIRST_COLUMN.next_left)
 
 
 def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
-    """Draw form fields in two columns; each field has a name and, to its right, its text on a line.
+    """Draw form fields in two columns. The text of a field is to the right of its name.
 
     ``scale`` is the relative font size.
     """

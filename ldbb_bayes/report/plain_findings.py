@@ -349,11 +349,12 @@ def _not_determined(numbers: SheetNumbers) -> str:
 
 
 def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> Iterator[str]:
-    """Yield sentences on the steps for parameters that the best step does not help.
+    """Yield sentences on steps that reduce the uncertainty of further parameters.
 
-    A step reduces one effect that makes parameters uncertain. The keys of ``helped_by_step`` are
-    the effects, as class names of model terms. Each value holds the symbols of the parameters that
-    become more certain if the effect is reduced.
+    A further parameter is one whose uncertainty the best step does not reduce. Each step reduces
+    one effect. The keys of ``helped_by_step`` are these effects, as class names of model terms.
+    Each value holds the symbols of the parameters that become more certain if the effect is
+    reduced.
     """
     for name, symbols in helped_by_step.items():
         yield words(

@@ -126,8 +126,8 @@ def limits(findings: Findings) -> Iterator[Part]:
 def degree(findings: Findings) -> Iterator[Part]:
     """Yield the section on whether compliance changes with force.
 
-    The section states the evidence for each model, and how the evidence depends on assumptions. If
-    the comparison of models includes them, two further results are stated: the probability that
+    The section states the evidence for each model, and how the evidence depends on assumptions. It
+    also states two further results, if the comparison of models includes them: the probability that
     each slope (change of a compliance with force) differs from zero, and a comparison of each test
     with a prediction made from the other tests.
     """

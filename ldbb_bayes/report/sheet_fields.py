@@ -28,9 +28,9 @@ _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # Entries of the campaign that state the machine and the date. Both sheets of the certificate show
 # these entries.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# The sheet states how the order of the tests is known. The keys of this dictionary are the possible
-# sources, such as the start times of the tests. Each value is the key under which the catalogue of
-# words holds the text on the source.
+# Sheet 1 of the certificate states the source from which the order of the tests is known. The keys
+# of this dictionary are the possible sources, such as the start times of the tests. Each value is
+# the key under which the catalogue of words holds the text on the source.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",

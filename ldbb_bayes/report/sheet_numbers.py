@@ -231,7 +231,7 @@ class SheetNumbers:
 
     @cached_property
     def stiffnesses(self) -> dict[str, StatedQuantity]:
-        """Stiffness 1 / C of every axis, where C is the median of the axis' direct compliance.
+        """Stiffness 1 / C of every axis, where C is the median of the axis's direct compliance.
 
         The keys are the labels of the compliances, such as ``C_XXX``. If the lower end of the
         credible interval of a compliance is below a fifth of its median, only a lower limit of the

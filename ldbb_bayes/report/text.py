@@ -269,8 +269,8 @@ def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
 def _largest_sources(budget: Budget) -> str:
     """Return a string that names the largest sources of a parameter's variance.
 
-    For each source, the string states the share of the variance [%], and where the size of the
-    source comes from, such as "assumed".
+    For each source, the string states its share of the variance [%]. It also states whether the
+    size of the source was measured in the campaign, is stated by the user, or is assumed.
     """
     shares = {}
     for contribution in budget.contributions:
@@ -354,9 +354,9 @@ class _BudgetSource(NamedTuple):
 
 
 def _budget_source(contribution: Any) -> _BudgetSource:
-    """Return the source of a contribution: the name in words, and the unit of the uncertainty.
+    """Return the source of a contribution to an uncertainty budget, as the budget's table shows it.
 
-    ``contribution`` is one contribution to an uncertainty budget.
+    The result holds the name of the source in words, and the unit of its standard uncertainty.
     """
     term_words = wording.source_words(contribution.term)
     factor, label = wording.source_unit_words(

@@ -403,10 +403,10 @@ def statement(degeneracy: Degeneracy) -> str:
     """Return a sentence that describes a degeneracy.
 
     A degeneracy is a combination of parameters and other effects that the readings cannot separate.
-    If a parameter can be traded for other parameters or effects, the sentence states the amounts
-    that together change no reading. If an effect can be traded for parameters, the sentence states
-    which amounts of the parameters change the readings exactly as a stated amount of the effect
-    does.
+    A change of one parameter or effect can be compensated by changes of the others. For a
+    degeneracy of parameters, the sentence states amounts of the parameters that together change no
+    reading. For a degeneracy of an effect with parameters, the sentence states amounts of the
+    parameters that change the readings exactly as a stated amount of the effect does.
     """
     sign = -1.0 if degeneracy.term else 1.0
     changes = []
@@ -643,8 +643,8 @@ def preview_sentences(preview: CampaignPreview) -> tuple[str, ...]:
 def travel_words(test: TestPreview) -> str:
     """Return the direction of travel of a test, or a dash if it is not known.
 
-    A direction in parentheses is not stated by the test: it is the direction in which its angles
-    run from reading to reading.
+    A direction in parentheses is not given for the test; it follows from the order of the test's
+    angles.
     """
     if test.direction:
         return test.direction
@@ -700,11 +700,10 @@ def _add_remarks(record: dict[str, Any], remarks: Sequence[Remark]) -> None:
 
 
 def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
-    """Return the name of an instrument error, and where to state its value from a certificate.
+    """Return the name of an instrument error, and the place where the user can state its value.
 
-    The second string names the entry of campaign.toml in which the user can state this value. If
-    there is no such entry, the string begins with "none" and names the model term that describes
-    the error.
+    The place is the entry of campaign.toml for a value from a certificate. If there is no such
+    entry, the string begins with "none" and names the model term that describes the error.
     """
     table, _, key = uncertainty.certificate.partition("_")
     if key:
@@ -845,12 +844,12 @@ def cure_in_words(remedy: Remedy | None) -> str:
 
 
 def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
-    """Return descriptions of pairs of measures, for parameters for which one is not enough.
+    """Return descriptions of pairs of measures for parameters that need two measures.
 
     Each description names a pair of measures, and U (k = 2) of the parameters after both measures,
-    such as "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". The first measure of a pair
-    alone would leave these parameters confounded. A parameter that is still confounded after both
-    measures is marked.
+    such as "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". After the first measure of a
+    pair alone, these parameters would still be confounded. A parameter that is still confounded
+    after both measures is marked.
     """
     effects_by_pair: dict[str, list[str]] = {}
     for name, entry in result.parameters.items():

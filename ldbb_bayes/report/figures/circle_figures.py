@@ -311,7 +311,10 @@ def _mean_reading(shown: _Traces, force_N: float) -> float:
 
 
 def _round_step(size: float) -> float:
-    """Return the round number nearest to ``size``, as the distance between two marks of a scale.
+    """Return the round number that is nearest to ``size``.
+
+    The result is the distance between two marks of a scale. Round numbers are 1, 2, 5 and 10 times
+    a power of ten.
 
     Round numbers are 1, 2, 5 or 10 times a power of ten.
     """

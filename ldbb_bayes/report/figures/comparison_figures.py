@@ -54,11 +54,11 @@ def evidence(comparison: Comparison) -> Figure:
 
     ln B is positive if the readings favour the second model over the first. Each row is for one
     assumption. Some assumptions are about the width of the prior of the slopes (changes of
-    compliance with force), others about the differences between circles. Bars on the dots are 95 %
-    intervals of the numerical error. The numbers at the right are the log evidence for each
-    assumption about circles, minus the log evidence for the assumption of the compared models. The
-    scale is linear. It is broken if assumptions that the readings reject give values far from all
-    other values.
+    compliance with force), others about the differences between circles. The bar through each dot
+    is the 95 % interval of ln B that results from the numerical error. The numbers at the right are
+    the log evidence for each assumption about circles, minus the log evidence for the assumption of
+    the compared models. The scale is linear. It is broken if assumptions that the readings reject
+    give values far from all other values.
 
     Parameters
     ----------
@@ -231,14 +231,15 @@ def _gain_words(gain: float | None) -> str:
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
     """Draw every compliance C against the force F, in all models and in local fits.
 
-    The figure corresponds to Fig. 15 of the paper. It shows the posterior mean in every model, and
-    a band for the average over models that differ in which slopes (changes of compliance with
-    force) are zero. If the comparison has no such average, the band is that of the first model.
+    The figure corresponds to Fig. 15 of the paper. It shows the posterior mean of C in every model.
+    It also shows a band for the average over models that differ in which slopes (changes of
+    compliance with force) are zero. If the comparison has no such average, the band is that of the
+    first model.
 
     The figure also shows local fits. A local fit uses only the tests at two neighbouring forces,
-    and has its own geometric errors. It therefore estimates the derivative d(F C)/dF and not C. For
-    comparison, a dotted line shows the same derivative, computed from the posterior mean of C to
-    which the band belongs.
+    and estimates geometric errors of its own. It therefore estimates the derivative d(F C)/dF and
+    not C. A dotted line shows the same derivative for comparison. It is computed from the posterior
+    mean of C at the centre of the band.
 
     Parameters
     ----------

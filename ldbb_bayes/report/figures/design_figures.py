@@ -107,8 +107,8 @@ def _plans(design: Design, today: Mapping[str, float]) -> list[_PlanBars]:
     """Return the bars of every plan of tests, in the order in which they are drawn.
 
     ``today`` holds the present standard deviations of the parameters; its keys are their names. The
-    present standard deviations come first, unless ``today`` is empty. The standard deviations after
-    very many repetitions of the recommended tests come last.
+    first bars show the present standard deviations, unless ``today`` is empty. The last bars show
+    the standard deviations after very many repetitions of the recommended tests.
     """
     plans = []
     if today:
@@ -146,8 +146,8 @@ def _sizes(expected_by_name: Mapping[str, Any], plans: list[_PlanBars]) -> Array
     """Return the expected standard uncertainties of all plans, shape (plans, parameters).
 
     The uncertainties are in the units that the figure shows, such as nm/N. ``expected_by_name``
-    holds what is expected for each parameter that is drawn; its keys are the names of the
-    parameters, and its values state their internal units.
+    holds the expected uncertainty of each parameter that is drawn, with the parameter's internal
+    unit. The keys are the names of the parameters.
     """
     factors = [display_unit(expected.unit)[0] for expected in expected_by_name.values()]
     rows = []

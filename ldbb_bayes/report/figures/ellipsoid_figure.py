@@ -19,11 +19,12 @@ from ldbb_bayes.units import display_unit, plus_minus
 __all__ = ["compliance_ellipsoid"]
 
 _HEIGHT = 4.4  # height of the figure [inch]
-# number of steps in latitude of the net drawn on the ellipsoid; it has twice as many in longitude
+# number of steps in latitude in which the ellipsoid is drawn; the number of steps in longitude is
+# twice as large
 _MERIDIANS = 24
 _VIEW_DEG = (22.0, 35.0)  # elevation and azimuth from which the ellipsoid is seen [°]
 _ZOOM = 0.88  # relative size of the 3D panel; at this size, no axis name is cut off
-# half the edge length of the drawn box, divided by the ellipsoid's longest semi-axis
+# half the length of each axis of the figure, divided by the ellipsoid's longest semi-axis
 _FARTHEST = 1.15
 
 

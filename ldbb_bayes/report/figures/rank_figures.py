@@ -25,8 +25,8 @@ def rank_ecdf(validation: Validation) -> Figure:
 
     Each curve is the distribution function of one quantity's ranks, minus the distribution function
     of uniform ranks. A rank is the number of posterior draws that are below the true value in one
-    simulated campaign. If the ranks of all quantities are uniformly distributed, all curves lie
-    inside the grey bands with a known probability, for which ``validation`` has computed the bands.
+    simulated campaign. If the ranks of all quantities are uniformly distributed, the probability
+    that all curves lie inside the grey bands is ``validation.prob``.
 
     Parameters
     ----------
