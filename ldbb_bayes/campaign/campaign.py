@@ -129,7 +129,8 @@ class CampaignFields(Shown):
     plane: str = "XY"  #: plane (XY, YZ or ZX) of all tests for which no plane is given
     radius_mm: Length = 150.0  #: radius [mm] of all tests for which no radius is given
     name: Label | None = None  #: name of the campaign
-    #: name that distinguishes the machines of a fleet; by default the machine's serial number
+    #: name that distinguishes the machine from other machines; by default the machine's serial
+    #: number
     machine_id: Label | None = None
     #: date of the measurement in ISO 8601, such as 2026-11-20 or 2026-11-20T14:30
     date: Date | None = None

@@ -52,8 +52,8 @@ _ORDINARY_GAP = 3.0
 # Forces of several tests count as equal if they differ by at most this fraction of the largest
 # force. The repeatability of a pressure regulator is not better than this.
 _SAME_FORCE_SHARE = 1e-3
-# Relative tolerance with which two questions are decided: whether the angles of a test are evenly
-# spaced, and whether they extend over at most one turn.
+# Relative tolerance within which the angles of a test count as evenly spaced, and as covering at
+# most one turn.
 _EVEN_TOLERANCE = 1e-6
 # Relative tolerance within which the arc of a planned test counts as a full turn.
 _TURN_TOLERANCE = 1e-6

@@ -20,9 +20,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"]
 
-# Number of nodes (values of the hyper-parameters, the scales of the noise and of other effects)
-# that are processed at once. Given the hyper-parameters, all other unknowns have a Gaussian
-# distribution, whose mean and covariance are computed.
+# Number of nodes that are processed at once. A node is a value of the hyper-parameters (scales of
+# the noise and of other effects). At each node, all other unknowns have a Gaussian distribution,
+# whose mean and covariance are computed.
 _NODES_AT_ONCE = 256
 # Number of nodes (values of the hyper-parameters) over which the moments of the parameters are
 # averaged. The nodes are selected with probabilities proportional to their weights. With this

@@ -121,7 +121,7 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
 
 def _sum_from_here_on(series: Array) -> Array:
-    """Return sums over campaigns: for each campaign, the sum over it and all later campaigns.
+    """Return, for each campaign, the sum over this campaign and all later campaigns.
 
     The second array axis of ``series`` and of the result stands for the campaigns, in order of
     time.
@@ -182,9 +182,9 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 class Levels(NamedTuple):
     """Values of p parameters of a machine at the last campaign, in units of their prior sds.
 
-    The possibilities are that no parameter has changed, or that one of the parameters changed just
-    before one of the campaigns. The values describe the mixture of all possibilities, weighted with
-    their probabilities.
+    The values are averages over two kinds of hypotheses: that no parameter has changed, and that
+    one of the parameters changed just before one of the campaigns. The weights are the
+    probabilities of the hypotheses.
     """
 
     #: posterior means of the p parameters at the last campaign, in units of their prior sd, shape

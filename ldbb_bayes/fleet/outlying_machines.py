@@ -37,9 +37,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Spreads are the standard deviations of machines about the mean of their population. If a machine
-# is left out, random draws of the spreads given all machines are usually weighted. If the weights
-# cannot be trusted, this number of new draws is made from the posterior given the other machines.
+# Number of new random draws of the spreads that are made if a machine is left out. Spreads are the
+# standard deviations of machines about the mean of their population. Usually, no new draws are
+# made: the draws from the posterior given all machines are weighted instead. New draws, from the
+# posterior given the other machines, are made only if these weights cannot be trusted.
 _DRAWS_WITHOUT = 512
 # Largest number of machines for which new random draws of the spreads (standard deviations of
 # machines about the mean of their population) are made. If more machines need new draws, those with
@@ -207,15 +208,17 @@ def _draw_without(
 def _compare(
     separate: Estimates, precision: Array, shift: Array, spread: Array
 ) -> tuple[Array, Array]:
-    """Return a log integral for the other machines, and the deviation z of each machine left out.
+    """Return how well the other machines predict each machine that is left out.
 
     n machines are left out one at a time. For each of them, and for each of k draws of the spreads,
     the readings of the other machines are described by a Gaussian function of the population's mean
-    μ and the instrument's errors b. The result is a tuple of two arrays: the log integrals of these
-    Gaussians over μ and b, up to a constant, shape (k, n), and the deviations z of the c
-    parameters, shape (c, k, n). z is the difference between a parameter of the machine left out and
-    its prediction from the Gaussian and the spreads, divided by the standard deviation of the
-    difference.
+    μ and the instrument's errors b. The result is a tuple of two arrays:
+
+    - The logarithms of the integrals of these Gaussians over μ and b, up to a constant, shape (k,
+      n).
+    - The deviations z of the c parameters, shape (c, k, n). z is the difference between a parameter
+      of the machine left out and its prediction from the Gaussian and the spreads, divided by the
+      standard deviation of the difference.
 
     Parameters
     ----------

@@ -75,9 +75,9 @@ __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 # the change is at least this value. The table shows probabilities with three decimals, so that
 # smaller probabilities would appear as zero.
 _UNLIKELY = 5e-4
-# The change of a parameter is also stated in per cent of the level before the change if this level
-# is more than this many times its standard uncertainty. The standard uncertainty, which the
-# percentage neglects, is then below 20 % of the level.
+# The change of a parameter is also stated as a percentage of the level before the change, if this
+# level divided by its standard uncertainty exceeds this value. The percentage neglects this
+# standard uncertainty, which is then below 20 % of the level.
 _KNOWN_LEVEL = 5.0
 # Columns of the table `Trend.estimates` whose values are in the unit of the parameter.
 _SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
@@ -111,8 +111,8 @@ class ParameterChange(Result):
     level_before: float
     #: level of the parameter at the last campaign. The level is averaged over all possibilities,
     #: weighted by their probabilities: that no parameter has changed, or that one parameter changed
-    #: just before one of the campaigns. Its uncertainty includes that due to the errors of the
-    #: instrument.
+    #: just before one of the campaigns. The uncertainty of the level includes the uncertainty due
+    #: to the errors of the instrument.
     level_now: Summary
     #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
     #: estimates from all campaigns together. The estimates and limits of the control chart do not
