@@ -157,8 +157,8 @@ def find_cheapest_campaigns(
     Returns
     -------
     dict
-        ``passages``, the tables and sentences that the command prints; ``pilot``, what the
-        operator's sheets state of machine and instrument; and ``campaigns``, the circles of each
+        ``passages``, the tables and sentences that the command prints; ``pilot``, the texts on the
+        machine and the instrument for the operator's sheets; and ``campaigns``, the circles of each
         campaign in the order in which to run them, with their cost.
 
     Raises

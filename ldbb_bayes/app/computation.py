@@ -43,8 +43,8 @@ class Computation:
     def progress(self) -> dict[str, Any]:
         """Progress of the computation: the completed share, and the name of the present step.
 
-        The progress also states how many items of this step there are (``of``) and, once the
-        process has reported progress, how many of them are done.
+        The progress also states into how many parts this step is divided (``of``) and, once the
+        process has reported progress, how many of these parts are done.
         """
         if self.process is None:
             return {"share": 0.0, "step": "waiting", "of": 0}

@@ -148,7 +148,7 @@ class House:
 def _result_or_refusal(
     session: Session, computation: Computation, outcome: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return the outcome of a computation; if it has no result, the reason for that.
+    """Return the outcome of a computation: its result, or a refusal that states a reason.
 
     ``outcome`` is what the process of the computation wrote; it is empty if the process has ended
     without writing anything.

@@ -285,10 +285,12 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     The tests are chosen from all combinations of ball angles, radii and directions of ``space``, at
     forces in equal steps from the lowest to the highest force of the page's ``sliders``. If the
     tests that `_equally_spaced_tests` returns give more expected information than the tests found,
-    the equally spaced tests are returned. For this comparison, the information of either plan is
-    computed with the model for its own tests, as the forecast of the page is. The search has the
-    model for all candidate tests, which may have more effects: a pattern of the machine is modelled
-    only if balls are turned.
+    the equally spaced tests are returned.
+
+    The two sets of tests are compared as in the forecast of the page: the information of each set
+    is computed with a model made for this set alone. The search, in contrast, uses a model made for
+    all candidate tests. This model may have more effects, because some effects are modelled only if
+    balls are turned.
     """
     low = sliders["low"]
     high = sliders["high"]
@@ -531,7 +533,7 @@ _PILOT_LABELS = (
 
 
 def pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
-    """Return what an operator's sheet states of the machine and the instrument.
+    """Return the texts on the machine and the instrument for an operator's sheet.
 
     Parameters
     ----------

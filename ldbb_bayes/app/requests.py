@@ -308,8 +308,8 @@ async def _show_forecast(house: House, session: Session, request: Request) -> Re
 async def _search(house: House, session: Session, request: Request) -> Response:
     """Start a search for the cheapest campaign that reaches the goals typed on the page.
 
-    The request contains the texts of the entry fields for goals and costs. If one of them cannot be
-    used, the response states the reason, and which entry field it is.
+    The request contains the texts of the entry fields for goals and costs. If a text cannot be
+    used, the response states the reason and the name of the entry field.
     """
     sent = await _read_json(request)
     if sent is None:

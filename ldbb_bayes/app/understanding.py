@@ -327,10 +327,11 @@ def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
 
 
 def _ring_readings(low: float, high: float, spread: float) -> list[float]:
-    """Return the readings [µm] at which a polar plot has rings: multiples of a step, about four.
+    """Return about four readings [µm] at which a polar plot has rings.
 
-    The rings lie between the lowest and the highest reading, ``low`` and ``high``. The step is 1, 2
-    or 5 times a power of ten. ``spread`` is the range of the readings, but at least 0.001 µm.
+    The readings lie between the lowest and the highest reading of the plot, ``low`` and ``high``.
+    They are multiples of a step, which is 1, 2 or 5 times a power of ten. ``spread`` is the range
+    of the readings in the plot, but at least 0.001 µm.
     """
     power = 10.0 ** np.floor(np.log10(spread / _RINGS))
     wanted = (high - low) / _RINGS

@@ -31,7 +31,7 @@ GOAL_FILES = ("campaign.toml", "model.toml", "goals.json")
 
 
 class GoalDesignFiles(NamedTuple):
-    """What is written into the folder of the cheapest campaign that reaches goals."""
+    """Contents of the files for the folder of the cheapest campaign that reaches goals."""
 
     record: dict[str, Any]  #: the result as a JSON object, with sentences
     contents: dict[str, Any]  #: contents of the files; the keys are the names of the files
@@ -79,14 +79,14 @@ def find_for_goals(
 
 
 def files_of_goal_design(result: GoalDesign, seed: int, number: int = 1) -> GoalDesignFiles:
-    """Return what is written into the folder of a campaign that reaches the goals.
+    """Return the contents of the files for the folder of a campaign that reaches the goals.
 
     Parameters
     ----------
     result
         The cheapest campaigns that reach the goals.
     seed
-        Seed of the random numbers with which they were found.
+        Seed of the random numbers that the search for the campaigns used.
     number
         Number of the campaign: 1 for the cheapest, 2 and 3 for the next best.
 

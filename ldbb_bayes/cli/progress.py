@@ -34,8 +34,8 @@ def _progress_bar(
 ) -> Iterator[Tell | None]:
     """Show a progress bar on stderr, and yield the function that updates the bar.
 
-    Yield None if no bar is shown, because ``quiet`` is true or stderr is not a terminal.
-    ``state_of`` is a function that takes the arguments of an update, and returns the completed
+    Yield None if no bar is shown, because ``quiet`` is true or stderr is not a terminal. The
+    arguments of the yielded function are passed on to ``state_of``, which returns the completed
     share and the text beside the bar. ``title`` is shown in front of the bar.
     """
     if quiet or not sys.stderr.isatty():

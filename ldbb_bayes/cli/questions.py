@@ -104,8 +104,8 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
     campaign
         The campaign as read from files.
     unstated
-        The names, among ``topology``, ``mount`` and ``balls``, of what neither files nor options
-        state. The user is asked only about these.
+        What neither files nor options state: one or several of the names ``topology``, ``mount``
+        and ``balls``. The user is asked only about these.
 
     Returns
     -------

@@ -42,7 +42,7 @@ class SourceCampaign(NamedTuple):
 
 
 def has_unstated_balls(campaign: lb.Campaign) -> bool:
-    """Return whether a campaign states nothing about the grade or the form of either ball.
+    """Return whether a campaign states nothing about the work ball and nothing about the tool ball.
 
     Parameters
     ----------
