@@ -130,7 +130,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str = "") -> None:
-    """Raise an `InputError` for the first of the names that is not known.
+    """Raise an `InputError` for the first unknown name.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ def _option_value(name: str, asked: Mapping[str, Any], folder: Path) -> Any:
 
 
 def _costs_of(asked: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the values of the options for costs that were typed; the keys are their names."""
+    """Return the costs that the user typed; the keys are the names of the options for costs."""
     values = {}
     for field in COST_FIELDS:
         value = _option_value(field.name, asked, folder)

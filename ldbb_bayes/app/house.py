@@ -127,10 +127,11 @@ class House:
             fit.outcome = _refusal_of_files(session, error)
 
     async def search(self, session: Session) -> None:
-        """Search for the cheapest campaign that reaches the goals of a session, in a process.
+        """Search for the cheapest campaign that reaches the goals of a session.
 
-        The session is one browser tab. The process reads a copy of the campaign of the session's
-        report. The outcome of the search is then stored: its result, or a refusal.
+        The session is one browser tab. The search runs in a separate process, which reads a copy of
+        the campaign of the session's report. The outcome of the search is then stored: its result,
+        or a refusal.
         """
         search = session.search
         try:

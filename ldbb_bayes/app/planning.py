@@ -40,7 +40,7 @@ _MOST_CANDIDATES = 180
 # Largest number of circles for which the search for the best tests is started several times, each
 # time from another design.
 _MOST_SEARCHED_CIRCLES = 12
-# Least number of forces from which the best tests are chosen: the lowest, the middle and the
+# Smallest number of forces from which the best tests are chosen: the lowest, the middle and the
 # highest force.
 _FEWEST_LEVELS = 3
 # Number of possible machines over which a forecast is averaged while the user moves a slider.

@@ -338,7 +338,8 @@ async def _stop_search(house: House, session: Session, request: Request) -> Resp
 async def _send_cheapest(house: House, session: Session, request: Request) -> Response:
     """Return the operator's sheet of a campaign that was found, or a ZIP archive of its files.
 
-    The URL path states the number of the campaign, where 1 is the cheapest, and html or zip.
+    The URL path states the number of the campaign, where 1 is the cheapest. It also states ``html``
+    for the sheet or ``zip`` for the archive.
     """
     number = request.path_params["number"]
     kind = request.path_params["kind"]

@@ -40,7 +40,10 @@ _COMMANDS_BY_FUNCTION = {
 
 
 class _Commands(TyperGroup):
-    """Group of all commands. After wrong usage, it prints one message and exits with code 2."""
+    """Group of all commands.
+
+    If a command is used wrongly, one message is printed, and the exit code is 2.
+    """
 
     def main(self, args: Sequence[str] | None = None, *positional: Any, **keywords: Any) -> Any:
         """Run the command that the arguments name, or show the help if they name no command.

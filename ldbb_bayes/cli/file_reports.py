@@ -284,8 +284,8 @@ def _average_or_none(
 ) -> xr.DataTree | None:
     """Return the posterior averaged over ``models``; None if it cannot be computed.
 
-    ``evidences`` holds the evidences of models that have already been computed, and ``seed`` is the
-    seed of the random draws.
+    ``evidences`` holds those evidences of the models that have already been computed; ``seed`` is
+    the seed of the random draws.
     """
     try:
         return lb.average(models, evidences.campaign, evidences=evidences, seed=seed)

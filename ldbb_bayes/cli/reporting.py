@@ -43,7 +43,7 @@ def report(
     table: arguments.TableFields,
     certificates: arguments.Certificates,
 ) -> None:
-    """Make a page and a PDF for signing from files of readings, or from fits.
+    """Make a page, and a PDF for signing, from files of readings or from fits.
 
     Files are read, checked and fitted, models are compared, and the next tests are chosen.
     Questions are asked only at a terminal: for information that the files do not give, and at most

@@ -92,7 +92,7 @@ class _Location(NamedTuple):
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
-    """Convert the location of an error that pydantic reports to a place in the file.
+    """Return the place in a file at which pydantic has found an error.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     owner = model
     for key in loc:
         if not isinstance(content, dict | list):
-            break  # the remaining parts of the location name types, not keys
+            break  # the rest of the location consists of types, not of keys
         keys.append(str(key + 1) if isinstance(key, int) else key)
         entries = dict(enumerate(content)) if isinstance(content, list) else content
         content = entries.get(key)

@@ -103,7 +103,8 @@ class _DrawLimits(NamedTuple):
         """Return the number of random draws of the spreads for a given number of machines.
 
         Spreads are the standard deviations of the machines about their mean. The number of draws is
-        the largest power of two that meets the upper limits.
+        a power of two from ``lowest`` to ``highest``: the largest for which the number of draws
+        times the number of machines is at most ``pairs``, or else ``lowest``.
         """
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))
@@ -113,8 +114,8 @@ class _DrawLimits(NamedTuple):
 # of the machines about the mean) are summarised.
 _SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
 # Limits of the number of random draws of the spreads (standard deviations from machine to machine)
-# from which the estimates for every machine are computed. The first draws of those from which the
-# spreads are summarised are used.
+# from which the estimates for every machine are computed. These draws are the first of the draws
+# from which the spreads are summarised.
 _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 

@@ -199,7 +199,7 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """A further campaign, with which a report compares the campaign of its fit.
+    """A further campaign, which a report compares with the campaign that was fitted.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tables and sentences on how far the readings determine each parameter, and what limits it."""
+"""Tables and sentences on how far the readings determine each parameter, and on what would help."""
 
 from __future__ import annotations
 

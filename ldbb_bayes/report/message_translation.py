@@ -22,12 +22,13 @@ __all__ = ["OwnWords", "in_language", "is_own_text"]
 _QUOTED = r"(?<!\w)'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\""
 _SAME = rf"{_QUOTED}|\b\w+\.toml\b"
 # While a message is translated, a single character stands for each part that is the same in every
-# language. These are the first and the last of the characters used. Unicode assigns no meaning to
-# them.
+# language. ``_FIRST_MARK`` and ``_LAST_MARK`` are the first and the last of these characters.
+# Unicode assigns no meaning to them.
 _FIRST_MARK = 0xE000
 _LAST_MARK = 0xF8FF
 
-# Subjects of notes, such as the operator, whose value in the note is text from a file.
+# Subjects of those notes that state a text or a name that is not translated. A note on the
+# operator, for example, states the operator's name as the file gives it.
 _OWN_TEXTS = frozenset(
     (
         "[[test]] not used",
@@ -48,9 +49,9 @@ _OWN_TEXTS = frozenset(
 
 
 def is_own_text(subject: str) -> bool:
-    """Return whether notes on a subject state a value that is text from a file.
+    """Return whether notes on a subject state a text or a name that is not translated.
 
-    ``subject`` is what the note is about, such as "operator". Such a value is not translated.
+    ``subject`` is what the note is about, such as "operator".
     """
     return subject in _OWN_TEXTS
 

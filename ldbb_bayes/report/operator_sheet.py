@@ -10,7 +10,7 @@ from ldbb_bayes.report.next_circle_text import aims_passages
 
 __all__ = ["NAME", "page"]
 
-NAME = "sheet.html"  # name of the sheet's file
+NAME = "sheet.html"  # name of the file that holds the operator's sheet
 
 
 def page(step: NextCircle, plan: Campaign) -> str:

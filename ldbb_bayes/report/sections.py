@@ -401,9 +401,10 @@ def beside(
 def _differences_table(first: str, other: Beside, differences: pd.DataFrame, percent: str) -> Table:
     """Return a table that compares the parameters of two campaigns, one row for each parameter.
 
-    Each row states the parameter in both campaigns, the difference with its credible interval, and
-    the probability that the parameter is larger in the second campaign. ``first`` is the name of
-    the first campaign. ``percent`` is the probability of the intervals as a string, such as "95 %".
+    Each row states the values of the parameter in both campaigns, the difference with its credible
+    interval, and the probability that the parameter is larger in the second campaign. ``first`` is
+    the name of the first campaign. ``percent`` is the probability of the intervals as a string,
+    such as "95 %".
     """
     rows = []
     for parameter, row in differences.iterrows():

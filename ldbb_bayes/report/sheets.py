@@ -222,10 +222,11 @@ def _sums(findings: Findings, words: Words) -> Iterator[str]:
 
 
 def _gum_sentence(numbers: SheetNumbers) -> str:
-    """Return a sentence that compares the sheet's intervals with the GUM's law of propagation.
+    """Return a sentence that compares the sheet's intervals with intervals according to the GUM.
 
-    The sentence states for which parameters the sheet and the law of propagation give the same
-    interval. The comparison follows the validation procedure of JCGM 101.
+    The intervals according to the GUM are computed with the law of propagation of uncertainty. The
+    sentence states for which parameters they are the same as those of the sheet. The comparison
+    follows the validation procedure of JCGM 101.
     """
     words = numbers.words
     validation = numbers.findings.gum_validation

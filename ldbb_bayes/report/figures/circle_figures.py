@@ -315,8 +315,6 @@ def _round_step(size: float) -> float:
 
     The result is the distance between two marks of a scale. Round numbers are 1, 2, 5 and 10 times
     a power of ten.
-
-    Round numbers are 1, 2, 5 or 10 times a power of ten.
     """
     power = 10.0 ** np.floor(np.log10(size))
     steps = power * np.array([1.0, 2.0, 5.0, 10.0])

@@ -238,8 +238,8 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
 
     The figure also shows local fits. A local fit uses only the tests at two neighbouring forces,
     and estimates geometric errors of its own. It therefore estimates the derivative d(F C)/dF and
-    not C. A dotted line shows the same derivative for comparison. It is computed from the posterior
-    mean of C at the centre of the band.
+    not C. A dotted line shows the same derivative for comparison. It is computed from the mean of
+    the distribution of C that the band shows.
 
     Parameters
     ----------
