@@ -165,8 +165,8 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 
     Parameters
     ----------
-    posteriors : Gaussians of level, instrument errors and step under every hypothesis, see
-        `hypotheses`.
+    posteriors : Gaussian distributions of level, instrument errors and step under every hypothesis,
+        see `hypotheses`.
     probabilities : posterior probabilities of the hypotheses, shape (r, n, p).
     """
     count = probabilities.size
@@ -208,8 +208,8 @@ def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 
 
     Parameters
     ----------
-    posteriors : Gaussians of level, instrument errors and step under every hypothesis, see
-        `hypotheses`.
+    posteriors : Gaussian distributions of level, instrument errors and step under every hypothesis,
+        see `hypotheses`.
     probabilities : posterior probabilities of the hypotheses, shape (r, n, p).
     prob : probability of the credible intervals.
     """

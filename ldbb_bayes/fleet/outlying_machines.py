@@ -95,11 +95,11 @@ def judge_machines(
     ----------
     density : posterior density of ln s given all machines.
     spreads : random draws of s from this density.
-    shared : Gaussian of the mean μ and of the errors b of the instrument, given each draw of s and
-        all machines; see `shared_quantities`.
+    shared : Gaussian distribution of the mean μ and of the errors b of the instrument, given each
+        draw of s and all machines; see `shared_quantities`.
     seed : seed of new draws of s.
     progress : function that is called with two numbers: the number of machines for which new draws
-        have been made, and the number of all machines for which new draws are made.
+        have been made so far, and the total number of machines for which new draws will be made.
     """
     likelihood = density.likelihood
     n = len(likelihood.shift)

@@ -402,8 +402,8 @@ def fit_population(
         Seed of the random draws.
     progress : callable, optional
         Function that is called while machines are compared with the other machines. Its arguments
-        are the number of machines for which new spreads have been drawn, and the number of all
-        machines for which new spreads are drawn.
+        are the number of machines for which new spreads have been drawn so far, and the total
+        number of machines for which new spreads will be drawn.
 
     Returns
     -------
@@ -573,7 +573,7 @@ def _pool_parameters(
         The first draws in ``spreads``. The distributions of the mean and of a further machine are
         averaged over these draws only.
     shared
-        Gaussian of the population's mean and the instrument's errors for each draw in
+        Gaussian distribution of the population's mean and the instrument's errors, for each draw in
         ``first_spreads``.
     tails
         Cumulative probabilities of the two ends of the credible intervals.
@@ -622,7 +622,7 @@ def _instrument_sd(
         Weights of k random draws of the machines' spreads (standard deviations about their mean),
         shape (k,).
     shared
-        Gaussian of the population's mean and the instrument's errors for each draw.
+        Gaussian distribution of the population's mean and the instrument's errors, for each draw.
     sd
         Standard deviations of the population's mean for each draw, shape (k, c).
     """
@@ -660,7 +660,7 @@ def _pool_machines(
     spreads
         Random draws of the spreads (standard deviations of the machines about their mean).
     shared
-        Gaussian of the population's mean and the instrument's errors for each draw.
+        Gaussian distribution of the population's mean and the instrument's errors, for each draw.
     judged
         Comparison of each machine with the other machines; None if there are too few machines.
     tails
@@ -717,7 +717,7 @@ def _estimate_machines_separately(
         Weights of k random draws of the machines' spreads (standard deviations about their mean),
         shape (k,).
     shared
-        Gaussian of the population's mean and the instrument's errors for each draw.
+        Gaussian distribution of the population's mean and the instrument's errors, for each draw.
     tails
         Cumulative probabilities of the two ends of the credible intervals.
     """

@@ -121,10 +121,10 @@ def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
     """Return the distribution of mean μ and instrument errors b for k values of the spreads s.
 
     μ is the mean of the population, and s are the standard deviations of the machines about μ. For
-    each value of s, the distribution is a Gaussian of q quantities: the c elements of μ, then the
-    elements of b. The Gaussians have the shape (k, q). The attribute ``log_integral`` is
-    ln p(y | s), the log density of all readings y given the spreads, up to a constant. All values
-    are in units of the prior sds.
+    each value of s, the distribution is Gaussian. Its q quantities are the c elements of μ, then
+    the elements of b. The distributions have the shape (k, q). The attribute ``log_integral`` is ln
+    p(y | s), the log density of all readings y given the spreads, up to a constant. All values are
+    in units of the prior sds.
 
     Parameters
     ----------
@@ -182,8 +182,8 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
     ----------
     likelihood : likelihoods of q parameters and instrument errors from n machines, shape (n, q).
     spread : k values of the spreads of the c parameters, shape (k, c).
-    shared : Gaussian of the population's mean and the instrument's errors for each value of the
-        spreads, see `shared_quantities`.
+    shared : Gaussian distribution of the population's mean and the instrument's errors, for each
+        value of the spreads, see `shared_quantities`.
     """
     c = spread.shape[1]
     q = likelihood.shift.shape[1]

@@ -497,10 +497,10 @@ def _visits(
     """Return the campaigns of a trend, with the probability of a change just before each campaign.
 
     The probability of a change is zero for the first campaign. ``names`` and ``dates`` are the
-    names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds one
-    posterior probability for each of r values of the machine's scatter from campaign to campaign,
-    each of the campaigns 2 to n, and each of p parameters: the joint probability that the scatter
-    has this value and that this parameter changed by a step just before this campaign.
+    names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds posterior
+    probabilities for r values of the machine's scatter from campaign to campaign, for the campaigns
+    2 to n, and for p parameters. Each is the probability that the scatter has this value and that
+    the parameter changed by a step just before the campaign.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -540,11 +540,12 @@ def _parameter_change(
     j
         Index of the parameter.
     posteriors
-        Gaussians of levels, instrument errors and step under every hypothesis, see `hypotheses`.
+        Gaussian distributions of levels, instrument errors and step under every hypothesis, see
+        `hypotheses`.
     step_probabilities
-        One posterior probability for each of r values of the machine's scatter from campaign to
-        campaign and each of the campaigns 2 to n, shape (r, n − 1): the joint probability that the
-        scatter has this value and that the parameter changed by a step just before this campaign.
+        Posterior probabilities for r values of the machine's scatter from campaign to campaign, and
+        for the campaigns 2 to n, shape (r, n − 1). Each is the probability that the scatter has
+        this value and that the parameter changed by a step just before the campaign.
     levels
         Values of all parameters at the last campaign.
     chart
@@ -634,10 +635,10 @@ def _estimates(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        One posterior probability for each of r values of the machine's scatter from campaign to
-        campaign, each of the campaigns 2 to n, and each of p parameters, shape (r, n − 1, p): the
-        joint probability that the scatter has this value and that this parameter changed by a step
-        just before this campaign.
+        Posterior probabilities for r values of the machine's scatter from campaign to campaign, for
+        the campaigns 2 to n, and for p parameters, shape (r, n − 1, p). Each is the probability
+        that the scatter has this value and that the parameter changed by a step just before the
+        campaign.
     prob
         Probability of the credible intervals.
     """

@@ -295,9 +295,9 @@ def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
 def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[str, Any]:
     """Return a dictionary with what the certificate file states about one value.
 
-    The value is a stiffness, a ratio or a difference. A ratio is one stiffness divided by
-    another; a difference is one compliance minus another. ``name`` is the name for programs,
-    ``shown`` the name for readers, and ``kind`` the kind of the quantity, such as "ratio". The
+    The value is a stiffness, a ratio or a difference. A ratio is one stiffness divided by another;
+    a difference is one compliance minus another. ``name`` is the name that programs use, ``shown``
+    the name that people read, and ``kind`` the kind of the quantity, such as "ratio". The
     dictionary is empty if only a lower limit of ``value`` is known.
     """
     if value.only_lower_limit:
@@ -318,8 +318,8 @@ def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection
     """Return a dictionary with what the certificate file states about a direction in a plane.
 
     The direction is stated as an angle from the machine axis ``axis`` [°]. ``name`` is the name of
-    the angle for programs, and ``shown`` its symbol for readers. The dictionary is empty if the
-    readings do not determine the direction.
+    the angle that programs use, and ``shown`` is the symbol that people read. The dictionary is
+    empty if the readings do not determine the direction.
     """
     if not direction.is_determined:
         return {}
