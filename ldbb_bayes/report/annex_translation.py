@@ -1,6 +1,6 @@
 """Translation of the annex, sentence by sentence, with a catalogue whose keys are English texts.
 
-The annex consists of the sections of the report that follow the two sheets of the certificate. The
+The annex consists of the sections of the report that follow the two sheets of its certificate. The
 texts of the annex are first made in English, in the same words that the terminal shows. When the
 HTML page is made, each English text is looked up in the catalogue and replaced by its translation,
 as in the program gettext. A key of the catalogue may have placeholders in braces, such as ``{a}``.
@@ -109,7 +109,7 @@ class AnnexTranslation:
     Parameters
     ----------
     words
-        Texts of the certificate's sheets in the language of the translation.
+        Texts of the sheets of the report's certificate, in the language of the translation.
     catalogue
         The translations of English texts.
     kept
@@ -333,7 +333,7 @@ def annex_translation(words: Words, kept: frozenset[str]) -> AnnexTranslation | 
     Parameters
     ----------
     words
-        Texts of the sheets, in the language of the sheets.
+        Texts of the report's certificate, in its language.
     kept
         Texts that are not translated, such as names of tests.
 

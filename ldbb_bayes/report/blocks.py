@@ -1,4 +1,4 @@
-"""Building blocks of the certificate's sheets, for both the HTML page and the PDF file."""
+"""Building blocks of the report's certificate, for both the HTML page and the PDF file."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ldbb_bayes.results import Table
 
 __all__ = ["Banner", "Block", "Fields", "Items", "Pair", "PictureRow", "ReportSheet"]
 
-# A figure needs the full width of a certificate's sheet if its width is more than this value times
-# its height.
+# A figure needs the full width of a sheet of the report's certificate if the figure's width is more
+# than this value times its height.
 _WIDE = 1.6
 
 
 @dataclass(frozen=True)
 class Fields:
-    """Form fields of a certificate's sheet, each with a name and its text.
+    """Form fields on a sheet of the report's certificate, each with a name and its text.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Fields:
 
 @dataclass(frozen=True)
 class Banner:
-    """Banner of a certificate: one sentence on whether the stated results can be used.
+    """Banner of the report's certificate: one sentence on whether the results can be used.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Banner:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A figure of a certificate's sheet, with a list beside or below the figure.
+    """A figure on a sheet of the report's certificate, with a list beside or below the figure.
 
     Parameters
     ----------
@@ -71,14 +71,14 @@ class Pair:
 
     @property
     def wide(self) -> bool:
-        """Whether the figure needs the sheet's full width, so that the list is placed below it."""
+        """Whether the figure is so wide that the list is placed below it."""
         width, height = self.picture.figure.get_size_inches()
         return bool(width > _WIDE * height)
 
 
 @dataclass(frozen=True)
 class Items:
-    """A heading of a certificate's sheet with a list of sentences below it.
+    """A heading on a sheet of the report's certificate, with a list of sentences below it.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Items:
 
 @dataclass(frozen=True, eq=False)
 class PictureRow:
-    """Figures of a certificate's sheet, side by side or one below the other.
+    """Figures on a sheet of the report's certificate, side by side or one below the other.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ Block: TypeAlias = str | Fields | Banner | Items | Table | Pair | PictureRow | P
 
 @dataclass(frozen=True)
 class ReportSheet:
-    """One sheet of the certificate, which fills one page of A4.
+    """One sheet of the report's certificate. The sheet fills one page of A4.
 
     Parameters
     ----------

@@ -58,8 +58,8 @@ class Findings:
         Function that returns a design of the next tests, or a string that states why there is no
         design.
     averaged
-        Posterior averaged over models. If it is present, the certificate's sheets state its
-        estimates. None if no average was computed.
+        Posterior averaged over models. If it is present, the sheets of the report's certificate
+        state its estimates. None if no average was computed.
     tolerances
         Tolerances; the keys are names of quantities. Default: the tolerances of the campaign.
     sheets_only
@@ -77,7 +77,7 @@ class Findings:
 
     @property
     def numbers(self) -> xr.DataTree:
-        """Posterior from which the estimates on the certificate's sheets are computed.
+        """Posterior from which the estimates on the report's certificate are computed.
 
         This is the averaged posterior if an average over models was computed, and otherwise the
         posterior of the fit.
@@ -128,16 +128,16 @@ class Findings:
 
     @cached_property
     def judged(self) -> JudgedQuantities:
-        """Verdicts on the quantities that the certificate's sheets state.
+        """Verdicts on the quantities that the report's certificate states.
 
-        A verdict states how far the readings determine a quantity. If the numbers of the sheets are
-        averages over models, the verdicts are averages, too.
+        A verdict states how far the readings determine a quantity. If the estimates on the
+        certificate are averages over models, the verdicts are averages, too.
         """
         return judge_quantities(self.numbers)
 
     @property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
-        """Verdicts on how far the readings determine each parameter that the certificate states.
+        """Verdicts on how far the readings determine the parameters on the report's certificate.
 
         The keys are the names of the parameters.
         """
@@ -163,7 +163,10 @@ class Findings:
 
     @cached_property
     def budgets(self) -> Mapping[str, Budget]:
-        """Uncertainty budgets of the parameters that the certificate states, by parameter name."""
+        """Uncertainty budgets of the parameters that the report's certificate states.
+
+        The keys are the names of the parameters.
+        """
         return budget_uncertainty(self.numbers)
 
     @cached_property

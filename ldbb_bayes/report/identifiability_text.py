@@ -1,4 +1,4 @@
-"""Tables and sentences on how far the readings determine each parameter, and on what would help."""
+"""Tables and sentences on the identifiability of parameters, and on measures to improve it."""
 
 from __future__ import annotations
 

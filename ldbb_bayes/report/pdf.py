@@ -1,4 +1,4 @@
-"""Conversion of the certificate's sheets to a PDF of A4 pages, with the library fpdf2.
+"""Conversion of the report's certificate to a PDF of A4 pages, with the library fpdf2.
 
 Lengths are in millimetres, font sizes in points, and grey levels from 0 (black) to 255 (white).
 """
@@ -57,9 +57,9 @@ _MOST_ATTEMPTS = 8
 _POWER_OF_TEXT = 2.0
 # The height of a figure is proportional to this power of the font size.
 _POWER_OF_FIGURES = 1.0
-# Whenever the font size is reduced, the new size is chosen to leave this height empty at the bottom
-# of the page [mm]. The sheet then usually fits even if the lines are broken differently than
-# expected.
+# Whenever the font size of a sheet is reduced, the new size is chosen to leave this height empty at
+# the bottom of the page [mm]. The sheet then usually fits even if the lines are broken differently
+# than expected.
 _SPARE_HEIGHT = 1.0
 
 

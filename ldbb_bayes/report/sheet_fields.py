@@ -1,4 +1,4 @@
-"""Form fields of the certificate's sheets: the machine, the tests, and the assumptions."""
+"""Form fields of the report's certificate: the machine, the tests, and the assumptions."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ __all__ = ["assumption_fields", "campaign_fields", "identity_fields", "shorten"]
 _LONGEST_ENTRY = 70  # largest number of characters of the text in a form field
 _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place")
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
-# Entries of the campaign that state the machine and the date. Both sheets of the certificate show
-# these entries.
+# Entries of the campaign that state the machine and the date. Both sheets of the report's
+# certificate show these entries.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# Sheet 1 of the certificate states the source from which the order of the tests is known. The keys
-# of this dictionary are the possible sources, such as the start times of the tests. Each value is
-# the key under which the catalogue of words holds the text on the source.
+# Sheet 1 of the report's certificate states the source from which the order of the tests is known.
+# The keys of this dictionary are the possible sources, such as the start times of the tests. Each
+# value is the key under which the catalogue of words holds the text on the source.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",
@@ -38,8 +38,8 @@ _ORDER_ENTRIES = {
     TimeSource.NO_DRIFT: "entries.no_drift",
 }
 # Model term that describes the errors of each part of the instrument; the keys are the parts. The
-# sheet states the uncertainty of each part in a separate form field. The sheet's list of other
-# assumed effects therefore leaves these model terms out.
+# report's certificate states the uncertainty of each part in a separate form field. Its list of
+# other assumed effects therefore leaves these model terms out.
 _TERM_OF_PIECE = {
     "bar": BarLength.__name__,
     "work": BallForm.__name__,
@@ -61,7 +61,7 @@ def shorten(text: str) -> str:
 
 
 def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
-    """Yield the form fields of the certificate's sheet 1, such as the operator's name.
+    """Yield the form fields on sheet 1 of the report's certificate, such as the operator's name.
 
     If the campaign does not state the content of a field, the text of the field is empty.
 
@@ -70,7 +70,7 @@ def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str
     findings
         All results of a fit that a report shows.
     words
-        Texts of the sheets, in the language of the sheets.
+        Texts of the report's certificate, in its language.
 
     Yields
     ------
@@ -95,7 +95,7 @@ def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], 
     findings
         All results of a fit that a report shows.
     words
-        Texts of the sheets, in the language of the sheets.
+        Texts of the report's certificate, in its language.
 
     Returns
     -------
@@ -171,7 +171,7 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
     Parameters
     ----------
     numbers
-        Quantities that the sheets state.
+        Quantities that the report's certificate states.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""Texts on whether the certificate's results can be used, and on undetermined quantities."""
+"""Texts on whether a report's results can be used, and on undetermined quantities."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ _MOST_REASONS = 2  # largest number of reasons that the banner states
 # If a reason in the banner names at most this many quantities, it states their names in words. If a
 # reason names more quantities, it states their symbols.
 _MOST_IN_WORDS = 2
-_MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
+# largest number of undetermined quantities that the report's certificate lists
+_MOST_UNDETERMINED = 12
 
 
 def banner(numbers: SheetNumbers) -> Banner:

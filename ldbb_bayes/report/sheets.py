@@ -1,4 +1,4 @@
-"""The two sheets of the certificate. The files report.html and report.pdf both show them."""
+"""The two sheets of the report's certificate, which report.html and report.pdf both show."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ __all__ = ["sheets"]
 def sheets(
     findings: Findings, *, language: str = "en", force_N: float | None = None
 ) -> tuple[ReportSheet, ...]:
-    """Return the two sheets of the certificate. Sheet 2 has all results.
+    """Return the two sheets of the report's certificate. Sheet 2 has all results.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def sheets(
 
 
 def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
-    """Yield the content of sheet 1 (figures, tables and lists) from top to bottom."""
+    """Yield the content of the certificate's sheet 1: figures, tables and lists."""
     words = numbers.words
     findings = numbers.findings
     yield banner(numbers)
@@ -111,11 +111,11 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _picture(key: str, subject: Any, caption: str, words: Words, **options: Any) -> Picture:
-    """Return a figure in the language of the sheets, with the decimal mark of this language.
+    """Return a figure in the language of the report's certificate, with its decimal mark.
 
     ``key`` is the name of the figure, ``subject`` the result that it shows, and ``caption`` its
-    caption. ``words`` holds the texts of the sheets. ``options`` are passed to the function that
-    draws the figure.
+    caption. ``words`` holds the texts of the certificate. ``options`` are passed to the function
+    that draws the figure.
     """
     drawn = picture(key, subject, caption, words=words.table["figures"], **options)
     translate_ticks(drawn.figure, words.number)
@@ -128,9 +128,9 @@ def _signatures(words: Words) -> Fields:
 
 
 def _averaged_models(findings: Findings, words: Words) -> str:
-    """Return a sentence that names the model from which the numbers of the sheets come.
+    """Return a sentence that names the model from which the estimates on the certificate come.
 
-    If the numbers are averages over models, the sentence states the probability of each model.
+    If the estimates are averages over models, the sentence states the probability of each model.
     """
     probabilities = findings.probabilities
     if not probabilities:
@@ -160,7 +160,7 @@ def _averaged_models(findings: Findings, words: Words) -> str:
 
 
 def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
-    """Yield the content of sheet 2, with all parameters and figures, from top to bottom."""
+    """Yield the content of the certificate's sheet 2, with all parameters and figures."""
     words = numbers.words
     findings = numbers.findings
     compliances = []
@@ -222,11 +222,11 @@ def _sums(findings: Findings, words: Words) -> Iterator[str]:
 
 
 def _gum_sentence(numbers: SheetNumbers) -> str:
-    """Return a sentence that compares the sheet's intervals with intervals according to the GUM.
+    """Return a sentence that compares credible intervals with intervals according to the GUM.
 
-    The intervals according to the GUM are computed with the law of propagation of uncertainty. The
-    sentence states for which parameters they are the same as those of the sheet. The comparison
-    follows the validation procedure of JCGM 101.
+    The second kind of interval follows from the GUM's law of propagation of uncertainty. The
+    sentence states for which parameters both intervals are the same. The comparison follows the
+    validation procedure of JCGM 101.
     """
     words = numbers.words
     validation = numbers.findings.gum_validation
@@ -248,7 +248,7 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     Each effect is a model term, such as the mount. A verdict states how far the readings determine
     a parameter. The verdict names the effects that the parameter is confounded with, and the effect
     that contributes most to the parameter's variance. Each explanation is a text in the language of
-    the sheets.
+    the report's certificate.
     """
     words = numbers.words
     partners: dict[str, None] = {}
@@ -312,7 +312,7 @@ def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuan
 def _table(
     numbers: SheetNumbers, caption: str, keys: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> Table:
-    """Return a table whose column headings are in the language of the sheet.
+    """Return a table whose column headings are in the language of the report's certificate.
 
     ``keys`` are the keys of the headings in the catalogue of words, such as ``value``. ``rows``
     holds the texts of the cells.

@@ -1,4 +1,4 @@
-"""One quantity that the sheets of the certificate state, with its uncertainty."""
+"""One quantity that the sheets of the report's certificate state, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ValueAndU:
 
 @dataclass(frozen=True)
 class StatedQuantity:
-    """One quantity that the sheets of the certificate state.
+    """One quantity that the sheets of the report's certificate state.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class StatedQuantity:
     is_undetermined: bool = False
 
     def value_and_U(self) -> ValueAndU:
-        """Return the value and its expanded uncertainty (k = 2), in the unit shown on the sheets.
+        """Return the value and its expanded uncertainty (k = 2), in the unit that readers see.
 
         If only a limit is stated, the limit takes the place of the value, and no U is stated.
         """

@@ -1,4 +1,7 @@
-"""Texts of the sheets in several languages, from the files templates/words_<language>.toml."""
+"""Texts of the report's certificate in several languages.
+
+The texts are read from the files templates/words_<language>.toml.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ _TEMPLATES = files("ldbb_bayes.report") / "templates"
 
 @dataclass(frozen=True)
 class Words:
-    """Texts of the certificate's sheets in one language.
+    """Texts of the report's certificate in one language.
 
     Parameters
     ----------
@@ -50,11 +53,11 @@ class Words:
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:
-        """Return items joined to one string, such as "a, b and c", in the sheets' language."""
+        """Return items joined to one string in the certificate's language, such as "a, b and c"."""
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:
-        """Return the label of a unit with the word "per" translated into the sheets' language."""
+        """Return the label of a unit with "per" translated into the certificate's language."""
         return label.replace(" per ", str(self.table["per"]))
 
     def percent(self, probability: float) -> str:
@@ -71,7 +74,7 @@ class Words:
         return self("percent", value=f"{sign}{shown:.0f}")
 
     def term(self, name: str) -> str:
-        """Return the name of a model term or parameter in the language of the sheets.
+        """Return the name of a model term or parameter in the language of the report's certificate.
 
         ``name`` is the class name of the model term, such as ``BarLength``, or the name of the
         parameter. The names of terms that a user has defined are not translated.
@@ -95,7 +98,7 @@ def languages() -> tuple[str, ...]:
 
 @cache
 def words_of(language: str) -> Words:
-    """Return the texts of the certificate's sheets in a language.
+    """Return the texts of the report's certificate in the language ``language``.
 
     Parameters
     ----------

@@ -34,9 +34,9 @@ def workflow_checks(workflow: Workflow) -> Figure:
     readings were then predicted. The panel shows the sorted p-values of these predictions. It also
     shows intervals: each p-value lies in its interval with a probability of 95 % if all p-values
     are uniformly distributed. The third panel shows the parameters that depend on their prior. The
-    fourth panel shows the weights with which the models together predict left-out circles best. The
-    ranks of the simulation-based calibration are not in this figure; the function `rank_ecdf` draws
-    them.
+    fourth panel shows the stacking weights of the models: the weights with which an average of all
+    models predicts left-out circles best. The ranks of the simulation-based calibration are not in
+    this figure; the function `rank_ecdf` draws them.
 
     Parameters
     ----------
