@@ -225,7 +225,7 @@ def _gum_sentence(numbers: SheetNumbers) -> str:
     """Return a sentence that compares credible intervals with intervals according to the GUM.
 
     The second kind of interval follows from the GUM's law of propagation of uncertainty. The
-    sentence states for which parameters both intervals are the same. The comparison follows the
+    sentence states for which parameters both kinds of interval agree. The comparison follows the
     validation procedure of JCGM 101.
     """
     words = numbers.words

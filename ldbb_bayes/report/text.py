@@ -270,7 +270,8 @@ def _largest_sources(budget: Budget) -> str:
     """Return a string that names the largest sources of a parameter's variance.
 
     For each source, the string states its share of the variance [%]. It also states whether the
-    size of the source was measured in the campaign, is stated by the user, or is assumed.
+    standard uncertainty of the source was measured in the campaign, is stated by the user, or is
+    assumed by the model.
     """
     shares = {}
     for contribution in budget.contributions:

@@ -768,9 +768,10 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
 
 def origin_words(origin: str) -> str:
-    """Return a string that states where the size of a source of uncertainty comes from.
+    """Return a string that states where the size of a source of variance comes from.
 
-    ``origin`` is "measured here", "stated" or "assumed".
+    The size is the standard uncertainty of the source. ``origin`` is "measured here", "stated" or
+    "assumed".
     """
     return str(_SENTENCES["origins"][origin])
 
@@ -778,9 +779,8 @@ def origin_words(origin: str) -> str:
 def origins_in_words(entry: ParameterIdentifiability) -> str:
     """Return a string with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
 
-    The origin states where the size of a source of variance comes from. The three shares [%] are,
-    in this order, those of the sources whose size was measured in the campaign, whose size the user
-    stated, and whose size the model assumes.
+    The three shares [%] are, in this order, those of the sources whose standard uncertainty was
+    measured in the campaign, was stated by the user, and was assumed by the model.
     """
     return " / ".join(f"{100.0 * share:.0f}" for share in entry.origin_shares.values())
 
