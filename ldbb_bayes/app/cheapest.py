@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,6 +14,7 @@ from ldbb_bayes.analysis.design.certificate_offers import offers_in
 from ldbb_bayes.analysis.design.goals import goals_in
 from ldbb_bayes.app.fields import RESULT, linear_model, typed_value
 from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts
+from ldbb_bayes.app.page_words import LANGUAGES, words_of_page
 from ldbb_bayes.app.planning import changes_between, pilot_row, test_row
 from ldbb_bayes.app.understanding import refusal
 from ldbb_bayes.cli.design_options import COST_OPTIONS, DESIGN_OPTIONS
@@ -69,9 +71,23 @@ def _option_value(name: str, asked: Mapping[str, Any], folder: Path) -> Any:
     """
     option = DESIGN_OPTIONS[name]
     text = str(asked.get(name, "")).strip()
+    if name == _CERTIFICATES:
+        text = _certificates_as_in_command(text)
     if not text:
         return None
     return option.read(typed_value(option, name, text, folder), name)
+
+
+def _certificates_as_in_command(text: str) -> str:
+    """Return a list of certificates with their names as the command ``design`` writes them.
+
+    The names may be typed in any language of the page: "Kugeln G10=300" becomes "balls G10=300".
+    """
+    for language in LANGUAGES:
+        names = words_of_page(language)["cheapest"]["certificate_names"]
+        for name, typed in names.items():
+            text = re.sub(rf"\b{typed}\b", name, text, flags=re.IGNORECASE)
+    return text
 
 
 def _costs_of(asked: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -25,9 +25,10 @@ from ldbb_bayes.app.computation import Computation
 from ldbb_bayes.app.fields import FIELDS, FILES, RESULT
 from ldbb_bayes.app.goal_fields import goal_texts
 from ldbb_bayes.app.house import House
+from ldbb_bayes.app.page_words import LANGUAGES
 from ldbb_bayes.app.planning import PLAN, forecast, plan
 from ldbb_bayes.app.session import Session
-from ldbb_bayes.app.templates import LANGUAGES, LARGEST_FILE, MOST_FILES
+from ldbb_bayes.app.templates import LARGEST_FILE, MOST_FILES
 from ldbb_bayes.app.understanding import understand
 from ldbb_bayes.app.worth import effects_of_certificates
 from ldbb_bayes.report.message_translation import in_language

@@ -32,8 +32,8 @@ from starlette.types import ASGIApp
 from ldbb_bayes.app.desk import Desk
 from ldbb_bayes.app.guard import LOOPBACK, Guard
 from ldbb_bayes.app.house import House
+from ldbb_bayes.app.page_words import LANGUAGES, PAGES, words_of_page
 from ldbb_bayes.app.requests import ROUTES, Answer, refused
-from ldbb_bayes.app.templates import LANGUAGES, PAGES, words_of_page
 from ldbb_bayes.errors import InputError
 
 __all__ = ["application", "listening", "serve"]

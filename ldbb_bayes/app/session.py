@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from ldbb_bayes.app.computation import Computation
 from ldbb_bayes.app.fields import FIELDS, FILES, TOML
-from ldbb_bayes.app.templates import words_of_page
+from ldbb_bayes.app.page_words import words_of_page
 
 __all__ = ["Session"]
 

@@ -3,43 +3,20 @@
 from __future__ import annotations
 
 import re
-import tomllib
-from collections.abc import Mapping
-from functools import cache
-from importlib.resources import files
 from typing import Any
 
 import jinja2
 
 from ldbb_bayes.app.cheapest import COST_FIELDS
 from ldbb_bayes.app.fields import FIELDS
+from ldbb_bayes.app.page_words import words_of_page
 from ldbb_bayes.files import LARGEST_TABLE_BYTES
 from ldbb_bayes.report.message_translation import in_language
 
-__all__ = ["LANGUAGES", "LARGEST_FILE", "MOST_FILES", "PAGES", "Templates", "words_of_page"]
+__all__ = ["LARGEST_FILE", "MOST_FILES", "Templates"]
 
-LANGUAGES = ("en", "de")
 MOST_FILES = 400  # largest number of files that a session (one browser tab) may have
 LARGEST_FILE = LARGEST_TABLE_BYTES
-PAGES = files("ldbb_bayes.app") / "pages"
-
-
-@cache
-def words_of_page(language: str) -> Mapping[str, Any]:
-    """Return the texts of the browser page in a language.
-
-    Parameters
-    ----------
-    language
-        One of `LANGUAGES`.
-
-    Returns
-    -------
-    dict
-        The texts; the keys are short names. The texts of each section of the page are in a separate
-        dictionary, which is one of the values.
-    """
-    return tomllib.loads((PAGES / f"words_{language}.toml").read_text(encoding="utf-8"))
 
 
 @jinja2.pass_context

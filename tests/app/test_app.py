@@ -34,7 +34,7 @@ from campaigns import Invoke
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.discrimination import DECISIVE
 from ldbb_bayes.analysis.design.space import Space
-from ldbb_bayes.app import fields, planning, server, templates, understanding, worker
+from ldbb_bayes.app import fields, page_words, planning, server, templates, understanding, worker
 from ldbb_bayes.app.desk import Desk
 from ldbb_bayes.app.goal_fields import goal_texts, with_goals
 from ldbb_bayes.app.house import House
@@ -486,7 +486,7 @@ def pairs_of_words(english: Any, german: Any) -> list[tuple[str, str]]:
 
 
 def test_both_languages_say_the_same_things() -> None:
-    english, german = (templates.words_of_page(language) for language in templates.LANGUAGES)
+    english, german = (page_words.words_of_page(language) for language in page_words.LANGUAGES)
     free = {"labels", "what", "phrases", "instrument", "choices"}
     assert english.keys() == german.keys()
     for key in english.keys() - free - {"decimal"}:

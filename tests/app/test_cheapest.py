@@ -182,6 +182,14 @@ def test_a_refused_entry_has_german_words(fitted: Path, asked: dict[str, str]) -
     assert in_language(message, "de") is not None, message
 
 
+def test_certificates_may_be_named_in_german(fitted: Path) -> None:
+    balls = "Kugeln G5=1, Werkstückkugel G5=1, Werkzeugkugel G5=1"
+    others = "Messgerät=1, Aufnahme=1, Kraft=1, Winkel=1"
+
+    assert cheapest.wrong_entry(fitted, {"certificates": balls}) == {}
+    assert cheapest.wrong_entry(fitted, {"certificates": others}) == {}
+
+
 def test_entries_that_can_be_used_are_not_refused(fitted: Path) -> None:
     assert cheapest.wrong_entry(fitted, ASKED) == {}
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.app import fields, templates
+from ldbb_bayes.app import fields, page_words
 
-WORDS = templates.words_of_page("en")
+WORDS = page_words.words_of_page("en")
 CIRCLE = field_files.TRUTH[0]
 ANGLE_DEG = CIRCLE.angle_deg
 READING_UM = CIRCLE.reading_um

@@ -15,7 +15,7 @@ import messages
 import pytest
 from campaigns import Invoke
 
-from ldbb_bayes.app.templates import words_of_page
+from ldbb_bayes.app.page_words import words_of_page
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.message_translation import in_language, is_own_text
