@@ -33,8 +33,8 @@ def _one_of_each_kind() -> dict[str, asyncio.Semaphore]:
 class House:
     """All sessions (browser tabs), and the process that answers the requests of their pages."""
 
-    folder: Path  #: Folder that holds one folder for each session.
-    desk: Desk  #: Process that answers the requests of all sessions.
+    folder: Path  #: Folder that holds one folder for each session (browser tab).
+    desk: Desk  #: Process that answers the requests of all sessions (browser tabs).
     templates: Templates = field(default_factory=Templates)  #: Templates of the browser page.
     #: Sessions; the keys are `Session.key`.
     sessions: dict[str, Session] = field(default_factory=dict)
@@ -62,9 +62,10 @@ class House:
         shutil.rmtree(session.folder, ignore_errors=True)
 
     async def look_after(self) -> None:
-        """End sessions that nobody uses, delete their files, and stop abandoned computations.
+        """End sessions (browser tabs) that nobody uses, and stop abandoned computations.
 
-        These steps are repeated every second until the task is cancelled.
+        The files of the ended sessions are deleted. These steps are repeated every second until the
+        task is cancelled.
         """
         while True:
             await asyncio.sleep(LOOK_S)
@@ -74,7 +75,8 @@ class House:
             for kind in self.turns:
                 self._stop_abandoned(kind)
             for folder in self.folder.iterdir():
-                # A computation may have written files after the end of its session: delete them.
+                # A computation may have written files after the end of its session (browser tab):
+                # delete them.
                 if folder.name not in self.sessions:
                     shutil.rmtree(folder, ignore_errors=True)
 
@@ -162,5 +164,5 @@ def _result_or_refusal(
 
 
 def _refusal_of_files(session: Session, error: OSError) -> dict[str, Any]:
-    """Return the refusal for files of a session that could not be copied."""
+    """Return the refusal for files of a session (one browser tab) that could not be copied."""
     return session.refusal("unexpected", error=error.strerror or "a file could not be copied")

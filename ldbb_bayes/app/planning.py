@@ -108,7 +108,7 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
 
 
 class _Report(NamedTuple):
-    """Folder and time that together identify one report of a session.
+    """Folder and time that together identify one report of a session (one browser tab).
 
     Results that are computed from the report are cached under this key, so that they are computed
     again after a new report was written.
@@ -121,7 +121,7 @@ class _Report(NamedTuple):
 
 # Campaign on which a plan of the next tests is based, with the results of its fit.
 class _Pilot(NamedTuple):
-    campaign: lb.Campaign  #: Campaign of the session's report.
+    campaign: lb.Campaign  #: Campaign of the report of the session (one browser tab).
     #: Standard uncertainty of every parameter from the fit with compliance linear in force.
     sd: Mapping[str, float]
     #: Estimate of every parameter from the fit with compliance linear in force.

@@ -197,7 +197,7 @@ async def _add_file(house: House, session: Session, request: Request) -> Respons
             path.replace(session.folder / FILES / name)
             session.names[name] = sent_name
             session.update_after_file_change()
-        except (ClientDisconnect, OSError):  # an OSError means that the session has ended
+        except (ClientDisconnect, OSError):  # an OSError: the session (browser tab) has ended
             return refused(session.word("broken_off", name=name), 400)
         finally:
             path.unlink(missing_ok=True)
@@ -361,9 +361,9 @@ async def _send_cheapest(house: House, session: Session, request: Request) -> Re
 
 
 async def _send_result(house: House, session: Session, request: Request) -> Response:
-    """Return a response with a file of the session's report or plan, or with a ZIP archive.
+    """Return a response with a file of a session's report or plan, or with a ZIP archive.
 
-    The last part of the URL path is the name of the file.
+    A session is one browser tab. The last part of the URL path is the name of the file.
     """
     name = request.path_params["name"]
     folder = session.folder / RESULT
@@ -414,7 +414,8 @@ def _zip_folder(folder: Path) -> bytes:
     return buffer.getvalue()
 
 
-#: HTTP method and URL path (within a session) of every request, and the function that answers it.
+#: HTTP method and URL path of every request from a session (one browser tab), and the function that
+#: answers the request.
 ROUTES: tuple[tuple[str, str, Answer], ...] = (
     ("GET", "/", _show_page),
     ("GET", "/part/{name}", _show_section),

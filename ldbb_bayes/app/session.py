@@ -17,7 +17,7 @@ from ldbb_bayes.app.page_words import words_of_page
 __all__ = ["Session"]
 
 _JOB = "job"  # subfolder of a session (one browser tab) in which its report is made
-_SEARCH = "search"  # subfolder of a session for the search for the cheapest campaign
+_SEARCH = "search"  # subfolder of a session (browser tab) for the search for the cheapest campaign
 # Times without a request after which a session ends [s]. ``CLOSED_S`` applies after the session's
 # browser tabs were closed, and is long enough to reload the page. ``UNOPENED_S`` applies if no tab
 # was ever opened. ``SILENT_S`` applies while a tab is open, and is long because tabs in the
@@ -31,8 +31,8 @@ SILENT_S = 3600.0
 class Session:
     """One session: a browser tab with its files, its typed entries and its computations."""
 
-    key: str  #: Random text that identifies the session in URL paths.
-    folder: Path  #: Folder of the session's files.
+    key: str  #: Random text that identifies the session (browser tab) in URL paths.
+    folder: Path  #: Folder of the files of the session (browser tab).
     language: str  #: Language of the page, en or de.
     #: Texts that the user typed on the page; the keys are the names of the entry fields.
     choices: dict[str, str] = field(default_factory=dict)
@@ -47,7 +47,7 @@ class Session:
     asked: dict[str, Any] = field(default_factory=dict)
     #: Texts of the goals and costs with which the cheapest campaign was last searched for.
     searched: dict[str, Any] = field(default_factory=dict)
-    #: Time of the last request from the session's page, on the monotonic clock [s].
+    #: Time of the last request from the session (browser tab), on the monotonic clock [s].
     last_request_s: float = field(default_factory=time.monotonic)
     #: Identifiers of the browser tabs that show the session; None before the first request.
     tabs: set[str] | None = None
@@ -71,7 +71,7 @@ class Session:
 
     @property
     def computations(self) -> dict[str, Computation]:
-        """The computations of the session; the keys are their kinds: fit and search."""
+        """Computations of the session (browser tab); the keys are their kinds: fit and search."""
         return {self.fit.kind: self.fit, self.search.kind: self.search}
 
     @property
@@ -126,12 +126,13 @@ class Session:
         self.edition += 1
 
     def state(self) -> dict[str, Any]:
-        """Return a dictionary that describes the session; the page requests it repeatedly.
+        """Return a dictionary that describes the session (browser tab).
 
-        The dictionary states the number of files, whether a fit is running, and the progress and
-        the outcome of the fit. ``searching`` states whether a search for the cheapest campaign is
-        running, and ``search_progress`` how far it is. ``edition`` is the number of changes that
-        the user has made so far, and ``fitted`` the number of changes when the report was made.
+        The page requests the dictionary repeatedly. The dictionary states the number of files,
+        whether a fit is running, and the progress and the outcome of the fit. ``searching`` states
+        whether a search for the cheapest campaign is running, and ``search_progress`` how far it
+        is. ``edition`` is the number of changes that the user has made so far, and ``fitted`` the
+        number of changes when the report was made.
         """
         return {
             "files": len(self.held),
@@ -145,14 +146,14 @@ class Session:
         }
 
     def word(self, key: str, **values: object) -> str:
-        """Return the text of a refusal in the language of the session.
+        """Return the text of a refusal in the language of the page.
 
         ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def refusal(self, key: str, **values: object) -> dict[str, Any]:
-        """Return a refusal in the language of the session, as the page's templates need it.
+        """Return a refusal in the language of the page, as the page's templates need it.
 
         ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """
@@ -166,7 +167,7 @@ class Session:
         return {**self.choices, "language": self.language}
 
     def stop(self) -> None:
-        """Stop the computations of the session at once, and end all their processes."""
+        """Stop the computations of the session (browser tab), and end all their processes."""
         for computation in self.computations.values():
             computation.stop()
 

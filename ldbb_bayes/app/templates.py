@@ -1,4 +1,4 @@
-"""Templates for the HTML of the browser page, filled with texts in the language of a session."""
+"""Templates for the HTML of the browser page, filled with texts in the language of the page."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def _with_decimal_mark(context: jinja2.runtime.Context, value: object) -> str:
 def _in_language_of_page(context: jinja2.runtime.Context, message: str) -> str | None:
     """Return a message in the language of the page, or None if the message exists only in English.
 
-    Names of the session's files, of its campaign and of its tests are not translated. ``context``
-    holds the values with which the template is filled.
+    Names of files, of the campaign and of its tests are not translated. ``context`` holds the
+    values with which the template is filled.
     """
     names: list[str] = []
     if "session" in context:

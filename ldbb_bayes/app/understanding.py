@@ -125,7 +125,7 @@ def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) 
     Parameters
     ----------
     folder
-        Folder of the session.
+        Folder of the session (one browser tab).
     choices
         Texts typed on the page; the keys are the names of the entry fields.
     error

@@ -62,12 +62,12 @@ def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) ->
 
 
 def main() -> None:
-    """Fit or search for a session; a process that the server starts runs this function.
+    """Fit or search for one browser tab; a process that the server starts runs this function.
 
     The three arguments of the process are a folder, the id of the server's process and the kind of
-    computation: fit or search. The folder holds a copy of the session's files. The results, the
-    progress (``progress.json``) and the outcome (``outcome.json``) are written into the same
-    folder.
+    computation: fit or search. The folder holds a copy of the files of the browser tab. The
+    results, the progress (``progress.json``) and the outcome (``outcome.json``) are written into
+    the same folder.
     """
     job = Path(sys.argv[1])
     parent = int(sys.argv[2])

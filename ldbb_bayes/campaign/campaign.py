@@ -237,8 +237,9 @@ class Campaign(CampaignFields):
     def _check_pilot(self) -> None:
         """Raise an `InputError` if a plan cannot be designed from its pilot.
 
-        The pilot must be a campaign, and its machine must have the same topology (sequence of axes)
-        as the machine of the plan. If the plan has no pilot, ``adds_to_pilot`` must be false.
+        The pilot is the campaign or plan from which a plan is designed. Its machine must have the
+        same topology (sequence of axes) as the machine of the plan. If the plan has no pilot,
+        ``adds_to_pilot`` must be false.
         """
         if self.pilot is None:
             require(

@@ -28,8 +28,9 @@ def write_campaign_into(campaign: Campaign, folder: Path) -> None:
 
     No CSV file is written for tests without readings, which are the tests of a plan and the
     foreseen tests (tests that may be run later). If the angles of a foreseen test are unevenly
-    spaced, the same number of evenly spaced angles is written instead. The pilot of a plan is
-    written into the subfolder ``pilot``.
+    spaced, the same number of evenly spaced angles is written instead. The pilot of a plan, which
+    is the campaign or plan from which the plan was designed, is written into the subfolder
+    ``pilot``.
     """
     if campaign.pilot is not None:
         pilot_folder = folder / PILOT_NAME

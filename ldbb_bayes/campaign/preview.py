@@ -227,8 +227,8 @@ def check_campaign(campaign: Campaign) -> CampaignPreview:
     Returns
     -------
     CampaignPreview
-        Summaries of the ``tests`` with their scatter, resolution and spikes, ``remarks`` on what
-        looks odd, and the ``assumptions`` that a fit would make.
+        Summaries of the ``tests`` with the scatter, resolution and spikes of their readings,
+        ``remarks`` on what looks odd, and the ``assumptions`` that a fit would make.
 
     Examples
     --------

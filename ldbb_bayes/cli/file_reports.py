@@ -184,8 +184,9 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Options that set the probability, the language, the annex, the sheets and the force; the
-        keys are the names of the arguments. Options that the user did not type are left out.
+        Options that set the probability, the language, the force, and whether the annex (the
+        sections after the certificate) is printed or left out; the keys are the names of the
+        arguments. Options that the user did not type are left out.
     """
     names = ("prob", "language", "annex", "sheets_only", "force_N")
     return {name: settings[name] for name in names if name in settings}
@@ -258,7 +259,7 @@ def _analyse_for_sheets(
 
     The two models have constant and linear compliance. The arguments are the same as in `_analyse`.
     Models are not compared and no tests are chosen, because these results are shown only in the
-    report's annex, which is not made.
+    report's annex (the sections after the certificate), which is not made.
     """
     seed = settings["seed"]
     begin_step("fit")
@@ -270,7 +271,7 @@ def _analyse_for_sheets(
 
 
 def _no_design() -> str:
-    """Return the reason why a report without annex recommends no tests."""
+    """Return the reason why a report that consists only of the certificate recommends no tests."""
     return wording.NO_ANNEX
 
 

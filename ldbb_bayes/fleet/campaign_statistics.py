@@ -24,11 +24,12 @@ __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"
 # the noise and of other effects). At each node, all other unknowns have a Gaussian distribution,
 # whose mean and covariance are computed.
 _NODES_AT_ONCE = 256
-# Number of nodes (values of the hyper-parameters) over which the moments of the parameters are
-# averaged. The nodes are selected with probabilities proportional to their weights. With this
-# number, the numerical error of a mean is a small fraction of the parameter's standard uncertainty.
+# Number of nodes over which the moments of the parameters are averaged. A node is a value of the
+# hyper-parameters (scales of the noise and of other effects). The nodes are selected with
+# probabilities proportional to their weights. With this number, the numerical error of a mean is a
+# small fraction of the parameter's standard uncertainty.
 _NODES = 512
-# Seed of the random selection of nodes (values of the hyper-parameters).
+# Seed of the random selection of nodes (values of the scales of the noise and of other effects).
 _SEED = 0
 
 

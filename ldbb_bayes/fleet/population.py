@@ -76,7 +76,8 @@ _FEWEST_MACHINES = 6
 # machines belong to the population, the probability that any machine is flagged is at most this
 # value.
 _FALSE_ALARMS = 0.05
-# Pattern of the names of compliances at the reference force; it does not match names of slopes.
+# Pattern of the names of compliances at the reference force; it does not match names of slopes,
+# which are coefficients of the change of a compliance with force.
 _CONSTANT_COMPLIANCE = re.compile(r"C_...")
 # Text of empty cells in the printed table of a population's parameters.
 _NOTHING = "–"

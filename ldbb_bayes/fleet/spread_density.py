@@ -316,7 +316,7 @@ class Spreads:
 
     @property
     def trusted(self) -> bool:
-        """Whether Pareto's k̂ of the weights is low enough to trust the random draws of spreads."""
+        """Whether the random draws can be trusted, that is, whether Pareto's k̂ is low enough."""
         return self.pareto_k <= self.good_k
 
     @property

@@ -106,6 +106,8 @@ class Catalogue(NamedTuple):
 class AnnexTranslation:
     """Translation of the texts of a report's annex into one language.
 
+    The annex consists of the sections of the report that follow the certificate.
+
     Parameters
     ----------
     words
@@ -133,7 +135,7 @@ class AnnexTranslation:
         return self._numbers(self._translated(text))
 
     def section(self, section: Section) -> Section:
-        """Return a section of the annex with all texts translated."""
+        """Return a section of the report with all its texts translated."""
         content = tuple(self._part(part) for part in section.content)
         if section.key == _GLOSSARY:
             content = tuple(_in_alphabetical_order(part) for part in content)
@@ -328,7 +330,9 @@ def has_english(text: str) -> bool:
 
 
 def annex_translation(words: Words, kept: frozenset[str]) -> AnnexTranslation | None:
-    """Return the translation of a report's annex into the language of the certificate's sheets.
+    """Return the translation of a report's annex into the language of the report's certificate.
+
+    The annex consists of the sections of the report that follow the certificate.
 
     Parameters
     ----------

@@ -70,8 +70,8 @@ _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_
 def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
     """Return all results of a fit as a dictionary.
 
-    The results include changes of compliances with force, nuisance coefficients, warnings and
-    decisions on conformity.
+    The results include changes of compliances with force, nuisance coefficients (effects that are
+    modelled but not of interest), warnings and decisions on conformity.
 
     Parameters
     ----------
@@ -99,7 +99,9 @@ def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
 class FitWords(Shown, dict[str, Any]):
     """Dictionary that describes a fit in words: its state, verdict, misfits and warnings.
 
-    The function ``print`` shows the dictionary as sentences.
+    The state and the verdict say whether the results of the fit can be used. A misfit is a feature
+    of the readings that the fitted model does not predict. The function ``print`` shows the
+    dictionary as sentences.
     """
 
     def __repr__(self) -> str:

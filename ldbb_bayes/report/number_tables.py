@@ -113,7 +113,10 @@ def _annex_tables(findings: Findings) -> dict[str, pd.DataFrame]:
 
 
 def _results(findings: Findings) -> pd.DataFrame:
-    """Return a table of the fitted model's parameters, with U (k = 2) and the verdict on each."""
+    """Return a table of the fitted model's parameters, one row for each parameter.
+
+    The columns include U (k = 2), and the verdict on how far the readings determine the parameter.
+    """
     summary = findings.summary
     verdicts = []
     for name in summary.index:

@@ -169,9 +169,10 @@ def compose(
 
 
 def _in_language(document: Document, names: frozenset[str]) -> Document:
-    """Return a report with the texts of its annex in the language of the certificate's sheets.
+    """Return a report with all texts in the language of the certificate.
 
-    ``names`` are the names of campaigns and tests, which are not translated.
+    The texts of the annex, which are the sections after the certificate, are translated. ``names``
+    are the names of campaigns and tests, which are not translated.
     """
     translation = annex_translation(words_of(document.language), names)
     if translation is None:
@@ -196,7 +197,8 @@ def _lines(findings: Findings) -> tuple[str, str, str]:
     """Return the three lines of text below the report's title.
 
     The first line states the machine and its tests. The second line states the day of the fit and
-    the version of this package. The third line names the model whose results the annex shows.
+    the version of this package. The third line names the model whose results are shown in the
+    annex, that is, in the sections after the certificate.
     """
     result = findings.result
     seen = findings.seen

@@ -464,7 +464,10 @@ def _change_remark(quantity: StatedQuantity, words: Words) -> str:
 
 
 def _verdict_remark(entry: ParameterIdentifiability | ChangeIdentifiability, words: Words) -> str:
-    """Return a short remark with the verdict on a parameter or on a change with force."""
+    """Return a short remark on how far the readings determine a parameter or a change.
+
+    ``entry`` is the verdict on a parameter, or on the change of a compliance with force.
+    """
     if entry.verdict == "confounded":
         partners = [
             words("remarks.partner", name=words.term(name), share=_percent(share, words))

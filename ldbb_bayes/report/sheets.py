@@ -42,8 +42,8 @@ def sheets(
     findings
         All results of a fit that a report shows.
     language
-        Code of the language of the sheets, such as en. The package must have a catalogue of words
-        in this language.
+        Code of the language of the sheets, such as en. The package must have texts in this
+        language.
     force_N
         Force at which stiffness and circular deviation are stated [N]. Default: the model's
         reference force.
@@ -56,7 +56,7 @@ def sheets(
     Raises
     ------
     InputError
-        The package has no catalogue of words in the language.
+        The package has no texts in the language.
     """
     words = words_of(language)
     if force_N is None:

@@ -140,15 +140,15 @@ def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_fit(fit: Fit) -> tuple[Passage, ...]:
-    # Leave out the concern "not-converged", because the verdict on the fit already states that the
-    # sampler has not converged.
+    # Leave out the concern "not-converged", because the sentence on whether the fit can be used
+    # already states that the sampler has not converged.
     concerns = tuple(concern for concern in fit.concerns if concern.kind != "not-converged")
     return (wording.fit_verdict(fit), *wording.concern_sentences(concerns, {}))
 
 
 @parts_of.register
 def _passages_of_fit_words(words: FitWords) -> tuple[Passage, ...]:
-    """Return the verdict on a fit, and the list of warnings about the fit."""
+    """Return a sentence on whether a fit can be used, and the list of warnings about the fit."""
     return (words["verdict"], tuple(words["warnings"]))
 
 

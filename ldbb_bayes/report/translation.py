@@ -87,7 +87,7 @@ class Words:
 
 
 def languages() -> tuple[str, ...]:
-    """Return the codes, such as ``en``, of the languages that have a catalogue of words."""
+    """Return the codes, such as ``en``, of the languages in which the package has texts."""
     codes = []
     for entry in _TEMPLATES.iterdir():
         match = re.fullmatch(r"words_(\w+)\.toml", entry.name)
@@ -112,7 +112,7 @@ def words_of(language: str) -> Words:
     Raises
     ------
     InputError
-        The language has no catalogue of words.
+        The package has no texts in the language.
     """
     check_known("language", [language], languages())
     catalogue = _TEMPLATES / f"words_{language}.toml"

@@ -338,9 +338,10 @@ def source_unit_words(source: str, term: str, unit: str) -> tuple[float, str]:
     """Return the unit in which an uncertainty budget shows the standard uncertainty of a source.
 
     The unit is returned as two values: the factor that converts the internal unit to the unit
-    shown, and the label of the unit shown. ``source`` is the name of a nuisance coefficient, and
-    ``term`` the class name of its model term. For noise, both names are the same. ``unit`` is the
-    internal unit; it is used only for noise.
+    shown, and the label of the unit shown. ``source`` is the name of a nuisance coefficient, which
+    describes an effect that is modelled but not of interest. ``term`` is the class name of its
+    model term. For noise, both names are the same. ``unit`` is the internal unit; it is used only
+    for noise.
     """
     if source == term:
         if unit == "N":
@@ -848,8 +849,9 @@ def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
 
     Each description names a pair of measures, and U (k = 2) of the parameters after both measures,
     such as "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". After the first measure of a
-    pair alone, these parameters would still be confounded. A parameter that is still confounded
-    after both measures is marked.
+    pair alone, these parameters would still be confounded. A parameter is confounded if the
+    readings cannot separate it from another effect. A parameter that is still confounded after both
+    measures is marked.
     """
     effects_by_pair: dict[str, list[str]] = {}
     for name, entry in result.parameters.items():

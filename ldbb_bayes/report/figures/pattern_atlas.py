@@ -22,8 +22,8 @@ from ldbb_bayes.units import display_name
 __all__ = ["compliance_atlas", "geometric_atlas"]
 
 _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
-# Largest distance between the curve of a pattern and the drawn circle, as a fraction of the
-# circle's radius.
+# The curve of a parameter's pattern (its effect on the reading) is drawn around a circle. This
+# value is the largest distance between curve and circle, as a fraction of the circle's radius.
 _SWING = 0.45
 _DASHED = (0, (4, 3))
 
