@@ -202,7 +202,7 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """A further campaign, which a report compares with the campaign that was fitted.
+    """A further campaign, which a report compares with the campaign of the report.
 
     Parameters
     ----------

@@ -24,7 +24,8 @@ _HEIGHT = 4.4  # height of the figure [inch]
 _MERIDIANS = 24
 _VIEW_DEG = (22.0, 35.0)  # elevation and azimuth from which the ellipsoid is seen [°]
 _ZOOM = 0.88  # relative size of the 3D panel; at this size, no axis name is cut off
-# half the length of each axis of the figure, divided by the ellipsoid's longest semi-axis
+# half the length of each axis of the figure, divided by the largest coordinate of the ends of the
+# ellipsoid's semi-axes
 _FARTHEST = 1.15
 
 
