@@ -82,7 +82,7 @@ def with_goals(
 def _goal_row(
     row: Mapping[str, Any], text: str, bound: BoundModel, estimates: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return texts on the goal of a table row: the permitted U, and whether U is small enough.
+    """Return texts on the goal for one parameter: the permitted U, and whether U is small enough.
 
     The texts are those that `with_goals` describes: ``wanted`` and ``reached``, or only ``refused``
     if the goal cannot be read.

@@ -1,4 +1,4 @@
-"""Texts of the browser page, in the languages in which it can be shown."""
+"""Texts of the browser page in English and in German."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def words_of_page(language: str) -> Mapping[str, Any]:
     Parameters
     ----------
     language
-        One of `LANGUAGES`.
+        Code of the language, which must be in `LANGUAGES`.
 
     Returns
     -------
