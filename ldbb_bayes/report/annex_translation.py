@@ -69,6 +69,9 @@ _SAME = frozenset(
         "tau",
     )
 )
+# Regular expression for a text that begins with the instrument, as "bar ± 1 µm" does. In other
+# places, "bar" may be the unit of pressure, which is the same in every language.
+_INSTRUMENT = re.compile(r"bar \S")
 # Regular expression for an interval such as [1.5, 2.5]. In a language with a decimal comma, a
 # semicolon is put between the two numbers.
 _INTERVAL = re.compile(r"\[([^\[\],;]+), ([^\[\],;]+)\]")
@@ -326,6 +329,8 @@ def _group(match: re.Match[str]) -> str:
 
 def has_english(text: str) -> bool:
     """Return whether a text contains an English word that needs a translation."""
+    if _INSTRUMENT.match(text):
+        return True
     return any(word not in _SAME for word in _WORD.findall(text))
 
 

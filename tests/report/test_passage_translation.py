@@ -46,6 +46,11 @@ def test_every_certificate_has_german_words(certificate: str) -> None:
     assert untranslated_texts([text], "de") == set()
 
 
+@pytest.mark.parametrize("certificate", CERTIFICATES)
+def test_a_certificate_alone_is_translated(certificate: str) -> None:
+    assert passages_in_language([certificate], "de") != (certificate,)
+
+
 @pytest.mark.parametrize("term", TERMS)
 def test_every_effect_that_holds_a_goal_has_german_words(term: str) -> None:
     text = f"{wording._holder_in_words(term)} holds it (64 % of what remains)."
