@@ -36,9 +36,8 @@ FINER = {"first": 1e-3, "default": 2e-3}
 NODES_AT_ONCE = 32
 # Number of seeds for these probabilities.
 SEEDS = 16
-# Fewest effective nodes of a truncated reference, and what its error is multiplied by to have more.
-FEWEST_NODES = 200.0
-FINER_AGAIN = 0.1
+# Fewest effective nodes of a reference made from nodes of the density without truncation.
+FEWEST_NODES = 500.0
 # Share of the campaigns that are in three planes, and of those on arcs.
 SHARE_IN_THREE_PLANES = 0.1
 SHARE_ON_ARCS = 0.4
@@ -133,17 +132,16 @@ def reference(model: lb.HybridModel, campaign: lb.Campaign, finer: float) -> flo
     """Return the log evidence from nodes of a smaller error, which start from another seed.
 
     P(T | y, φ) is finer too, and comes from other points for every few nodes. Where few nodes hold
-    most of the truncated evidence, more nodes are taken.
+    most of the truncated evidence, nodes of the truncated density itself are taken: those of the
+    density without truncation do not reach into its tail.
     """
     bound = model.bind(campaign)
     posterior = HyperPosterior(bound, truncated=bound.truncation.active, seed=1)
     fine = posterior.plain.nodes(finer).integral
     if posterior.truncated:
-        plain = fine
-        fine = _truncated(posterior, plain, finer)
+        fine = _truncated(posterior, fine, finer)
         if _effective_nodes(fine) < FEWEST_NODES:
-            plain = posterior.plain.nodes(finer * FINER_AGAIN).integral
-            fine = _truncated(posterior, plain, finer)
+            fine = posterior.nodes(finer).integral
     return float(fine.log_integral - bound.log_prob_truncation_prior)
 
 
