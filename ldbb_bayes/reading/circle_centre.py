@@ -1,46 +1,121 @@
-"""Centre of the circle that a line states, such as ``centre X300 Y-120``: told, and not used.
+"""Centre of the circle that a line states, such as ``centre X 300 Y -120 mm``.
 
-A campaign states centres in machine coordinates. Lines in files often state them in the coordinates
-of a programme or of a workpiece, and do not say in which.
+A campaign states centres in machine coordinates. A line may state them in the coordinates of a
+programme or of a workpiece. Therefore, a centre in a comment of a programme, or beside words for
+such coordinates, is told and not used.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
 
 from ldbb_bayes.campaign.circular_test import CENTRE
-from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
+from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, could_be_thousands, number_in_text
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
-__all__ = ["note_centres"]
+__all__ = ["take_centres", "without_centre"]
 
 # Regular expression for one coordinate, such as X300 or Y = -120 mm.
 _COORDINATE = rf"[XYZ]\s?[:=]?\s?{NUMBER_IN_TEXT}"
+# Regular expression for a unit behind a coordinate.
+_UNIT = r"(?:\s?(?:(?:mm|cm|m|in|inch|inches|[uµμ]m)(?!\w)|[\"″]))?"
+# Regular expression for what may stand between two coordinates.
+_BETWEEN = rf"{_UNIT}[\s,;|/]*"
 # Regular expression for a word for the centre, followed by at least two of its coordinates. The
 # letters of the axes may be missing if the numbers follow a colon, as in "Centre: 300, -120".
 _CENTRE = re.compile(
-    rf"(?<!\w)(?:{WORDS['circle']['centre']})(?!\w)(?:[^;|\t]*?(?<!\w){_COORDINATE}(?:\s?mm)?"
-    rf"[\s,;|/]*{_COORDINATE}|\s?[:=]\s?{NUMBER_IN_TEXT}(?:\s?mm)?[\s,;|/]+{NUMBER_IN_TEXT})",
+    rf"(?<!\w)(?:{WORDS['circle']['centre']})(?!\w)(?:[^;|\t]*?(?<!\w){_COORDINATE}{_BETWEEN}"
+    rf"{_COORDINATE}(?:{_BETWEEN}{_COORDINATE})?{_UNIT}|\s?[:=]\s?{NUMBER_IN_TEXT}{_UNIT}"
+    rf"[\s,;|/]+{NUMBER_IN_TEXT}{_UNIT})",
     re.IGNORECASE,
 )
+_LETTER_AND_NUMBER = re.compile(rf"(?<!\w)([XYZ])\s?[:=]?\s?({NUMBER_IN_TEXT})", re.IGNORECASE)
+# Regular expression for words which show that coordinates are not those of the machine, and for the
+# beginning of a comment in a programme.
+_OTHER_COORDINATES = re.compile(WORDS["circle"]["other_coordinates"], re.IGNORECASE)
+# Regular expression for a unit other than mm behind a coordinate.
+_OTHER_UNIT = re.compile(r"\d\s?(?:[\"″]|(?:cm|m|in|inch|inches|[uµμ]m)(?!\w))", re.IGNORECASE)
 # A note shows at most this number of characters of a line.
 _TEXT_SHOWN = 60
+_OPTION = "a [[test]] in --layout"
 
 
-def note_centres(recordings: Iterable[Recording]) -> None:
-    """Add a note on each line that states a centre, for each test whose centre nothing else states.
+class _Centre(NamedTuple):
+    """Centre that a line states."""
 
-    The centre of these tests is taken at the zero of the machine.
+    line: int | str  # number of the line, or its place in another sheet
+    text: str  # the words of the line that state the centre
+    #: coordinates in machine coordinates [mm]; the keys are the fields of a test; empty if the line
+    #: states the centre in other coordinates, in another unit, or without the letters of the axes
+    coordinates: Mapping[str, float]
+
+
+def take_centres(recordings: Iterable[Recording]) -> None:
+    """Set the centre of each test that a line states, and nothing else; a note says so.
+
+    A coordinate that the line does not state is zero. If the lines state several centres, or a
+    centre that is not clearly in machine coordinates, a note says that it is not used: the centre
+    of these tests is taken at the zero of the machine.
     """
     for recording in recordings:
         stated = recording.stated | recording.fields
-        if any(stated.get(key) is not None for key in CENTRE):
+        if "centre_mm" in recording.campaign or any(stated.get(key) is not None for key in CENTRE):
             continue
-        for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
-            centre = _CENTRE.search(text[:LONGEST_TEXT])
-            if centre is not None:
-                shown = centre[0].strip()[:_TEXT_SHOWN]
-                reason = f"line {line} says {shown!r}, perhaps not in machine coordinates"
-                recording.note("centre", "X 0, Y 0, Z 0 mm", reason, "a [[test]] in --layout")
+        lines = (*recording.lines_of_all_tests, *recording.heading.lines_above)
+        centres = list(_centres_in(lines))
+        if not centres:
+            continue
+        different = {tuple(sorted(centre.coordinates.items())) for centre in centres}
+        coordinates = centres[0].coordinates
+        if coordinates and len(different) == 1:
+            recording.fields.update(dict.fromkeys(CENTRE, 0.0) | dict(coordinates))
+            reason = (
+                f"line {centres[0].line} says {centres[0].text!r}, taken as machine coordinates"
+            )
+            recording.note("centre", _shown(coordinates), reason, _OPTION)
+            continue
+        for centre in centres:
+            reason = f"line {centre.line} says {centre.text!r}, perhaps not in machine coordinates"
+            recording.note("centre", _shown({}), reason, _OPTION)
+
+
+def without_centre(text: str) -> str:
+    """Return the text of a line with a blank in place of a centre: its numbers are no radius."""
+    return _CENTRE.sub(" ", text[:LONGEST_TEXT])
+
+
+def _centres_in(lines: Iterable[tuple[int | str, str]]) -> Iterator[_Centre]:
+    for line, content in lines:
+        text = content[:LONGEST_TEXT]
+        match = _CENTRE.search(text)
+        if match is None:
+            continue
+        coordinates = {}
+        is_other = _OTHER_COORDINATES.search(text) or _OTHER_UNIT.search(match[0])
+        if not is_other:
+            coordinates = _coordinates_of(match[0])
+        yield _Centre(line, match[0].strip()[:_TEXT_SHOWN], coordinates)
+
+
+def _coordinates_of(text: str) -> dict[str, float]:
+    """Return the coordinates in a text; empty if one is stated twice or is no clear number."""
+    coordinates: dict[str, float] = {}
+    for letter, digits in _LETTER_AND_NUMBER.findall(text):
+        key = f"centre_{letter.lower()}_mm"
+        value = number_in_text(digits)
+        is_unclear = "," in digits and could_be_thousands(digits)
+        if value is None or is_unclear or key in coordinates:
+            return {}
+        coordinates[key] = value
+    return coordinates
+
+
+def _shown(coordinates: Mapping[str, float]) -> str:
+    """Return the coordinates of a centre as text; a coordinate that is not stated is zero."""
+    texts = []
+    for letter, key in zip("XYZ", CENTRE, strict=True):
+        texts.append(f"{letter} {coordinates.get(key, 0.0):g}")
+    return f"{', '.join(texts)} mm"

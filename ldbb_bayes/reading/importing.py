@@ -24,7 +24,7 @@ from ldbb_bayes.reading.campaign_fields import (
     note_assumed_fields,
     take_stated_fields,
 )
-from ldbb_bayes.reading.circle_centre import note_centres
+from ldbb_bayes.reading.circle_centre import take_centres, without_centre
 from ldbb_bayes.reading.companion_files import or_left_out
 from ldbb_bayes.reading.diameters import halve_diameters
 from ldbb_bayes.reading.file_patterns import matching
@@ -169,7 +169,7 @@ def import_campaign(
     for k, recording in enumerate(recordings):
         loads_of_test = {key: values[k] for key, values in loads.items()}
         _take_conditions(recording, loads_of_test)
-    note_centres(recordings)
+    take_centres(recordings)
     _check_directions(recordings, campaign)
     assume_units(recordings, campaign)
     arcs = [_measured_arc(recording) for recording in recordings]
@@ -207,7 +207,8 @@ def _not_understood_of(recording: Recording) -> dict[str, str]:
     if recording.fields.get("plane") is None:
         notes["plane"] = unread_plane([*recording.lines_of_all_tests, *lines_above])
     if recording.fields.get("radius_mm") is None:
-        length = unknown_length([*lines_above, *recording.constant_columns])
+        lines = [(line, without_centre(text)) for line, text in lines_above]
+        length = unknown_length([*lines, *recording.constant_columns])
         notes["radius_mm"] = length or unknown_length_in_name(recording.names())
     return {key: note for key, note in notes.items() if note}
 

@@ -11,8 +11,10 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from ldbb_bayes.reading.line_parts import divide_line
+from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import LOAD_IN_NAME, load_in_name
-from ldbb_bayes.reading.travel_direction import is_direction
+from ldbb_bayes.reading.reading_sign import is_about_sign
+from ldbb_bayes.reading.travel_direction import directions_stated, without_directions
 from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, WORDS
 
 __all__ = ["LoadInLine", "load_of_lines", "loads_in_lines"]
@@ -20,6 +22,8 @@ __all__ = ["LoadInLine", "load_of_lines", "loads_in_lines"]
 # Regular expression for words that may stand beside the load of a test in a line that states
 # nothing else, such as "run".
 _BESIDE = re.compile(WORDS["loads"]["beside"], re.IGNORECASE)
+# Regular expression for a comma between a word and a number, which is no decimal mark.
+_COMMA_BEFORE_NUMBER = re.compile(r"(?<=[^\W\d]),(?=\d)")
 _WORD = re.compile(r"[^\W\d_]+")
 
 
@@ -45,7 +49,7 @@ def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLin
         Numbers and texts of the lines.
     """
     for line, content in lines:
-        text = content[:LONGEST_TEXT]
+        text = _COMMA_BEFORE_NUMBER.sub(", ", content[:LONGEST_TEXT])
         if LOAD_IN_NAME.search(text) is None or OTHER_QUANTITY.search(text):
             continue
         load = load_in_name([text])
@@ -67,11 +71,22 @@ def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
 
 
 def _is_clear(text: str) -> bool:
-    """Return whether a line has no words for anything but a test, its load and its direction."""
-    for part in divide_line(LOAD_IN_NAME.sub(" ", text)):
-        if is_direction(part.strip()):
+    """Return whether a line has no words for anything but a test, its load and its direction.
+
+    Other parts of the line may state something else that is understood, such as the sign of the
+    readings.
+    """
+    for part in divide_line(text):
+        has_load = LOAD_IN_NAME.search(part) is not None
+        words = _WORD.findall(without_directions(LOAD_IN_NAME.sub(" ", part)))
+        if all(_BESIDE.fullmatch(word) for word in words):
             continue
-        for word in _WORD.findall(part):
-            if not (is_direction(word) or _BESIDE.fullmatch(word)):
-                return False
+        if has_load or not _is_understood(part):
+            return False
     return True
+
+
+def _is_understood(text: str) -> bool:
+    """Return whether a text states a field of a test, or the sign of the readings."""
+    lines = [(0, text)]
+    return bool(statements_in(lines)) or bool(directions_stated(lines)) or is_about_sign(text)

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ldbb_bayes.reading.line_parts import segments_of_line, statements_of_line
+from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.programmed_circles import programs_arc
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
@@ -22,6 +23,7 @@ __all__ = [
     "senses_in",
     "unread_direction",
     "with_sides_in_full",
+    "without_directions",
 ]
 
 _WORDS: Mapping[str, Any] = WORDS["directions"]
@@ -77,7 +79,11 @@ _ANSWERED = re.compile(
     r"(?!\w)|(?:[:=;,|\t]\s*)?(?:\[\s*(?P<box>x)?\s*\]|\(\s*(?P<bracket>x)?\s*\)))",
     re.IGNORECASE,
 )
-# Regular expression for words such as "Rechtslauf".
+# Regular expressions for words such as "Rechtslauf"; the keys are the directions that they mean.
+_RUNS_BY_SENSE = {
+    "CW": re.compile(rf"(?<![^\W_])(?:{_WORDS['run_right']})", re.IGNORECASE),
+    "CCW": re.compile(rf"(?<![^\W_])(?:{_WORDS['run_left']})", re.IGNORECASE),
+}
 _RUNS = re.compile(rf"(?<![^\W_])(?:{_WORDS['run_right']}|{_WORDS['run_left']})", re.IGNORECASE)
 # Regular expression for words which show that a line is not about the angles of the readings.
 _NO_ANGLES = re.compile(WORDS["angle_convention"]["other"], re.IGNORECASE)
@@ -138,6 +144,13 @@ def senses_in(text: str) -> set[str]:
 def is_direction(text: str) -> bool:
     """Return whether a text is a word for clockwise or counter-clockwise, such as CW."""
     return _SENSE.fullmatch(text) is not None
+
+
+def without_directions(text: str) -> str:
+    """Return a text with a blank in place of each word for clockwise or counter-clockwise."""
+    for pattern in (_SENSE, _RUNS, _ARC):
+        text = pattern.sub(" ", text)
+    return text
 
 
 def directions_stated(
@@ -232,10 +245,30 @@ def _stated_in(text: str) -> set[str]:
     if match is None and _is_about_travel(text):
         return _direction_after(text)
     if match is None:
-        return _senses_of_arcs(text)
+        return _senses_of_arcs(text) or _sense_beside_load(text)
     if _SENSE_OF_ANGLE.search(text):
         return set()
     return _direction_after(match[1])
+
+
+def _sense_beside_load(text: str) -> set[str]:
+    """Return the direction of travel beside a load: CCW for ``Load 490 N CCW``.
+
+    The result is empty if the text states no load or several directions, if it is about angles or
+    about a direction of something other than the travel, or if it only denies a direction.
+    """
+    without_load = _LOADS.sub(" ", LOAD_IN_NAME.sub(" ", text))
+    if LOAD_IN_NAME.search(text) is None or _is_about_angles(text):
+        return set()
+    if _OTHER_DIRECTION.search(without_load) or _ANSWERED.search(without_load):
+        return set()
+    senses = senses_in(without_load)
+    for sense, pattern in _RUNS_BY_SENSE.items():
+        if pattern.search(without_load):
+            senses.add(sense)
+    if len(senses) > 1:
+        return set()
+    return senses
 
 
 def _is_about_angles_and_travel(text: str) -> bool:

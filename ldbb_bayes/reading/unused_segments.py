@@ -8,8 +8,10 @@ from __future__ import annotations
 import re
 
 from ldbb_bayes.reading.angle_convention import states_angles
+from ldbb_bayes.reading.circle_centre import without_centre
 from ldbb_bayes.reading.line_parts import segments_of_line
 from ldbb_bayes.reading.lines_above import is_label, statements_in
+from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import is_missing
 from ldbb_bayes.reading.reading_sign import is_about_sign, leaves_difference_unread
 from ldbb_bayes.reading.timestamps import stamps_in
@@ -28,6 +30,8 @@ _EQUATION = re.compile(r"[^\W\d]\w*\s*=\s*[+\-−(]*[^\W\d]")
 def unused_segments(text: str, reasons: str) -> str:
     """Return the segments of a line from which nothing was taken, divided by semicolons.
 
+    Centres of circles are left out: a note of their own tells them.
+
     Parameters
     ----------
     text
@@ -35,15 +39,20 @@ def unused_segments(text: str, reasons: str) -> str:
     reasons
         Reasons in notes on the same file. A segment that they quote is left out.
     """
-    segments = segments_of_line(text[:LONGEST_TEXT])
+    segments = segments_of_line(without_centre(text[:LONGEST_TEXT]))
     if len(segments) == 1 and not leaves_difference_unread(text):
         return ""
     unused = []
     for k, segment in enumerate(segments):
-        is_quoted = repr(segment.strip()) in reasons
+        is_quoted = repr(segment.strip()) in reasons or _states_quoted_load(segment, text, reasons)
         if _may_matter(segment) and not (is_quoted or _is_used(segments, k)):
             unused.append(segment.strip())
     return "; ".join(unused)
+
+
+def _states_quoted_load(segment: str, text: str, reasons: str) -> bool:
+    """Return whether a segment states the load of a line that reasons in notes quote in full."""
+    return repr(text.strip()) in reasons and load_in_name([segment]) is not None
 
 
 def _may_matter(segment: str) -> bool:

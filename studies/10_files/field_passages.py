@@ -68,19 +68,23 @@ def unit_cases() -> dict[str, FieldCase]:
 
 def centre_cases() -> dict[str, FieldCase]:
     """Return centres of circles, alone in a line and beside the radius."""
-    lines = (
-        "; centre X300 Y-120 radius 150",
-        "; centre X300 Y-120",
-        "Kreismittelpunkt: X = 300; Y = -120; Radius: 150 mm",
-        "Centre: 300, -120; radius 150 mm",
-    )
+    not_used = "centre: X 0, Y 0, Z 0 mm (line 1 says"
+    used = "centre: X 300, Y −120, Z 0 mm (line 1 says"
+    lines = {
+        "; centre X300 Y-120 radius 150": not_used,
+        "; centre X300 Y-120": not_used,
+        "Kreismittelpunkt: X = 300; Y = -120; Radius: 150 mm": used,
+        "Centre: 300, -120; radius 150 mm": not_used,
+        "centre X 300 Y -120 mm": used,
+        "Circle centre (G54): X 300 Y -120": not_used,
+    }
     cases = {}
-    for number, line in enumerate(lines):
+    for number, (line, told) in enumerate(lines.items()):
         cases[f"centre_{number}"] = FieldCase(
             "centres of circles",
             f"a line '{line}'",
             field.texts(HEADER, above=line),
-            told="centre: X 0, Y 0, Z 0 mm (line 1 says",
+            told=told,
         )
     return cases
 
@@ -102,6 +106,12 @@ def load_cases() -> dict[str, FieldCase]:
         "Run 1: 300 N": "force_N: 300 N (line 1 says 'Run 1: 300 N'",
         "Test at 300 N, clockwise": "force_N: 300 N (line 1 says 'Test at 300 N",
         "300 N": "force_N: 300 N (line 1 says '300 N'",
+        "300 N push CCW run 2": "direction: CCW (a line above the table",
+        "Load 300 N CCW": "direction: CCW (a line above the table",
+        "300 N, plane XY, CCW, R150": "plane: XY (line 1",
+        "300 N XY": "plane: XY (line 1",
+        "Belastung 300 N": "force_N: 300 N (line 1 says 'Belastung 300 N'",
+        "300 N, positive = longer bar": "sign of the reading: 1: a longer bar is positive (line 1",
     }
     cases = {}
     for number, (line, told) in enumerate(lines.items()):

@@ -21,8 +21,27 @@ READ = {
     "Run 1: 53.50 lb": 53.5 * 4.4482216152605,
     "Test at 490 N, clockwise": 490.0,
     "490 N": 490.0,
+    "490 N push CW run 2": 490.0,
+    "490 N, plane XY, CCW, R150": 490.0,
+    "490 N, positive = longer bar": 490.0,
+    "Belastung 490 N im Uhrzeigersinn": 490.0,
+    "Plane: XY, 490 N": 490.0,
 }
-UNCLEAR = ["Weight of the table 490 N", "490 N / 742 N", "Operator 490 N"]
+STATED_BESIDE = {
+    "Load 490 N CCW": "CCW",
+    "490 N push CW run 2": "CW",
+    "Test at 490 N, clockwise": "CW",
+    "Messung bei 490 N rechts herum": "CW",
+    "490 N G3": "CCW",
+}
+PLANES_BESIDE = ["490 N YZ CW", "YZ 490 N", "Load 490 N, YZ"]
+UNCLEAR = [
+    "Weight of the table 490 N",
+    "Weight of the table, 490 N",
+    "490 N pull CW",
+    "490 N / 742 N",
+    "Operator 490 N",
+]
 
 
 def file_with(folder: Path, line: str, name: str = "run.csv") -> Path:
@@ -62,3 +81,24 @@ def test_one_line_is_no_load_of_several_columns(tmp_path: Path) -> None:
     layout = lb.reading.Layout(columns={"reading": [2, 3]})
     with pytest.raises(lb.InputError, match="is 'Run 1: 490 N' in line 1 the load"):
         lb.import_campaign(file, layout=layout)
+
+
+@pytest.mark.parametrize("line", STATED_BESIDE)
+def test_a_direction_beside_a_load_is_read(line: str, tmp_path: Path) -> None:
+    campaign = lb.import_campaign(file_with(tmp_path, line)).campaign
+    assert campaign.tests[0].direction == STATED_BESIDE[line]
+
+
+def test_two_directions_beside_a_load_are_not_read(tmp_path: Path) -> None:
+    campaign = lb.import_campaign(file_with(tmp_path, "490 N CW/CCW")).campaign
+    assert campaign.tests[0].direction is None
+
+
+@pytest.mark.parametrize("line", PLANES_BESIDE)
+def test_a_plane_beside_a_load_is_read(line: str, tmp_path: Path) -> None:
+    assert lb.import_campaign(file_with(tmp_path, line)).campaign.plane == "YZ"
+
+
+def test_a_used_load_is_not_told_as_unused(tmp_path: Path) -> None:
+    imported = lb.import_campaign(file_with(tmp_path, "Test at 490 N, clockwise"))
+    assert [note for note in imported.assumptions if note.what == "texts not used"] == []
