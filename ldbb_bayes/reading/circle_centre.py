@@ -2,7 +2,7 @@
 
 A campaign states centres in machine coordinates. A line may state them in the coordinates of a
 programme or of a workpiece. Therefore, a centre in a comment of a programme, or beside words for
-such coordinates, is told and not used.
+such coordinates, is only mentioned in a note.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ __all__ = ["take_centres", "without_centre"]
 
 # Regular expression for one coordinate, such as X300 or Y = -120 mm.
 _COORDINATE = rf"[XYZ]\s?[:=]?\s?{NUMBER_IN_TEXT}"
-# Regular expression for a unit behind a coordinate.
+# Regular expression for a unit after a coordinate.
 _UNIT = r"(?:\s?(?:(?:mm|cm|m|in|inch|inches|[uµμ]m)(?!\w)|[\"″]))?"
-# Regular expression for what may stand between two coordinates.
+# Regular expression for the characters that may separate two coordinates.
 _BETWEEN = rf"{_UNIT}[\s,;|/]*"
 # Regular expression for a word for the centre, followed by at least two of its coordinates. The
 # letters of the axes may be missing if the numbers follow a colon, as in "Centre: 300, -120".
@@ -36,7 +36,7 @@ _LETTER_AND_NUMBER = re.compile(rf"(?<!\w)([XYZ])\s?[:=]?\s?({NUMBER_IN_TEXT})",
 # Regular expression for words which show that coordinates are not those of the machine, and for the
 # beginning of a comment in a programme.
 _OTHER_COORDINATES = re.compile(WORDS["circle"]["other_coordinates"], re.IGNORECASE)
-# Regular expression for a unit other than mm behind a coordinate.
+# Regular expression for a unit other than mm after a coordinate.
 _OTHER_UNIT = re.compile(r"\d\s?(?:[\"″]|(?:cm|m|in|inch|inches|[uµμ]m)(?!\w))", re.IGNORECASE)
 # A note shows at most this number of characters of a line.
 _TEXT_SHOWN = 60
