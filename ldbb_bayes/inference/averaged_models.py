@@ -1,8 +1,8 @@
 """Posterior draws of an average over several models, split into the draws of each model.
 
 Every draw of an averaged posterior comes from one of the models. The share of draws that come from
-a model estimates the posterior probability of this model. In the draws of a model, the parameters
-that this model lacks are zero, and all its other parameters differ from zero.
+a model estimates the posterior probability of this model. In the draws that come from a model, only
+the parameters that this model has differ from zero.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class AveragedModel:
     #: zero
     beta: Array
     #: draws of the h hyper-parameters (scales of the noise and of other effects), shape (n, h);
-    #: lengths are in mm
+    #: scales that are lengths are in mm
     phi: Array
 
     @cached_property

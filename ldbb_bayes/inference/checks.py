@@ -168,19 +168,21 @@ def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
 def effects_of_failures(
     bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
 ) -> tuple[dict[str, float], float]:
-    """Return how much the failing checks may change the parameters and their credible intervals.
+    """Estimate the effect of failing checks on the parameters and on their credible intervals.
 
-    A check fails if its p-value, multiplied by the number of checks, is below 1 %. The result is a
-    tuple of two items:
+    A failing check shows that the model does not describe the readings of a test well. A check
+    fails if its p-value, multiplied by the number of checks, is below 1 %. The result is a tuple of
+    two items:
 
-    - the shifts of parameters. The keys of this dict are the names of the tests that fail the check
+    - a dict with the shifts of parameters. Its keys are the names of the tests that fail the check
       of a Fourier order. The value for a test is the largest change of any parameter when the test
       is left out, in units of the parameter's posterior standard deviation. The dict is empty if no
       check of a Fourier order fails, if the campaign has only one test, or if the prior is flat;
-    - the widening of credible intervals. Tests that fail a check of noise or autocorrelation may be
-      noisier than modelled. Their noise is estimated from their readings at the Fourier orders 13
-      to 16. The widening is the largest relative increase, due to this noise, in the width of a
-      credible interval. The widening is 0 if no check of noise or autocorrelation fails.
+    - the widening of credible intervals, a number. Tests that fail a check of noise or
+      autocorrelation may be noisier than modelled. Their noise is estimated from their readings at
+      the Fourier orders 13 to 16. The widening is the largest relative increase, due to this noise,
+      in the width of a credible interval. The widening is 0 if no check of noise or autocorrelation
+      fails.
 
     Both items are computed at one value ``phi`` of the h hyper-parameters (scales of the noise and
     of other effects), shape (h,). ``checks`` holds the p-values of each test; its keys are the

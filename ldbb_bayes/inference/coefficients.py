@@ -9,9 +9,9 @@ to a single circle. There are three kinds of prediction:
 - machine: the effects H β of the parameters. The matrix H holds the change of every circle per unit
   of each parameter. If the readings are not compensated for the nominal deflection of the work
   ball's mount, this deflection is added;
-- shared: the machine plus the effects of ball form, bar length, deflection of the mount, and force
-  error. The quality of a fit (root-mean-square residual and fitness, Eq. 34-35 of the paper) is
-  computed from this prediction;
+- shared: the machine prediction plus the effects of ball form, bar length, deflection of the mount,
+  and force error. The quality of a fit (root-mean-square residual and fitness, Eq. 34-35 of the
+  paper) is computed from this prediction;
 - new circle: the shared prediction plus set-up shift (of zero and centre), discrepancy (unexplained
   deviations of the orders 2 to 12) and white noise, which are drawn at random for the new circle.
 """
@@ -60,7 +60,7 @@ class ModelDraws(NamedTuple):
 
     bound: BoundModel
     #: n random draws of the h hyper-parameters (scales of the noise and of other effects), shape
-    #: (n, h); lengths are in mm, factors are pure numbers
+    #: (n, h); scales that are lengths are in mm, all others are pure numbers
     phi: Array
     #: n random draws of the p parameters (compliances, their changes with force, geometric errors)
     #: in mm, N and rad, shape (n, p)
@@ -73,7 +73,7 @@ class ModelDraws(NamedTuple):
 
 
 class PrivateTerm(NamedTuple):
-    """Effect on a single circle; its v coefficients are independent of those of other circles."""
+    """Effect on a single circle, with v coefficients that do not act on any other circle."""
 
     #: change of the readings' 25 Fourier coefficients (orders 0 to 12) [mm] per unit of each of the
     #: effect's v coefficients, shape (25, v)
@@ -140,12 +140,12 @@ def shared_terms(
 
 
 def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
-    """Return the change of every test's readings per unit of each of q nuisance coefficients [mm].
+    """Return how much each nuisance coefficient, per unit, changes the readings of each test [mm].
 
-    Nuisances are effects that are modelled but not of interest. The q coefficients are common to
-    several tests or, if ``private`` is True, belong to a single test. The result, shape (tests, 25,
-    q), holds the changes of the 25 Fourier coefficients of each test. ``bound`` is the model,
-    applied to its campaign.
+    Nuisances are effects that are modelled but not of interest. Each of the q nuisance coefficients
+    is the size of such an effect. The q coefficients are common to several tests or, if ``private``
+    is True, belong to a single test. The result, shape (tests, 25, q), holds the changes of the 25
+    Fourier coefficients of each test. ``bound`` is the model, applied to its campaign.
     """
     columns = [np.zeros((len(bound.test_names), SIZE, 0))]
     columns += [term.values for term in shared_terms(bound.nuisance_columns, private=private)]

@@ -6,8 +6,8 @@ circles is near zero, the readings determine the other scales less well, and the
 other scales are wider. A correlation cannot express such a change of width. In the proposal, mean
 and width of a coordinate therefore depend on other coordinates. Let u be the h coordinates of a
 point, chosen so that they are not correlated with each other. The mean m and the log width ln s of
-coordinate u_i are sums of polynomials of degree two, one for each coordinate u_j with j ≤ k and j <
-i. Then
+coordinate u_i are sums of polynomials of degree two, one for each earlier coordinate u_j (j < i)
+that is among the first k coordinates; k is at most seven. Then
 
     z = (u − m) / s − offset
 
@@ -46,7 +46,7 @@ _STEPS = 4
 
 
 class IndependentPoints(NamedTuple):
-    """Points in nearly independent coordinates."""
+    """Points, expressed in coordinates that are nearly independent of each other."""
 
     points: Array  #: coordinates z of n points, shape (n, h)
     #: sum of the logarithms of the widths of all coordinates at each point, shape (n,)
@@ -117,9 +117,9 @@ def _limited(log_width: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Polynomials:
-    """Polynomials of degree one and of degree two of each of k coordinates of n weighted points.
+    """Orthonormal polynomials of degree one and two in each of the k coordinates of some points.
 
-    The two polynomials of a coordinate are orthonormal: under the weights of the points they have
+    Each of the n points has a weight. Under these weights, the two polynomials in a coordinate have
     the mean zero, the variance one and no correlation with each other.
     """
 
@@ -128,8 +128,10 @@ class _Polynomials:
     skewness: Array  # weighted skewness of the k coordinates, shape (k,)
     # standard deviations of the polynomials of degree two before scaling, shape (k,)
     square_sd: Array
-    linear: Array  # polynomial of degree one of each coordinate at n points, shape (n, k)
-    square: Array  # polynomial of degree two of each coordinate at n points, shape (n, k)
+    # values of the polynomial of degree one in each coordinate, at n points, shape (n, k)
+    linear: Array
+    # values of the polynomial of degree two in each coordinate, at n points, shape (n, k)
+    square: Array
 
     def coefficients(self, of_linear: Array, of_square: Array) -> Array:
         """Convert coefficients of the polynomials to coefficients of powers of the coordinates.
@@ -152,9 +154,10 @@ class _Polynomials:
 
 
 def _polynomials(leading: Array, weight: Array) -> _Polynomials:
-    """Return orthonormal polynomials of degree one and two of k coordinates of n weighted points.
+    """Return orthonormal polynomials of degree one and two in each coordinate of weighted points.
 
-    ``leading``, shape (n, k), holds the coordinates; ``weight``, shape (n,), holds the weights.
+    ``leading``, shape (n, k), holds k coordinates of n points; ``weight``, shape (n,), holds the
+    weights of the points.
     """
     near = np.clip(leading, -_FARTHEST, _FARTHEST)
     mean = weight @ near
@@ -202,14 +205,16 @@ def fit_dependence(u: Array, weight: Array) -> Dependence:
 def _fit_widths(
     deviation: Array, polynomials: _Polynomials, is_before: Array, weight: Array
 ) -> Array:
-    """Return the coefficients of the logarithms of the widths of h coordinates, shape (2 k, h).
+    """Fit the widths of h coordinates as functions of the first k coordinates.
 
-    The first k rows are the coefficients of the ``polynomials`` of degree one, the other k rows are
-    the coefficients of the polynomials of degree two. ``deviation``, shape (n, h), holds the
-    deviations of h coordinates from their means at n points; ``weight``, shape (n,), holds the
+    The logarithm of a width is a sum of polynomials in the first k coordinates. The result, shape
+    (2 k, h), holds the coefficients of the ``polynomials`` of degree one in the first k rows, and
+    those of the polynomials of degree two in the other k rows. ``deviation``, shape (n, h), holds
+    the deviations of h coordinates from their means at n points; ``weight``, shape (n,), holds the
     weights of the points. ``is_before``, shape (k, h), is True where the coordinate of the row has
-    a smaller index than the coordinate of the column. The likelihood of normal deviations is
-    maximised by steps of Fisher's method of scoring (Harvey, Econometrica 44 (1976) 461).
+    a smaller index than the coordinate of the column. The coefficients maximise the likelihood of
+    the deviations under normal distributions. They are computed with Fisher's method of scoring
+    (Harvey, Econometrica 44 (1976) 461).
     """
     values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
     counts = np.concatenate([is_before, is_before])

@@ -59,8 +59,8 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
     Raises
     ------
     InputError
-        For a plan (a campaign without readings), or for a model to which the campaign cannot be
-        fitted.
+        For a plan (a campaign without readings), or for a model that cannot be fitted to the
+        campaign.
 
     Examples
     --------

@@ -36,15 +36,15 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
-# Number of random picks that make the largest sample of nodes. Nodes are the points at which the
-# integrated density is known. A node may be picked repeatedly.
+# The largest sample of nodes is made by picking a node at random this many times. Nodes are the
+# points at which the integrated density is known. The same node may be picked repeatedly.
 _LARGEST_SAMPLE = 4608
 # Three samples of nodes (points) are used: every 24th node of the largest sample, every 8th node,
 # and all nodes. The density is evaluated at the nodes of the next larger sample until the error is
 # small enough.
 _STEPS = (24, 8, 1)
-# A sample is used only if the integral has at least this many times as many nodes (points) as the
-# sample.
+# A sample of nodes (points) is used only if the number of all nodes of the integral is at least
+# this multiple of the number of nodes in the sample.
 _NODES_PER_SAMPLE = 2
 # Largest number of coefficients of the fitted polynomial, as a fraction of the number of nodes
 # (points) to which the polynomial is fitted.
@@ -53,8 +53,9 @@ _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
 # them is proportional to the weight of the node, the other to this power of the weight. Because of
 # the power, nodes in the tails, where the ratio of the densities is largest, are picked more often.
 _TAIL_POWER = 0.5
-# Singular values of the matrix of polynomials at the sampled points count as zero if they are below
-# this share of the largest singular value; the polynomials are then linearly dependent.
+# A polynomial is fitted by a singular value decomposition of a matrix, whose columns hold the terms
+# of the polynomial at the sampled points. Singular values below this fraction of the largest one
+# count as zero. The terms of the polynomial are then linearly dependent at these points.
 _DEPENDENT = 1e-10
 # Largest standard deviation of the ratios of two densities, as a fraction of their mean, with which
 # the mean is trusted. If the ratios scatter more, a sample of a few hundred nodes (points) may miss
@@ -89,7 +90,7 @@ class RatioIntegral(NamedTuple):
     """Integral of a density, computed with the nodes (weighted points) of a similar density."""
 
     integral: Integral
-    #: mean numerical error of the log density at the nodes, with the weights of the nodes [nat]
+    #: weighted mean of the numerical errors of the log density at the nodes [nat]
     value_error: float
 
     @property
@@ -105,7 +106,7 @@ class RatioIntegral(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """Random sample of m nodes of an integral ∫ f, and polynomials fitted to values at these nodes.
+    """Random sample of m nodes of an integral ∫ f, to which polynomials can be fitted.
 
     A node that was picked several times occurs once in the sample, with a larger ``weight``.
     """
@@ -119,7 +120,7 @@ class _Sample:
 
     @cached_property
     def polynomials(self) -> Array:
-        """Values of the polynomials that are fitted, at all n nodes, shape (n, coefficients)."""
+        """Terms of the fitted polynomial, such as x and x y, at all n nodes, shape (n, terms)."""
         return _polynomials(self.integral, self.degree)
 
     @cached_property
@@ -141,11 +142,11 @@ class _Sample:
         return np.asarray(np.minimum(leverage, 1.0 - np.finfo(float).eps))
 
     def fit(self, values: Array) -> Array:
-        """Return a polynomial at all n nodes, shape (n,), fitted to values at the m sampled nodes.
+        """Fit a polynomial at the m sampled nodes and return its values at all n nodes, shape (n,).
 
-        ``values``, shape (m,), are the values to fit. The result is limited to an interval three
-        times as wide as the range of ``values``, so that the polynomial is not extrapolated too
-        far.
+        ``values``, shape (m,), are the values at the sampled nodes to which the polynomial is
+        fitted. The result is limited to an interval three times as wide as the range of ``values``,
+        so that the polynomial is not extrapolated too far.
         """
         projected = self._decomposition.left.T @ (values * np.sqrt(self.weight))
         fitted = self.polynomials @ (self._decomposition.scaled_right @ projected)
@@ -154,11 +155,11 @@ class _Sample:
 
 
 class _Decomposition(NamedTuple):
-    """Singular value decomposition U Σ Vᵀ of the weighted polynomials at the m nodes of a sample.
+    """Singular value decomposition U Σ Vᵀ of the matrix with which a polynomial is fitted.
 
-    Row i of the decomposed matrix holds the values of all polynomials at node i, times the square
-    root of the weight of the node. Singular values Σ that are zero except for rounding errors are
-    left out.
+    The polynomial is fitted at m nodes. Row i of the matrix holds the terms of the polynomial, such
+    as x, y and x y, at node i, times the square root of the weight of the node. Singular values Σ
+    that are zero except for rounding errors are left out.
     """
 
     left: Array  #: left singular vectors U, shape (m, rank)
@@ -250,7 +251,10 @@ class RatioSampler:
     def integrate(
         self, evaluate: Callable[[Index], LogValues], tolerance: float
     ) -> RatioIntegral | None:
-        """Return the integral of a density g, computed from g / f at some nodes (weighted points).
+        """Return the integral of a density g, computed from g / f at a sample of the nodes.
+
+        f is the similar density whose integral is known. The nodes are the points, with weights, of
+        this known integral.
 
         Parameters
         ----------
