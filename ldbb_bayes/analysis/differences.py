@@ -43,9 +43,9 @@ class _Differences(NamedTuple):
     interval: Array
     #: probability that a parameter is larger in the second campaign than in the first, shape (n,)
     increase: Array
-    #: coefficient of the common instrument about which the campaigns disagree most; None if the
-    #: instruments are different, or if there is no common coefficient about which the readings of
-    #: both campaigns are informative
+    #: error of the common instrument about which the two campaigns disagree most. None if the
+    #: instruments are different, or if there is no error about which the readings of both campaigns
+    #: tell anything.
     conflict: Conflict | None = None
 
 
@@ -77,19 +77,20 @@ def compare_posteriors(
     Returns
     -------
     DataFrame
-        One row per parameter that both posteriors have, without offsets of the tool ball, in
-        internal units (mm, N, rad). Columns are unit, first and second (posterior means, both at
-        the reference force of the first campaign), difference, sd (of the difference), ci_low,
-        ci_high and probability_of_increase. With the same instrument, ``attrs["conflict"]`` is the
-        instrument's coefficient about which the campaigns disagree most, and the p-value of the
-        disagreement (Bonferroni). The attribute is None for different instruments, and if there is
-        no coefficient of the instrument about which the readings of both campaigns are informative.
+        One row for each parameter that occurs in both posteriors; offsets of the tool ball are left
+        out. Units are mm, N and rad. The columns are unit, first and second (posterior means, both
+        at the reference force of the first campaign), difference, sd (of the difference), ci_low,
+        ci_high and probability_of_increase. With the same instrument, ``attrs["conflict"]`` names
+        the error of the instrument about which the campaigns disagree most, and gives the p-value
+        of the disagreement (with Bonferroni correction). It is None for different instruments, and
+        if there is no error of the instrument about which the readings of both campaigns tell
+        anything.
 
     Raises
     ------
     InputError
-        For a probability that is not between 0 and 1, or a flat prior with ``same_instrument``.
-        Also if the posteriors are of the same readings, or of different machines or planes.
+        If the probability is not between 0 and 1, if a prior is flat with ``same_instrument``, or
+        if the posteriors are of the same readings, of different machines or of different planes.
 
     Examples
     --------
@@ -146,10 +147,10 @@ def _compare_one_instrument(
 
     The posterior of each difference is taken to be normal.
 
-    ``bounds`` are the models bound to the two campaigns, and ``phi`` are the mean hyper-parameters
-    of each campaign, shape (h,). ``rows`` holds, for each campaign, the matrix that maps its p
-    parameters to the n compared parameters, shape (n, p). ``levels`` are the probabilities below
-    the lower and the upper end of the interval, shape (2,).
+    ``bounds`` are the models of the two campaigns. ``phi`` holds, for each campaign, the posterior
+    mean of the hyper-parameters, shape (h,). ``rows`` holds, for each campaign, the matrix that
+    maps the p parameters of the campaign to the n compared parameters, shape (n, p). ``levels`` are
+    the probabilities below the lower and the upper end of the interval, shape (2,).
     """
     joint = joint_difference(bounds, phi, rows)
     return _Differences(
@@ -183,11 +184,11 @@ def _compare_independent(first: Array, second: Array, levels: Array) -> _Differe
 
 
 def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str) -> None:
-    """Raise an `InputError` if the parameters of two bound models cannot be compared.
+    """Raise an `InputError` if the parameters of two campaigns cannot be compared.
 
-    The readings of the two campaigns must differ. Their machines must have the same topology and
-    joint frames, and their tests the same planes. ``name`` is the name of the second campaign, for
-    the error message.
+    ``first`` and ``second`` are the models of the two campaigns. The readings of the campaigns must
+    differ. Their machines must have the same topology and joint frames, and the same planes must
+    have been tested. ``name`` is the name of the second campaign, for the error message.
     """
     campaign = first.campaign
     other = second.campaign
@@ -218,9 +219,9 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
 def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
     """Return the matrix that converts a model's parameters to another reference force.
 
-    The matrix, shape (n, p), is multiplied by the p parameters of ``bound`` at the reference force
-    of this model. The product is the n parameters ``names`` at the reference force
-    ``reference_force_N`` [N].
+    ``bound`` is the model of one campaign, with p parameters at its own reference force. The
+    matrix, shape (n, p), multiplied by these p parameters gives the n parameters ``names`` at the
+    reference force ``reference_force_N`` [N].
     """
     rows = np.zeros((len(names), len(bound.names)))
     lever = reference_force_N - bound.setting.reference_force_N

@@ -5,11 +5,12 @@ c = cos θ, s = sin θ and the radius R, in the plane XY,
 
     c(θ; F) = C_XXX c² + C_XYX c s + C_YYY s² + R (C_CXY c² s + C_CYY c s²) + R² C_CCY c² s²,
 
-where every compliance is taken at the force F. c(θ; F) includes the effects of the slopes and of
-the term `JointLoad` (nonlinear deflection of joints under load). The effect of `JointLoad` also
-depends on the direction. The first three compliances determine the deflection of a tool in the
-circle's centre. The other three add the deflection of a tool at the position (R c, R s) on the
-circle, which is caused by the rotation of an axis under the bar's load. A stiffness is 1 / c(θ; F).
+where every compliance is its value at the force F; C_XXX, for example, is the deflection along X
+per unit of force along X. c(θ; F) includes the change of the compliances with force and the term
+`JointLoad` (nonlinear deflection of joints under load), whose effect also depends on the direction.
+The first three compliances determine the deflection of a tool in the circle's centre. The other
+three add the deflection of a tool at the position (R c, R s) on the circle, which is caused by the
+rotation of an axis under the bar's load. A stiffness is 1 / c(θ; F).
 
 The symmetric matrix S with the elements C_XXX, C_XYX / 2 and C_YYY is the compliance tensor of the
 plane in the circle's centre. Its principal axes are at the angle ½ atan2(C_XYX, C_XXX − C_YYY).
@@ -65,7 +66,8 @@ _SMALLEST_SHARE = 0.1
 # A direction counts as not determined if its credible interval is at least this wide [°], because
 # an interval of this width may contain both axes of the plane.
 _WIDEST_DEG = 90.0
-# Radius of a very small circle [mm], whose compliance equals the compliance in the centre.
+# Radius [mm] of a circle so small that the compliance on it practically equals the compliance in
+# its centre.
 _CENTRE_RADIUS_MM = 1e-6
 # Angles of the three directions in which compliance is needed to compute the compliance tensor of a
 # plane [rad]: the first axis of the plane, its second axis, and midway between both axes.
@@ -148,11 +150,14 @@ class PlaneStiffness(Result):
     stiffest: AxialDirection  #: direction of the greatest stiffness
     #: direction of the softer principal axis of the compliance tensor in the circle's centre
     principal_axis: AxialDirection
-    #: name of the cross compliance of the plane, such as C_XYX; empty if there is none
+    #: name of the cross compliance (deflection along one axis of the plane per unit of force along
+    #: the other), such as C_XYX; empty if the model has no cross compliance in this plane
     cross_name: str
-    cross: StatedValue | None  #: cross compliance; None if the model has none in this plane
-    difference_name: str  #: name of the difference of the direct compliances of the plane's axes
-    difference: StatedValue  #: difference of the direct compliances of the plane's axes
+    #: cross compliance of the plane; None if the model has no such compliance
+    cross: StatedValue | None
+    difference_name: str  #: name of ``difference``, such as C_XXX − C_YYY
+    #: compliance along the first axis of the plane minus compliance along its second axis
+    difference: StatedValue
 
 
 @dataclass(frozen=True)
@@ -163,8 +168,8 @@ class PrincipalAxis(Result):
     #: components along X, Y and Z of a unit vector along the axis; the opposite vector is
     #: equivalent
     direction: tuple[float, float, float]
-    #: half angle of a cone about ``direction`` [°]; the cone contains the true axis with the
-    #: probability of the credible intervals
+    #: half angle [°] of a cone about ``direction`` that contains the true axis with the probability
+    #: ``DirectionalStiffness.prob``
     cone_deg: float
     is_determined: bool  #: whether the half angle ``cone_deg`` is below 45°
 
@@ -213,7 +218,7 @@ class DirectionalStiffness(Result):
         is_determined. Directions are in degrees. If three planes were tested, there are also rows
         of principal stiffnesses, with the plane XYZ. Columns x, y and z then hold the components of
         a unit vector along the axis. Column cone_deg holds the half angle of a cone about this
-        vector; the cone contains the true axis with the probability of the intervals.
+        vector that contains the true axis with the probability ``prob``.
         """
         rows = []
         for plane in self.planes:
@@ -283,10 +288,10 @@ def stiffness(
     """Return the stiffness by direction in every tested plane, with its uncertainty.
 
     The compliance along the bar is the deflection along the bar at the angle θ of the circle,
-    divided by the bar's force F. This compliance includes the effects of the slopes and of the term
-    `JointLoad`. An error of the bar's length does not change the results. An error of the mount's
-    compliance cancels in the difference of two compliances. An error of the force gain cancels in
-    the ratio of stiffnesses.
+    divided by the bar's force F. This compliance includes the change of compliances with force and
+    the term `JointLoad` (nonlinear deflection of joints under load). An error of the bar's length
+    does not change the results. An error of the mount's compliance cancels in the difference of two
+    compliances. A constant relative error of the force cancels in the ratio of stiffnesses.
 
     Parameters
     ----------
@@ -303,11 +308,12 @@ def stiffness(
     DirectionalStiffness
         For every plane and force: the compliance along the bar with its credible intervals, the
         least and the greatest stiffness with their directions, the ratio of the greatest to the
-        least stiffness, the direction of the softer principal axis, the cross compliance, and the
-        difference of the direct compliances. If three planes were tested, the result also has the
-        principal stiffnesses in space. If the readings hardly determine the compliance along the
-        bar in some directions, noise makes the least stiffness too small and the greatest stiffness
-        too large on average. Each of these two mean errors is corrected.
+        least stiffness, the direction of the softer principal axis, the cross compliance
+        (deflection along one axis of the plane per unit of force along the other), and the
+        difference of the compliances along the two axes. If three planes were tested, the result
+        also has the principal stiffnesses in space. If the readings hardly determine the compliance
+        along the bar in some directions, noise makes the least stiffness too small and the greatest
+        stiffness too large on average. Each of these two mean errors is corrected.
 
     Raises
     ------
@@ -353,9 +359,9 @@ def _stiffness_of(
 ) -> DirectionalStiffness:
     """Return the stiffness by direction from draws of compliances and deflections.
 
-    ``circles`` are the indices of tests, one for each plane. ``draws`` holds the deflections on the
-    circles of these tests, per unit of force, and the compliances at the forces ``forces`` [N].
-    ``prob`` is the probability of the credible intervals.
+    ``circles`` holds the index of one test for each plane. ``draws`` holds posterior draws of the
+    deflection per unit of force on the circles of these tests, and of the compliances, at the
+    forces ``forces`` [N]. ``prob`` is the probability of the credible intervals.
     """
     planes = []
     for k, r in enumerate(circles):
@@ -463,9 +469,12 @@ class _NamedDraws(NamedTuple):
 
 
 def _direct_compliance(bound: BoundModel, axis: str, compliances: Array) -> _NamedDraws:
-    """Return name and draws of the direct compliance of ``axis`` [mm/N].
+    """Return the compliance along ``axis`` under a force along the same axis [mm/N].
 
-    ``compliances``, shape (draws, n), holds posterior draws of the n compliances of ``bound``.
+    The result holds the name of the compliance and posterior draws of it.
+
+    ``compliances``, shape (draws, n), holds posterior draws of the n compliances of the model
+    ``bound``.
     """
     for k, compliance in enumerate(bound.compliances):
         if compliance.kind == "direct" and compliance.twist == axis:

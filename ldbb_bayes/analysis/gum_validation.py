@@ -65,8 +65,8 @@ class GumComparison(Result):
     """
 
     unit: str  #: unit of all fields except ``digits``
-    #: estimate y by the linear model, with the scales of noise and effects fixed at their posterior
-    #: means
+    #: estimate y by the linear model, in which the hyper-parameters (for example the standard
+    #: deviation of the noise) are fixed at their posterior means
     gum_estimate: float
     gum_u: float  #: standard uncertainty u of ``gum_estimate``
     gum_low: float  #: lower endpoint y − k u of the interval by the GUM
@@ -76,7 +76,7 @@ class GumComparison(Result):
     low: float  #: lower endpoint of the equal-tailed interval of the posterior distribution
     high: float  #: upper endpoint of the equal-tailed interval of the posterior distribution
     error: float  #: numerical error of ``low`` and ``high``: twice the larger standard error
-    tolerance: float  #: numerical tolerance δ, by ``GumValidation.digits`` and ``sd``
+    tolerance: float  #: numerical tolerance δ; it follows from ``GumValidation.digits`` and ``sd``
     #: largest number of significant digits, 0 to 2, for which the two intervals agree within the
     #: numerical tolerance; ``sd`` is the standard uncertainty that is rounded to these digits
     digits: int
@@ -149,10 +149,10 @@ def validate_gum(
     """Compare the GUM's linear propagation with the posterior, as in JCGM 101, section 8.
 
     The law of propagation is applied to the linear model, in which compliances may be negative. The
-    scales of noise and of other effects are fixed at their posterior means, as in uncertainty
-    budgets. The interval is y ± k u, with the coverage factor k of a normal distribution. For an
-    average over models, the law is applied to the most probable model, because the law needs a
-    single model.
+    hyper-parameters (for example the standard deviation of the noise) are fixed at their posterior
+    means, as in uncertainty budgets. The interval is y ± k u, with the coverage factor k of a
+    normal distribution. For an average over models, the law is applied to the most probable model,
+    because the law needs a single model.
 
     Parameters
     ----------

@@ -31,16 +31,15 @@ __all__ = ["DescribedMachine", "VisibleParameter", "describe_machine"]
 _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
 # Angles at which the parameters' effects on the readings are sampled [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
-# The formula for a compliance's effect on the reading is a sum of terms. Each term is a product of
-# cos θ, sin θ and the radius, where θ is the angle of the circle; a factor may occur several times.
-# In the terms without the radius, cos θ and sin θ together occur this number of times. One factor
-# comes from the force, which acts along the bar, and one from the deflection, which is measured
-# along the bar.
+# Number of factors cos θ and sin θ in the formula for the effect of a compliance on the reading,
+# where θ is the angle of the circle. The compliance C_XXX, for example, changes the reading by
+# cos²θ per unit of compliance and of force. One factor comes from the force, which acts along the
+# bar, and one from the deflection, which is measured along the bar. Terms that contain the radius
+# have more factors.
 _COMPLIANCE_DEGREE = 2
-# The formula for a geometric error's effect on the reading is a sum of terms. Each term is a
-# product of cos θ, sin θ and the radius, where θ is the angle of the circle; a factor may occur
-# several times. In the terms without the radius, cos θ or sin θ occurs once, because the readings
-# show only the component of the error along the bar.
+# Number of factors cos θ and sin θ in the formula for the effect of a geometric error on the
+# reading, where θ is the angle of the circle. There is one factor, because the reading shows only
+# the component of the error along the bar. Terms that contain the radius have more factors.
 _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
 # are empty.
@@ -69,8 +68,9 @@ class VisibleParameter:
     #: whether the parameter cannot be negative, whatever the compliances of the joints are. If this
     #: is true, the prior excludes negative values of the parameter.
     not_negative: bool
-    #: weights of the compliances whose weighted sum this parameter represents; the keys are names
-    #: of compliances. Empty if this parameter represents only itself.
+    #: The readings may determine only a weighted sum of several compliances. This parameter then
+    #: represents the sum, and the weights are listed here by name of the compliance. Otherwise, the
+    #: mapping is empty.
     members: Mapping[str, float]
 
 
@@ -176,9 +176,10 @@ def _describe_compliances(
 ) -> tuple[VisibleParameter, ...]:
     """Return a description of each compliance that circular tests can determine.
 
-    ``visible`` holds the names of these compliances. A compliance may represent a weighted sum of
-    compliances; ``visible`` then also holds the names and weights in this sum. The patterns in the
-    description are those for the first of ``circles`` in each plane.
+    ``visible`` holds the names of these compliances. If the readings determine only a weighted sum
+    of several compliances, one compliance represents this sum, and ``visible`` also holds the names
+    and weights of the compliances in the sum. The patterns in the description are those for the
+    first of ``circles`` in each plane.
     """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
