@@ -99,7 +99,7 @@ class AngleConvention(NamedTuple):
 
 
 class _Words(NamedTuple):
-    """Statement of a header, line or name on where angles begin and in which sense they run."""
+    """Axis at which angles begin, and their sense, as a header, a line or a name states them."""
 
     zero: str  # axis at which angles begin, such as +Y; empty if it is not stated
     sense: str  # CW or CCW; empty if it is not stated
@@ -159,7 +159,10 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
 
 
 def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
-    """Return whether a line may say where angles begin or how they run, but is not understood."""
+    """Return whether a line may state the axis or the sense of angles in words not understood.
+
+    The axis is the one at which angles begin. The sense is clockwise or counter-clockwise.
+    """
     statements = statements_in([(line, text)])
     if statements and not _states_only_unit(line, text, statements):
         return False
@@ -307,7 +310,11 @@ def name_is_about_angles(name: str) -> bool:
 
 
 def says_where_angles_begin(text: str) -> bool:
-    """Return whether a line says that angles run clockwise or that they do not begin at +X."""
+    """Return whether a line says that angles run clockwise or that they do not begin at +X.
+
+    The result is false for a line that states the usual convention, which is counter-clockwise from
+    +X.
+    """
     statements = statements_of_line(text, _is_mixed)
     return any(_states_where_angles_begin(statement) for statement in statements)
 

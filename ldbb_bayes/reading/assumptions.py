@@ -12,10 +12,10 @@ __all__ = ["Assumption", "AssumptionLog", "shown_list"]
 
 
 def shown_list(texts: Iterable[str], longest: int) -> str:
-    """Return texts separated by commas, without those that do not fit.
+    """Return a list of texts, such as file names, separated by commas; a long list is shortened.
 
-    An ellipsis shows that texts are left out. ``longest`` is the largest number of characters of
-    the texts that are shown. The first text is always shown in part.
+    Texts after the first ``longest`` characters of the list are replaced by an ellipsis. If the
+    first text alone is longer, only its beginning is returned.
     """
     shown = ""
     for text in texts:

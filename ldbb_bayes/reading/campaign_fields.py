@@ -148,10 +148,10 @@ def _with_unit(key: str, value: Any) -> str:
 
 
 def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
-    """Return the values that lines above a table state for a field, and the line of each value.
+    """Return the values that lines above a table state for a field, and where they are stated.
 
-    The stated values are the keys of the result. The plane may also be stated by the names of test,
-    column, sheet and file.
+    The stated values are the keys of the result. A plane may also be stated by the name of the
+    test, of its column, of its sheet or of its file.
     """
     values: dict[Any, _StatedValue] = {}
     if field == "plane":
@@ -175,10 +175,10 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 
 
 def _source_of_named_plane(recording: Recording) -> str:
-    """Return the source of a plane that the name of a test states, as a text for notes.
+    """Return the words with which a note says that the name of a test states the plane.
 
-    The text is "its name". If the letters of the plane are swapped in the name, as in XZ, the text
-    also says at which axis angles are assumed to begin, and towards which axis they run.
+    The words are "its name". If the letters of the plane are swapped in the name, as in XZ, the
+    words also say at which axis angles are assumed to begin, and towards which axis they run.
     """
     word = plane_word_in_name(recording.names()) or ""
     usual = PLANE_OF_SWAPPED.get(word)
@@ -328,7 +328,7 @@ def _take_temperature(recording: Recording) -> None:
 def find_resolution(
     campaign: dict[str, Any], tests: Sequence[CircularTest], log: AssumptionLog
 ) -> None:
-    """Set the resolution to the smallest step between readings if nothing states the resolution.
+    """Set the resolution of the bar's readout, unless it is stated, from the steps of the readings.
 
     The resolution is set only if, in every test, the smallest step between readings can be the
     resolution of a readout: 0.001 µm to 5 µm, and at most a tenth of the range of the readings.

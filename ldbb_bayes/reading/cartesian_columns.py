@@ -49,7 +49,7 @@ def lie_on_circle(x: Array, y: Array) -> bool:
 
 
 def cure_of_positions(has_reading: bool) -> str:
-    """Return the part of an error message that advises what to do with a table of positions.
+    """Return the advice that an error message gives for a table of positions.
 
     ``has_reading`` states whether the table has a column of readings beside the positions.
     """

@@ -18,8 +18,8 @@ _NUMBER_AND_TEXT = re.compile(r"(?P<number>[+\-−–]?[\d.,]*\d(?:[eE][+\-]?\d+
 
 
 # A row of numbers with units belongs to a table if a neighbouring row also consists of numbers with
-# units. If at least this number of rows in the sheet have numbers with units, the neighbouring row
-# may also consist of numbers without units.
+# units. In a sheet with at least this number of rows of numbers with units, a neighbouring row of
+# numbers without units is enough.
 _FEWEST_ROWS = 3
 
 
@@ -87,12 +87,12 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
 def _may_be_neighbours(
     rows: Sequence[Row], numbers: Sequence[Mapping[int, _NumberAndUnit]]
 ) -> list[bool]:
-    """Return, for each row, whether it shows that the rows above and below it belong to a table.
+    """Return, for each row, whether it is evidence that the rows next to it belong to a table.
 
-    A row of numbers with units shows this. A row of numbers without units shows it only in a sheet
-    with at least three rows of numbers with units. ``numbers`` has an entry for each row, as
-    `_numbers_of` returns it: the numbers in a row of numbers with units, and an empty dict for any
-    other row.
+    A row of numbers with units is such evidence. A row of numbers without units is evidence only in
+    a sheet with at least three rows of numbers with units. ``numbers`` has an entry for each row,
+    as `_numbers_of` returns it: the numbers in a row of numbers with units, and an empty dict for
+    any other row.
     """
     with_units = [bool(entries) for entries in numbers]
     if sum(with_units) < _FEWEST_ROWS:

@@ -1,8 +1,8 @@
-"""Centre of the circle that a line states, such as ``centre X 300 Y -120 mm``.
+"""Reading of a circle's centre from a line such as ``centre X 300 Y -120 mm``.
 
-A campaign states centres in machine coordinates. A line may state them in the coordinates of a
-programme or of a workpiece. Therefore, a centre in a comment of a programme, or beside words for
-such coordinates, is only mentioned in a note.
+A campaign states centres in machine coordinates. A line may state a centre in the coordinates of a
+programme or of a workpiece. A centre is therefore not used, but only shown in a note, if the line
+is a comment in a programme or has words for such other coordinates.
 """
 
 from __future__ import annotations
@@ -46,19 +46,20 @@ _OPTION = "a [[test]] in --layout"
 class _Centre(NamedTuple):
     """Centre that a line states."""
 
-    line: int | str  # number of the line, or its place in another sheet
+    line: int | str  # line number, or a text such as "3 of notes.txt" for a line of another sheet
     text: str  # the words of the line that state the centre
-    #: coordinates in machine coordinates [mm]; the keys are the fields of a test; empty if the line
-    #: states the centre in other coordinates, in another unit, or without the letters of the axes
+    #: stated machine coordinates [mm]; the keys are names of fields, such as ``centre_x_mm``; empty
+    #: if the line states the centre in other coordinates, in another unit, or without the letters
+    #: of the axes
     coordinates: Mapping[str, float]
 
 
 def take_centres(recordings: Iterable[Recording]) -> None:
-    """Set the centre of each test that a line states, and nothing else; a note says so.
+    """Set the centre of each test if a line states it, and add a note to the log.
 
-    A coordinate that the line does not state is zero. If the lines state several centres, or a
-    centre that is not clearly in machine coordinates, a note says that it is not used: the centre
-    of these tests is taken at the zero of the machine.
+    A coordinate that the line does not state is set to zero. If the lines state different centres,
+    or a centre that may not be in machine coordinates, no centre is set, and a note says so. The
+    tests are then treated as if their centre were the zero of the machine.
     """
     for recording in recordings:
         stated = recording.stated | recording.fields
@@ -83,7 +84,10 @@ def take_centres(recordings: Iterable[Recording]) -> None:
 
 
 def without_centre(text: str) -> str:
-    """Return the text of a line with a blank in place of a centre: its numbers are no radius."""
+    """Return the text of a line, with a blank in place of the coordinates of a centre.
+
+    Without this step, these numbers could be taken for the radius of the circle.
+    """
     return _CENTRE.sub(" ", text[:LONGEST_TEXT])
 
 
@@ -101,7 +105,10 @@ def _centres_in(lines: Iterable[tuple[int | str, str]]) -> Iterator[_Centre]:
 
 
 def _coordinates_of(text: str) -> dict[str, float]:
-    """Return the coordinates in a text; empty if one is stated twice or is no clear number."""
+    """Return the coordinates in a text, with names of fields such as ``centre_x_mm`` as keys.
+
+    The dict is empty if a coordinate is stated twice, or if its number can be read in two ways.
+    """
     coordinates: dict[str, float] = {}
     for letter, digits in _LETTER_AND_NUMBER.findall(text):
         key = f"centre_{letter.lower()}_mm"

@@ -1,4 +1,4 @@
-"""Columns of planes, directions and further angles, which are recognised by their cells."""
+"""Recognition of columns of planes, of directions and of additional angles by their cells."""
 
 from __future__ import annotations
 
@@ -215,5 +215,5 @@ def _names_plane(header: str) -> bool:
 
 
 def _title(heading: Heading, column: int) -> str:
-    """Return the header of a column, or else its number counted from 1."""
+    """Return the header of a column; if it is empty, the number of the column, counted from 1."""
     return heading.headers[column][:LONGEST_NAME] or str(column + 1)

@@ -200,7 +200,10 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
 
 
 def _with_factor_apart(header: str) -> str:
-    """Return a header with a blank between factor and unit: ``Reading 0.1 um`` for 0.1um."""
+    """Return a header with a blank between factor and unit.
+
+    For example, ``Reading 0.1um`` becomes ``Reading 0.1 um``. Other headers are not changed.
+    """
     joined = _FACTOR_AND_UNIT.search(header)
     if joined is None or unit_named(joined["unit"]) not in UNITS["reading"]:
         return header
@@ -316,7 +319,9 @@ class ColumnRoles:
 def find_columns(
     place: str, layout: Layout, headers: Sequence[str], units: Sequence[str] = ()
 ) -> ColumnRoles:
-    """Return the role of each column. The layout states the role, or else the header shows it.
+    """Return which column has which role, such as angle.
+
+    The role of a column is stated by the user in the layout, or else shown by the column's header.
 
     Parameters
     ----------
@@ -397,7 +402,7 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Remove every role but reading from the columns of readings, and complete their list.
+    """Remove other roles from the columns of readings, and list a single column of readings.
 
     ``roles.readings`` is the list of the columns of readings. If it is empty, the column that has
     the role of reading is added.
@@ -507,7 +512,7 @@ def _several_candidates(
 
 
 def _units_of_angles(headers: Sequence[str], units: Sequence[str], is_log: bool) -> list[str]:
-    """Return the units of the columns, each empty if the column cannot hold angles of the bar.
+    """Return the units of the columns, with an empty text for columns without angles of the bar.
 
     A column such as ``Tilt [deg]`` holds another angle. No column holds angles if ``is_log`` is
     true, which means that the user states a column of times.
@@ -520,10 +525,10 @@ def _units_of_angles(headers: Sequence[str], units: Sequence[str], is_log: bool)
 
 
 def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> None:
-    """Give a role to the only free column with a unit of this role, if no column has the role yet.
+    """Give a role to a free column whose unit fits this role, such as deg for angle.
 
-    A free column is a column without any role. If several free columns have a unit of the role
-    ``role``, none of them gets the role. ``units`` holds the unit of each column.
+    A free column is a column without any role. Nothing is done if another column already has the
+    role, or if the units of several free columns fit. ``units`` holds the unit of each column.
     """
     if role in roles.columns:
         return
@@ -542,8 +547,9 @@ def _several_readings(
     """Return the indices of the columns of readings if there is one such column for each test.
 
     The header of such a column states the load of the test, as in ``36 N [mm]``, names a run, as in
-    ``Run 1``, or is only a number. The load may be written in a form that can be read in two ways.
-    Return an empty list if the table does not have several such columns.
+    ``Run 1``, or is only a number. An ambiguous load such as ``1 238 N`` also counts; it may mean
+    1238 N, or 238 N after another number. Return an empty list if the table does not have several
+    such columns.
 
     Parameters
     ----------
@@ -641,7 +647,7 @@ def _column_index(place: str, role: str, reference: str | int, headers: Sequence
 
 
 def _numbers_of(columns: Sequence[int]) -> str:
-    """Return the numbers of columns, counted from 1, as a list in a text."""
+    """Return the numbers of columns, counted from 1 and separated by commas."""
     return ", ".join(str(column + 1) for column in columns)
 
 

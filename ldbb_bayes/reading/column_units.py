@@ -33,7 +33,7 @@ class _UnitEvidence(NamedTuple):
     """Units that one source in a file states for a column."""
 
     units: Sequence[str]  # unit of each row, or one unit for all rows; unknown units as written
-    source: str  # source in words, such as "line 3"
+    source: str  # name of the source in messages, such as "line 3"
 
 
 def is_unit_stated(recording: Recording, role: str) -> bool:
@@ -104,7 +104,7 @@ def unit_size(
 
 
 def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> None:
-    """Add a note on the source that states the unit of a column, unless it is the header."""
+    """Add a note on the source of a column's unit, unless the column's header is the source."""
     if evidence.source == _header_source(recording):
         return
     subject = f"unit of the {role}"
@@ -191,7 +191,8 @@ def _evidence_of_header(
 ) -> list[_UnitEvidence]:
     """Return the unit that the header of a column, or the row of units below it, states.
 
-    The list is empty if they state none. ``evidence`` are the units of the cells.
+    The list is empty if they state none. ``evidence`` holds the units that cells state for each
+    row.
     """
     heading = recording.heading
     column = heading.roles[role]
@@ -210,8 +211,8 @@ def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvi
     """Return the unit that the header of a column states; empty if it states none.
 
     If the cells hold degrees, minutes and seconds, the word for degrees in the header is ignored,
-    because it describes only the first of these three numbers. ``evidence`` are the units of the
-    cells.
+    because it describes only the first of these three numbers. ``evidence`` holds the units that
+    cells state for each row.
     """
     unit = recording.heading.units[recording.heading.roles[role]]
     names_degrees = unit == "deg" or names_sexagesimal(unit)

@@ -64,7 +64,8 @@ def check_force_law(place: str, lines: Iterable[tuple[int | str, str]]) -> None:
     place
         Name of the table in the error message.
     lines
-        Number (or place) and text of each line.
+        Line number and text of each line. For a line of another sheet, the line number is replaced
+        by a text such as "3 of notes.txt".
     """
     for line, text in lines:
         if states_force_law(text):

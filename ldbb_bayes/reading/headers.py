@@ -74,9 +74,10 @@ class Heading:
     unit_columns: frozenset[int] = frozenset()
 
     def column_title(self, role: str, column: int) -> str:
-        """Return a text for error messages with the role of a column, and its name or number.
+        """Return role and name of a column for error messages, such as "angle (column 'phi')".
 
-        ``column`` is the index of the column from 0. An example is "angle (column 'phi')".
+        ``column`` is the index of the column from 0. A column without a name is shown by its
+        number.
         """
         name = self.headers[column][:LONGEST_NAME] or column + 1
         return f"{role} (column {name!r})"

@@ -264,7 +264,7 @@ def _split_into_tests(
 
 
 def _lists_of_tests(recordings: Iterable[Recording]) -> set[str]:
-    """Return the places of the sheets whose rows describe single tests."""
+    """Return the names of the sheets that list tests, with one test in each row."""
     places = set()
     for recording in recordings:
         for line, _ in recording.heading.lines_above:
@@ -399,7 +399,7 @@ def _check_names_differ(tests: Sequence[CircularTest], paths: Sequence[Path]) ->
 def _note_unused_columns(
     recordings: Iterable[Recording], columns_of_times: set[str], log: AssumptionLog
 ) -> None:
-    """Add a note to the log for each sheet on the columns that are not used.
+    """For each sheet with unused columns, add a note to the log that names these columns.
 
     ``columns_of_times`` are the headers of the columns that state when the tests were run.
     """

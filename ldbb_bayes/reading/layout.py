@@ -36,9 +36,8 @@ _LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
 class TestLayout(TestFields):
     """Fields of one test that the user states in the layout.
 
-    The user states fields here that the table of the test does not state. ``file`` identifies the
-    test by the name of its file, by the name of its sheet, or by its label in the column that names
-    tests.
+    These are fields that the table of the test does not state. ``file`` identifies the test by the
+    name of its file, by the name of its sheet, or by its label in the column that names tests.
     """
 
     file: str  #: name of the test's file or sheet, or its label in the column that names tests
