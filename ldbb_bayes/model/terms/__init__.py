@@ -1,9 +1,11 @@
 """The nuisance terms of the model, one class for each effect.
 
-Nuisances are effects that are modelled but not of interest. The reading of test r at the angle θ is
-ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + terms + ε. F_r is the force, F0 the reference force,
-C_k the compliances (k = 0) and their slopes (changes with force), E the geometric errors, j_C the
-reading per unit force and compliance, j_G the reading per unit geometric error, and ε white noise.
+Nuisance terms are effects that are modelled but not of interest. In test r, at the angle θ on the
+circle, the bar reads ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + N + ε. F_r is the force of the
+test and F0 the reference force. C_0 are the compliances and C_1 their slopes (changes with force),
+E are the geometric errors, N is the sum of the nuisance terms, and ε is white noise. j_C is the
+reading per unit force and compliance, and j_G the reading per unit geometric error.
+
 The class of a term defines the columns (readings per unit coefficient, as Fourier coefficients),
 the hyper-parameters that scale the prior sds of the coefficients, the unit of the coefficients and
 a description in words. To add a term of your own, derive a class from `Term`.

@@ -27,7 +27,8 @@ __all__ = ["BallForm", "MachinePattern"]
 # error because it is the ball's radius, nor is order 1, which is the position of the ball's centre.
 _FORM_ORDERS = range(2, MAX_ORDER + 1)
 # Orders n of the harmonics cos nθ, sin nθ of the machine's pattern (geometric and cyclic errors of
-# higher orders). Orders below 4 are described by the other geometric errors of the model.
+# higher orders). The pattern has no orders below 4, because the model describes such errors of the
+# machine by geometric errors such as squareness.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
 # Hyper-parameter p (decay). The prior sds of the balls' form errors, and of the machine's errors of
 # higher orders, are proportional to n^(−p), where the order n is the number of waves around the
@@ -44,12 +45,12 @@ _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """Ball that contributes to a form error, and the angle ``turned_rad`` of its orientation [rad].
+    """Ball that contributes to a form error, and the angle by which it is turned.
 
-    A form error is a Fourier series in an angle. For the form error of a single ball, this angle is
-    measured on the ball itself, and ``turned_rad`` is zero. For the sum of the form errors of both
-    balls, the angle is measured on the work ball. ``turned_rad`` is then the angle on the work ball
-    at which the angle on ``ball`` is zero.
+    A form error is a function of the angle around a ball, counted from a mark on this ball. If two
+    balls contribute, their form errors are added as functions of the angle from the mark on the
+    work ball. ``turned_rad`` is the angle from this mark to the mark on ``ball`` [rad]. It is zero
+    for the work ball, and for a ball that contributes alone.
     """
 
     ball: Ball
@@ -59,9 +60,10 @@ class _TurnedBall(NamedTuple):
 class _CoefficientPrior(NamedTuple):
     """Prior of the coefficients of a ball's form error: cosine and sine of each order."""
 
-    #: factor f of each coefficient. The hyper-parameters τ and p contribute f τ² (n/6)^(−2p) to the
-    #: prior variance of a coefficient of the order n. f is half of the number of balls for which no
-    #: certificate or grade gives the form error of the order n.
+    #: factor f of each coefficient: half of the number of balls for which no certificate or grade
+    #: gives the form error of the coefficient's order n. The prior variance of the coefficient
+    #: contains f τ² (n/6)^(−2p), with the hyper-parameters τ (scale of form errors at order 6) and
+    #: p (decay with the order).
     share_of_tau: Array
     #: fixed part of each coefficient's prior sd, which does not depend on hyper-parameters [µm]
     sd_um: Array
@@ -71,10 +73,10 @@ class _CoefficientPrior(NamedTuple):
 class _Form(NamedTuple):
     """Form error of one ball, or the sum of the form errors of work ball and tool ball.
 
-    The names of its coefficients begin with ``stem``. ``turned_rad``, shape (tests,), holds for
-    every test the angle on the circle at which the angle on the ball is zero [rad]. ``balls``
-    contains the ball that has this form error. For the sum, ``balls`` contains both balls, and
-    ``turned_rad`` refers to the work ball.
+    The names of its coefficients begin with ``stem``. ``balls`` contains the ball that has this
+    form error, or both balls. The form error is a function of the angle from a mark on the ball; if
+    there are two balls, the mark is on the work ball. ``turned_rad``, shape (tests,), is the angle
+    of this mark on the circle of every test [rad].
     """
 
     stem: str
@@ -102,8 +104,8 @@ class BallForm(Term):
     sd of the sum of the form errors of two such balls at the order 6, and p is the exponent with
     which this sd decreases with the order n. τ and p exist only if nothing is stated about at least
     one ball. For harmonics in a certificate, mean and variance are taken from the certificate. If
-    the field ``law`` is ``1/n``, as in the model's first edition (preset ``first``), the prior sd
-    is τ/n instead.
+    the field ``law`` is ``1/n``, as in the model's first edition (preset ``first``), certificates
+    and grades are not used, and the prior sd of the sum of both form errors is τ/n.
 
     If both balls keep their clocking in all tests, the sum of the form errors of the two balls is
     modelled. If the clocking of a ball changes between tests, the two form errors are modelled
@@ -189,7 +191,7 @@ class BallForm(Term):
         }
 
     def _coefficient_prior(self, balls: Sequence[_TurnedBall], orders: Array) -> _CoefficientPrior:
-        """Return the prior of the coefficients of a ball's form error, or of the sum of both.
+        """Return the prior of the coefficients of a form error, of one ball or of both together.
 
         ``balls`` are the balls that contribute to the form error, and ``orders`` holds the order of
         each coefficient.
@@ -245,12 +247,12 @@ class BallForm(Term):
         return np.asarray(np.sqrt(variance))
 
     def _sphericity_sd_um(self, ball: Ball, orders: Array) -> Array:
-        """Return the prior sds of n form-error coefficients that follow from the sphericity [µm].
+        """Return prior sds for coefficients of a ball's form error, from its sphericity [µm].
 
-        The coefficients belong to the ball ``ball``. Their orders are ``orders``, shape (n,), at
-        least 2; the result has the same shape. If a certificate or grade states the ball's
-        deviation from sphericity S, the sd is S/√24 · min(1, 3/order). Otherwise the sd is
-        ``sphericity_um``/√24 at the orders 2 and 3, and zero at higher orders.
+        The orders of the coefficients are ``orders``, shape (n,), at least 2; the result has the
+        same shape. If a certificate or grade of ``ball`` states the deviation from sphericity S,
+        the sd is S/√24 · min(1, 3/order). Otherwise the sd is ``sphericity_um``/√24 at the orders 2
+        and 3, and zero at higher orders.
         """
         sphericity = ball.stated_sphericity_um
         relative = np.minimum(1.0, _LAST_SPHERICITY_ORDER / orders)
@@ -262,11 +264,12 @@ class BallForm(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield what the term assumes about the form error of each ball, order by order.
 
-        ``campaign`` holds the certificates and grades of the balls. The term assumes a prior sd at
-        each order and, for harmonics in a certificate, also an amplitude. If a certificate or grade
-        states the deviation from sphericity, the orders are 2 to 12. Otherwise they are 2, 3 and
-        the orders of all harmonics in the certificate. The contribution of the hyper-parameter τ to
-        the prior sds is not included. If the field ``law`` is ``1/n``, nothing is yielded.
+        ``campaign`` holds the certificates and grades of the balls. For each order, the result
+        holds an amplitude and its standard uncertainty. They are taken from a ball's certificate if
+        it states this harmonic; otherwise the amplitude is zero. If a certificate or grade states
+        the deviation from sphericity, the orders are 2 to 12. Otherwise they are 2, 3 and the
+        orders of all harmonics in the certificate. The contribution of the hyper-parameter τ to the
+        prior sds is not included. If the field ``law`` is ``1/n``, nothing is yielded.
         """
         if self.law != "decay":
             return
@@ -389,7 +392,8 @@ class MachinePattern(Term):
 
     Examples
     --------
-    The balls of the embedded campaign are neither clocked nor certified:
+    In the campaign that comes with the package, the balls are never turned in their sockets and
+    have no certificates. Its model therefore has no pattern:
 
     >>> "MachinePattern" in model.terms, "MachinePattern" in model.bind(campaign).terms
     (True, False)

@@ -60,8 +60,9 @@ class Unit(NamedTuple):
 class Uncertainty:
     """Assumed value and standard uncertainty of a property of the instrument.
 
-    ``name`` is the name of the coefficient, such as bar_length, ``value`` its assumed value and
-    ``sd`` its standard uncertainty.
+    In the model, the property is a coefficient of a nuisance term (an effect that is modelled but
+    not of interest). ``name`` is the name of this coefficient, such as bar_length. ``value`` is its
+    assumed value, and ``sd`` the standard uncertainty of this value.
     """
 
     name: str
@@ -77,7 +78,9 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """All assumptions of a model's terms about the instrument, and the certificates' names.
+    """What nuisance terms assume about the instrument, and names of calibration certificates.
+
+    Nuisance terms are effects that are modelled but not of interest.
 
     Examples
     --------
@@ -229,8 +232,9 @@ class Term(Shown):
 
     def __post_init__(self) -> None:
         choices: dict[str, tuple[Any, ...]] = {}
-        # If the class is defined inside a function, the types named in its annotations may be
-        # unknown here. The permitted choices of its settings are then not checked.
+        # The annotations of a term's class state the permitted choices of its settings. If a user
+        # defines the class inside a function, the names in the annotations may be unknown here. The
+        # choices are then not checked.
         kind: Any = type(self)
         with suppress(NameError):
             choices = _choices(kind)
@@ -330,10 +334,11 @@ class Term(Shown):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return a description in words of a coefficient's harmonic and plane: `` in cos 2θ``.
+        """Return the harmonic and plane of a coefficient in words, such as `` in cos 2θ``.
 
-        The words are derived from ``coefficient``, the name of the coefficient. They are empty if
-        the name contains no harmonic.
+        The words are derived from ``coefficient``, the name of the coefficient. The plane is left
+        out if the name contains none. If the name contains no harmonic, the result is an empty
+        string.
         """
         order = order_in_words(coefficient)
         return f" in {order}{plane_in_words(coefficient)}" if order else ""

@@ -29,9 +29,9 @@ Covariate = Literal["time", "temperature"]
 # ``first``).
 _FIRST_EDITION_ORDERS = 4
 # Highest order n of the harmonics cos nθ, sin nθ of hysteresis in a plane whose circles all run in
-# one direction. Hysteresis cannot be distinguished there from bar length, geometric errors and
-# compliances, whose effects have orders up to this number. (Only a rotation caused by a moment can
-# also have an effect of order 4.)
+# one direction. In such a plane, hysteresis cannot be distinguished from bar length, geometric
+# errors and compliances. Their effects have no higher orders than this; only the compliance that
+# relates a rotation to a moment can also have an effect of order 4.
 _ONE_WAY_ORDERS = 3
 # For the part of hysteresis that is proportional to force, the prior sd in a plane whose circles
 # all run in one direction is this fraction of the prior sd in a plane with both directions.
@@ -111,8 +111,8 @@ class Discrepancy(Term):
     array([0. , 0. , 0. , 0.5, 0.5])
     """
 
-    #: exponent of the prior sd κ/n^decay of the discrepancy, where n is the order of the harmonics
-    #: cos nθ, sin nθ
+    #: exponent with which the prior sd of the discrepancy decreases with the order n of the
+    #: harmonics cos nθ, sin nθ. The sd is κ/n^decay, with the hyper-parameter κ
     decay: float = 1.0
     remedy = "Run more circles: what differs from one to the next averages out."
     scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
@@ -172,8 +172,9 @@ class CircleScale(Term):
 class _HysteresisPrior(NamedTuple):
     """Prior of the coefficients of hysteresis in one plane.
 
-    The fields hold the prior sds at the Fourier orders 0 and 1. At a higher order n, each prior sd
-    is the value of the field divided by n.
+    Hysteresis has a part that does not depend on force (``constant_sd``) and a part proportional to
+    force (``proportional_sd``). These two fields hold the prior sds of the coefficients at the
+    Fourier orders 0 and 1. At a higher order n, the prior sds are the fields divided by n.
     """
 
     #: prior sd of the part of hysteresis that does not depend on force [mm]; if ``hyper`` names a
@@ -201,9 +202,10 @@ class Hysteresis(Term):
     ``proportional_um_per_kN``/n for the part proportional to force. If all circles of a plane run
     in one direction, or no directions are given, hysteresis cannot be separated from bar length,
     geometric errors and compliances. Hysteresis then widens the coverage intervals of these
-    parameters. It has only the orders n = 0 … 3 in this case, which include nearly all orders of
-    the effects of these parameters. The prior sd is then ``constant_um``/n for the part that does
-    not depend on force, and 0.6 ``proportional_um_per_kN``/n for the part proportional to force.
+    parameters. It has only the orders n = 0 … 3 in this case, because the effects of these
+    parameters have hardly any higher orders. The prior sd is then ``constant_um``/n for the part
+    that does not depend on force, and 0.6 ``proportional_um_per_kN``/n for the part proportional to
+    force.
 
     If ``law`` is ``fixed``, as in the model's first edition (preset ``first``), the term acts only
     in planes whose circles run in both directions. The orders are then n = 0 … 4, and

@@ -21,13 +21,12 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# Some lists hold, for each coefficient, the class name of the nuisance term to which the
-# coefficient belongs. This name is used instead for parameters of interest, which belong to no
-# nuisance term.
+# Lists of the model's coefficients state the nuisance term of each coefficient by the name of its
+# class. For parameters of interest, which belong to no nuisance term, they state this word.
 OWN = "Parameters"
-# Some lists hold, for each source of noise, the class name of the nuisance term to which the source
-# belongs. This name is used instead for the white noise of the readings, which belongs to no
-# nuisance term.
+# Lists of the model's sources of noise state the nuisance term of each source by the name of its
+# class. For the white noise of the readings, which belongs to no nuisance term, they state this
+# word.
 NOISE = "ReadingNoise"
 # Reference order for the scale τ of the balls' form errors and the scale ω of the machine's errors
 # of higher orders. For harmonics cos nθ, sin nθ of this order n, prior sds follow from the scales
@@ -113,19 +112,21 @@ class Columns(Shown):
 
     A column is the change of the reading per unit of a coefficient, as a function of the angle θ on
     the circle. Each column is stored as Fourier coefficients of 1, cos θ, sin θ, cos 2θ, sin 2θ, …
-    to the order
-    12. The prior sd of coefficient j is ``sd``_j · s · λ · (``orders``_j/6)^(−d), with the
-    hyper-parameters s (scale of the effect), λ (noise factor of each test's circle) and d. The
-    fields ``hyper``, ``circle`` and ``decay`` name these hyper-parameters; a factor is left out if
-    its field names no hyper-parameter. If the field ``stated`` is not None, its value for
-    coefficient j is added to this sd in quadrature.
+    to the order 12.
+
+    The prior sd of coefficient j is ``sd``_j · s · λ · (``orders``_j/6)^(−d), with the
+    hyper-parameters s (scale of the effect), λ (noise factor of each test's circle) and d (decay
+    with the order). The fields ``hyper``, ``circle`` and ``decay`` name these hyper-parameters; a
+    factor is left out if its field names no hyper-parameter. If the field ``stated`` is not None,
+    its value for coefficient j is added to this sd in quadrature.
 
     Raises
     ------
     InputError
-        If the shapes of ``values`` or ``sd`` do not agree with the number of names; if the
-        coefficients belong to single tests (``private``) and have a mean; or if ``circle`` names
-        noise factors of circles but the coefficients are the same in all tests.
+        If the shapes of ``values`` or ``sd`` do not agree with the number of names; if a prior mean
+        is given although the coefficients have separate values in every test (``private``); or if
+        ``circle`` names noise factors of circles although the coefficients have the same values in
+        all tests.
 
     Examples
     --------
@@ -165,7 +166,8 @@ class Columns(Shown):
     #: that does
     stated: Array | None = None
     #: name of the hyper-parameter λ (noise factor) of each test's circle, shape (tests,); empty if
-    #: circles have no noise factors. Noise factors require ``private`` coefficients
+    #: circles have no noise factors. It must be empty if the coefficients have the same values in
+    #: all tests (``private`` is false)
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
@@ -206,10 +208,10 @@ class Columns(Shown):
         )
 
     def sources_of(self, test: int) -> tuple[Source, ...]:
-        """Return the products of hyper-parameters by which the prior sds in a test are multiplied.
+        """Return the products of hyper-parameters that multiply the prior sds of coefficients.
 
-        There is one product for each of the p coefficients. Each product includes the noise factor
-        λ of the test's circle. ``test`` is the index of the test, from 0.
+        There is one product for each of the p coefficients. It includes the noise factor λ of the
+        circle of one test, if this circle has one. ``test`` is the index of this test, from 0.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)

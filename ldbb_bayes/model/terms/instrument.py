@@ -24,9 +24,9 @@ def _standard_uncertainty(
 ) -> float:
     """Return the standard uncertainty: half of the expanded uncertainty (k = 2) of a certificate.
 
-    If ``expanded`` is None, return the standard uncertainty ``assumed``. The certified value is
-    multiplied by ``unit_per_stated`` to convert it to the unit of the result; the factor is 0.01
-    for percent, for example.
+    ``expanded`` is the expanded uncertainty. It is multiplied by ``unit_per_stated`` to convert it
+    to the unit of the result, for example by 0.01 if it is in percent. If ``expanded`` is None,
+    there is no certificate, and the result is the standard uncertainty ``assumed``.
     """
     return assumed if expanded is None else 0.5 * expanded * unit_per_stated
 

@@ -21,14 +21,17 @@ from ldbb_bayes.results import Array
 __all__ = ["JointLoad", "Position", "joint_load_columns"]
 
 # Exponent a of the effect of a bolted contact on the reading, which is proportional to |u|^a. u is
-# the component, along the machine axis, of the unit vector along the bar, and F is the force of the
-# bar. The contact deflects along the axis in proportion to |F u|^(2/3). The reading changes by the
-# component of this deflection along the bar, which is |u| times the deflection; 2/3 + 1 = 5/3.
+# the component, along the machine axis, of the unit vector along the bar. If the bar has the force
+# F, the force along the axis is F u, and the contact deflects in proportion to |F u|^(2/3). The
+# reading changes by |u| times this deflection, so that a = 2/3 + 1 = 5/3.
 _CONTACT_POWER = 5.0 / 3.0
 
 
 class _LawInWords(NamedTuple):
-    """Words for a nonlinear deflection of an axis: its kind, and the load that causes it."""
+    """Description in words of a nonlinear deflection of a machine axis.
+
+    ``effect`` names the kind of deflection, and ``load`` the load that causes it.
+    """
 
     effect: str
     load: str
@@ -108,12 +111,12 @@ class JointLoad(Term):
         return tuple(columns)
 
     def secants(self, setting: Setting, force_N: Array) -> Array:
-        """Return the change of an axis' compliance at n forces per unit of each coefficient.
+        """Return by how much one unit of each coefficient changes the compliance of an axis.
 
-        The result has the shape (n, 3), because the term has three coefficients for each axis. The
-        change is the nonlinear deflection of the axis divided by the force of the bar, with the bar
-        along the axis. ``force_N``, shape (n,), holds the n forces, none of them zero. ``setting``
-        states the reference force and the largest force of the campaign.
+        The change is calculated at the n forces ``force_N``, shape (n,), none of them zero. It is
+        the nonlinear deflection of the axis divided by the force of the bar, with the bar along the
+        axis. The result has the shape (n, 3), because the term has three coefficients for each
+        axis. ``setting`` states the reference force and the largest force of the campaign.
         """
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
@@ -247,7 +250,7 @@ class Position(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a coefficient of the compliance's change along the travel.
+        """Return the description of a coefficient of this term, made from the coefficient's name.
 
         For example, position_X_linear is described as "linear change of the compliance along X".
         """
