@@ -129,8 +129,9 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     header_line: int | None = Field(default=None, ge=0)
     #: names of the sheets to read from workbooks; empty for all sheets with a table of readings
     sheets: list[str] = Field(default_factory=list)
-    #: the column that has each role, such as angle, given by its header or by its number from 1; if
-    #: several columns of readings are listed, each of them is a separate test
+    #: columns of the table; the key is the role of a column, such as angle, and the value is its
+    #: header or its number from 1; if several columns of readings are listed, each is a separate
+    #: test
     columns: dict[str, _Column] = Field(default_factory=dict)
     #: forces of all tests, in the order of files, sheets and rows; they replace the forces that
     #: entries [[test]] of the layout state

@@ -46,7 +46,8 @@ __all__ = [
     "unknown_length",
 ]
 
-# Type of lines of text: pairs of the line number (or place) and the text.
+# Type of lines of text: pairs of line number and text. For a line of another sheet, the line number
+# is replaced by a text such as "3 of notes.txt".
 Lines = Sequence[tuple[int | str, str]]
 
 

@@ -29,7 +29,8 @@ def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
     Parameters
     ----------
     cells
-        Place and text of each cell; the text is "header: cell".
+        Two texts for each cell of the row: where it is, and its header and content, as in "Setup:
+        2".
     """
     named = []
     for place, text in cells:
@@ -49,9 +50,11 @@ def unread_headers(cells: Iterable[tuple[str, str]], names: Collection[str]) -> 
     Parameters
     ----------
     cells
-        Place and text of each cell in the row of the test; the text is "header: cell".
+        Two texts for each cell in the row of the test: where it is, and its header and content, as
+        in "Setup: 2".
     names
-        Names of the test, which the row also holds.
+        Names of the test. A cell that holds one of these names is used, so its header is not
+        returned.
     """
     names_of_test = {comparable(name).replace(" ", "") for name in names}
     headers = []

@@ -31,7 +31,7 @@ class LoadInLine(NamedTuple):
     """Load in a line that does not call it force or pressure."""
 
     key: str  #: kind of load: force_N or pressure_bar
-    value: float  #: value of the load, in N or bar as ``key`` states; NaN if it is not one number
+    value: float  #: load in N or bar, as ``key`` states; NaN if it is uncertain
     line: int | str  #: number of the line
     text: str  #: text of the line
     is_clear: bool  #: whether the line has no words for anything but a test, its load and direction
@@ -46,7 +46,7 @@ def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLin
     Parameters
     ----------
     lines
-        Numbers and texts of the lines.
+        Line number and text of each line.
     """
     for line, content in lines:
         text = _COMMA_BEFORE_NUMBER.sub(", ", content[:LONGEST_TEXT])
@@ -60,7 +60,7 @@ def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLin
 
 
 def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
-    """Return the load of a test from its lines; None unless these lines have one meaning.
+    """Return the load of a test if all lines with a load agree and are clear; else None.
 
     ``loads`` are the loads in all lines above the table of the test.
     """

@@ -1,7 +1,8 @@
-"""Matrices as MATLAB shows them in its command window, such as ``1.0e+02 *`` above numbers.
+"""Matrices in the form in which MATLAB shows them in its command window.
 
-A text may hold several displays. Each of them is a table of its own; the commands above it belong
-to it.
+Above the numbers, MATLAB may write a factor for all of them, such as ``1.0e+02 *``. A text may hold
+several displays of matrices. Each display is a table of its own; the commands above it belong to
+it.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ _PART = re.compile(r"\s*Columns? \d+(?: (?:through|and|to) \d+)?\s*")
 _ASSIGNED_NUMBER = re.compile(rf"\b[A-Za-z]\w*\s*=\s*(?P<number>{NUMBER_IN_TEXT})\s*(?=[;,%]|$)")
 # Regular expression for a number as MATLAB shows it.
 _NUMBER = re.compile(r"[+\-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+\-]?\d+)?")
-# Words with which a load is stated; the keys are the roles of columns to whose units it belongs.
+# Words by which a load is stated; the keys are the roles of columns that hold such a load.
 _LOADS = {"force": "Force", "pressure": "Pressure"}
 # Smallest number of successive rows of numbers that are a table.
 _FEWEST_ROWS = 9
@@ -62,7 +63,10 @@ class _Display:
 
 
 def is_matlab_display(text: str) -> bool:
-    """Return whether a text has a line with a factor, or commands and names, of MATLAB."""
+    """Return whether a text was copied from the command window of MATLAB.
+
+    Such a text has a line with a factor; or it has a prompt, and a line with a variable's name.
+    """
     lines = text.split("\n")
     if any(_FACTOR.fullmatch(line) for line in lines):
         return True
@@ -71,13 +75,13 @@ def is_matlab_display(text: str) -> bool:
 
 
 def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
-    """Return one sheet for each display of a matrix with the numbers of a table.
+    """Return one sheet for each displayed matrix that has enough rows for a table.
 
-    Every number of a display is multiplied by the factor above it. A comment behind the command,
-    such as ``% theta [rad], distance [mm]``, is the header if it names every column. A display
-    without a header has that of the first display, and lines above the first display also apply to
-    a further display, unless the lines above the further display state the same field. If no
-    display has enough rows for a table, the sheet is returned unchanged.
+    Every number of a display is multiplied by the factor above it. A comment after a command, such
+    as ``% theta [rad], distance [mm]``, is the header of the table if it names every column. If a
+    later display has no header, the header of the first display is used. Lines above the first
+    display also apply to a later display, unless the lines above the later one state the same
+    field. If no display has enough rows for a table, the sheet is returned unchanged.
 
     Parameters
     ----------
@@ -112,9 +116,10 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
 
 
 def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_Shown]:
-    """Return all rows of a text: each matrix with the lines above it, and last the lines below.
+    """Divide all rows of a text into matrices with the lines above them.
 
-    ``rows`` are the rows of the text, and ``written`` its lines as written.
+    The last item of the result holds the lines below the last matrix. ``rows`` are the rows of the
+    text, split into cells, and ``written`` are its lines as written.
     """
     shown = [_Shown([], [])]
     run: list[Row] = []
@@ -140,9 +145,10 @@ def _is_row_of_numbers(row: Row) -> bool:
 
 
 def _end_run(shown: list[_Shown], run: Sequence[Row]) -> None:
-    """Add successive rows of numbers to the last matrix, and begin the next, if they are a table.
+    """Make successive rows of numbers a matrix if they are enough for a table.
 
-    Fewer rows are added to the lines above the next matrix.
+    In this case, a new item for the next matrix is added to ``shown``. Too few rows become part of
+    the lines above the next matrix.
     """
     if len(run) < _FEWEST_ROWS:
         shown[-1].above += [Row(row.line, [" ".join(row.cells)]) for row in run]
@@ -162,9 +168,9 @@ def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
 
 
 def _display(sheet: Sheet, shown: _Shown) -> _Display:
-    """Return the display of a matrix: its numbers with their factor, its header and other lines.
+    """Return a displayed matrix, with its numbers multiplied by the factor above them.
 
-    A factor belongs to the numbers of the variable that is named last above it.
+    A factor is not used if a command or the name of another variable follows before the numbers.
     """
     display = _Display()
     for row in shown.above:
@@ -196,9 +202,10 @@ def _display(sheet: Sheet, shown: _Shown) -> _Display:
 
 
 def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[Row]:
-    """Return the rows of the table of a display: its lines, header and numbers.
+    """Return the table of a display as rows: lines above the table, header and numbers.
 
-    ``first`` is the first display. The lines and the header that hold for all displays stand there.
+    A further display also gets the lines above the first display that apply to it and, if it has no
+    header, the header of the first display. ``first`` is the first display.
     """
     if display is first:
         return [*first.lines, *first.header, *first.numbers]
@@ -212,8 +219,8 @@ def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[R
 def _column_names(content: str, width: int) -> list[str]:
     """Return the names of the columns in a line; empty if the line does not name every column.
 
-    The names stand in a comment, separated by commas, or the line consists of them. ``width`` is
-    the number of columns.
+    The names may be in a comment, separated by commas, or they are the whole line. ``width`` is the
+    number of columns.
     """
     _, mark, comment = content.partition("%")
     names = content.split()
@@ -229,7 +236,7 @@ def _column_names(content: str, width: int) -> list[str]:
 def _line_of_command(line: int, content: str) -> list[Row]:
     """Return a line as a row of one cell, without the prompt; an empty list if nothing is left.
 
-    If the comment behind an assigned number is a unit of force or pressure, a statement of the load
+    If the comment after an assigned number is a unit of force or pressure, a statement of the load
     is added, as in ``F = 490; % N; Force: 490 N``.
     """
     command = _PROMPT.sub("", content).strip()

@@ -69,7 +69,7 @@ def measured_length_stated(text: str) -> dict[str, str]:
 
 
 def _length_of_readings(text: str) -> str:
-    """Return "radius" or "diameter" if a text says which length readings measure; else empty."""
+    """Return "radius" or "diameter" if a text says that readings measure this length, or ""."""
     words = _without_numbers_of_others(text)
     if _READINGS.search(words) is None or re.search(r"\d", words):
         return ""
@@ -77,7 +77,7 @@ def _length_of_readings(text: str) -> str:
 
 
 def _without_numbers_of_others(text: str) -> str:
-    """Return a text for comparison, without its loads and without the numbers of columns."""
+    """Return a text in the form in which texts are compared, without loads and column numbers."""
     return _NUMBER_OF_COLUMN.sub("", LOAD_IN_NAME.sub("", comparable(text[:LONGEST_TEXT])))
 
 

@@ -71,7 +71,8 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
     place
         Name of the table in the error message.
     lines
-        Number (or place) and text of each line.
+        Line number and text of each line. For a line of another sheet, the line number is replaced
+        by a text such as "3 of notes.txt".
     """
     for line, text in lines:
         for statement in divide_line(text[:LONGEST_TEXT]):
