@@ -296,7 +296,7 @@ class RatioSampler:
 
 
 def _probabilities(weight: Array) -> Array:
-    """Return the probability of each of n nodes (weighted points) to be picked, shape (n,).
+    """Return the probability with which each of n nodes (weighted points) is picked, shape (n,).
 
     ``weight``, shape (n,), holds the weights of the nodes, which sum to one. The result is the mean
     of two probabilities: one is proportional to the weight of the node, the other to the square
@@ -311,7 +311,8 @@ def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
 
     ``probability`` holds the probabilities with which the nodes are picked; they sum to one. The
     nodes are put in random order (``rng``) and picked at equally spaced values of the cumulative
-    probability. Every 8th or every 24th of the picked nodes is again a systematic sample.
+    probability. If only every 8th or every 24th of the picked nodes is used, these nodes also form
+    a systematic sample.
     """
     order = rng.permutation(len(probability))
     levels = (rng.random() + np.arange(_LARGEST_SAMPLE)) / _LARGEST_SAMPLE

@@ -72,8 +72,8 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
     ------
     InputError
         For a flat prior, under which the evidence is undefined, for a plan (a campaign without
-        readings), for a tolerance that is not positive, or for a model to which the campaign cannot
-        be fitted.
+        readings), for a tolerance that is not positive, or for a model that cannot be fitted to the
+        campaign.
 
     Warns
     -----

@@ -1,4 +1,4 @@
-"""Evidences of many models for the readings of one campaign, or of the campaign without a test.
+"""Evidences of many models for the readings of one campaign, with or without one of its tests.
 
 The evidence Z(y) is the density of the readings y under a model. Without test r the readings are
 y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) states how well the other tests predict test r. If
@@ -123,14 +123,15 @@ class Evidences(Shown):
         return [self._nodes[key] for key in keys]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model; coarse nodes if all the models are rejected.
+        """Return the quadrature nodes of each model, less accurate ones if all models are rejected.
 
         Nodes are weighted values of the hyper-parameters, from which the log evidence of a model
-        follows. If the nodes of all the models are known already, they are returned. Otherwise
-        coarse nodes of all the models are computed first. All the models are rejected if every log
-        evidence plus its error is at most ``below`` [nat]; the coarse nodes are then returned. If
-        the models are not rejected, their nodes are computed again to the tolerance of this object.
-        Evidences from coarse nodes do not appear in `every`.
+        follows. If the nodes of all the models are known already, they are returned. Otherwise,
+        nodes of all the models are first computed with a larger tolerance. All the models are
+        rejected if every log evidence plus its error is at most ``below`` [nat]; these less
+        accurate nodes are then returned. If the models are not rejected, their nodes are computed
+        again to the tolerance of this object. Evidences from the less accurate nodes do not appear
+        in `every`.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
             return self.of(*models)
@@ -142,7 +143,7 @@ class Evidences(Shown):
         return rough
 
     def apart(self, tolerance: float | None = None) -> Evidences:
-        """Return a new ``Evidences`` object for the same readings, without any nodes yet.
+        """Return a new, still empty ``Evidences`` object for the same readings.
 
         The posterior mode of a model's hyper-parameters (scales of the noise and of other effects)
         is found by a search. In the new object, the search starts at the mode that this object has
@@ -155,7 +156,7 @@ class Evidences(Shown):
     def without_test(
         self, test: str, tests: Sequence[str], modes: Mapping[tuple[Hyper, ...], Array]
     ) -> Evidences:
-        """Return a new ``Evidences`` object for the readings without one test, without nodes yet.
+        """Return a new, still empty ``Evidences`` object for the readings of all tests but one.
 
         ``test`` is the name of the test left out, ``tests`` are the names of all tests. ``modes``
         holds modes (maxima) of posteriors of the hyper-parameters (scales of the noise and of other
@@ -211,7 +212,7 @@ class Evidences(Shown):
 
     @property
     def every(self) -> list[Evidence]:
-        """Evidences computed so far, one for each model; coarse evidences are left out."""
+        """Evidences computed so far to the tolerance of this object, one for each model."""
         return [nodes.evidence for nodes in self._nodes.values()]
 
 

@@ -56,13 +56,13 @@ _IMPROBABLE = float(np.log(1e-3))
 # A fit warns if the posterior median of a hyper-parameter (scale of the noise or of another effect)
 # is above the quantile of its prior at this probability.
 _EXPECTED_HYPER = 0.999
-# A fit warns if the posterior mean of a parameter is farther from the prior mean that the user
-# stated than this limit. The unit of the limit is the standard deviation that the distance has if
-# the prior is right.
+# A fit warns if the distance between the posterior mean of a parameter and the prior mean that the
+# user stated exceeds this limit. The unit of the limit is the standard deviation that the distance
+# has if the prior is right.
 _LARGEST_PRIOR_DISTANCE = 3.0
-# The distance between prior mean and posterior mean of a parameter is divided by its standard
-# deviation. To avoid a division by zero, the variance of the distance is taken to be at least this
-# fraction of the prior variance.
+# The distance between the prior mean and the posterior mean of a parameter is divided by the
+# standard deviation that this distance has if the prior is right. To avoid a division by zero, the
+# variance of the distance is taken to be at least this fraction of the prior variance.
 _SMALLEST_VARIANCE_SHARE = 0.05
 
 

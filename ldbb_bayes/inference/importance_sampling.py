@@ -37,8 +37,8 @@ _SCRAMBLES = 8
 # ``_FEWEST_POINTS``, rounded up to a power of two.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Each round of importance sampling starts with this many times as many points as the previous round
-# started with, up to the largest number allowed.
+# Factor by which the number of points at the start of a round grows from one round of importance
+# sampling to the next. The number of points is limited to the largest number allowed.
 _GROWTH = 4
 # Points are drawn from a mixture, the proposal. For each of its components, a component that is
 # wider by the factor ``_WIDE`` is added, so that points in the tails do not get very large weights.
@@ -60,10 +60,10 @@ _VERY_EFFICIENT = 0.7
 # tolerance. Fitting the proposal (the density from which points are drawn) to all points so far and
 # beginning another round is then cheaper.
 _REACHABLE = 2.0
-# Effective sample size that weights must reach before a proposal (the density from which points are
-# drawn) is fitted to weighted points. In h dimensions, the required size is this number times h +
-# 1, or a third of the number of points if that is smaller. Weights that do not reach this size are
-# first made more equal: they are raised to a power below one.
+# A proposal (the density from which points are drawn) is fitted to weighted points. In h
+# dimensions, the weights must have an effective sample size of at least this number times h + 1, or
+# of a third of the number of points if that is smaller. Weights with a smaller effective sample
+# size are first made more equal: they are raised to a power below one.
 _FITTED_PER_DIMENSION = 40.0
 # Weights are made more equal by raising them to a power. The power starts at one. It is multiplied
 # by ``_EVENING`` until the effective sample size of the weights suffices, or until the power is at

@@ -192,9 +192,9 @@ def _draw_standard(
     *,
     truncated: bool = True,
 ) -> tuple[Array, Array]:
-    """Return random draws of the parameters in standard coordinates, and numbers of usable draws.
+    """Return random draws of the parameters in coordinates in which they are standard normal.
 
-    In standard coordinates the Gaussian density of the p parameters given the hyper-parameters is
+    In these coordinates, the Gaussian density of the p parameters given the hyper-parameters is
     N(0, I). ``conditional`` holds the Gaussian densities for w values of the hyper-parameters. For
     each value, ``tries`` draws are made. If ``truncated`` is True, only draws without a negative
     compliance are usable. The result is a tuple of two arrays: the draws, shape (w, tries, p), with

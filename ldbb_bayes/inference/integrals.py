@@ -50,20 +50,20 @@ _HEAVY_TAIL_K = 0.4
 # If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
 # the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
-# The density beyond the outermost nodes of a lattice is assumed to contribute at most this many
-# times as much to the integral as these nodes.
+# Upper estimate of the share of an integral that lies beyond the outermost nodes of a lattice, as a
+# multiple of the share that these nodes contribute.
 _BEYOND_EDGE = 3.0
 # Error of the log integral from a lattice, as a fraction of the difference between the log
 # integrals from the lattice's two grids. The log integral from the lattice is the logarithm of the
 # mean of the integrals from the two grids.
 _MEAN_OF_TWO = 0.25
-# Let d be the difference between the log integrals from a lattice's two grids [nat]. Up to this
-# value of d, the error of the log integral is ``_MEAN_OF_TWO`` times d. For a larger d, the error
-# is d², but at least ``_MEAN_OF_TWO`` times this value.
+# Let d be the difference between the log integrals from a lattice's two grids [nat]. If d is at
+# most ``_LARGEST_LINEAR``, the error of the log integral is ``_MEAN_OF_TWO`` times d. For a larger
+# d, the error is d², but at least ``_MEAN_OF_TWO`` times ``_LARGEST_LINEAR``.
 _LARGEST_LINEAR = 0.02
-# The difference between the log integrals from a lattice's two grids may be small by chance. An
-# error is therefore computed from at least this fraction of the difference before the spacing of
-# the points was last reduced.
+# The error of a log integral is computed from the difference between the results of a lattice's two
+# grids, which may be small by chance. The difference is therefore taken to be at least this
+# fraction of the difference before the spacing of the points was last reduced.
 _DECLINE = 0.35
 # Each of the two grids of a lattice gives a share of the integral. A share below this number is
 # replaced by it, so that the logarithm of the share is finite.
@@ -110,8 +110,8 @@ class Integral:
     #: spacing of its nodes was last reduced; zero for a sample, and for a lattice whose spacing was
     #: not reduced
     coarser_difference: float = 0.0
-    #: error of ln ∫ f [nat] because the density at most nodes (points) was inferred from its values
-    #: at some nodes (`density_ratio`); zero if the density was evaluated at all nodes
+    #: error of ln ∫ f [nat] that arises if the density was evaluated at some nodes (points) only
+    #: and inferred at all others (`density_ratio`); zero if the density was evaluated at all nodes
     ratio_error: float = 0.0
 
     @cached_property
