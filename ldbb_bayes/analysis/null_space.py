@@ -24,12 +24,13 @@ EXACT_SHARE = 0.05
 # combination changes no reading noticeably.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # Coefficients with small effects are dropped from a combination only if the remaining combination
-# changes no reading by more than this share of the smallest visible change.
+# changes no reading by more than this share of ``NullSpace.limit``, the largest change of a reading
+# that is too small to be seen.
 _SPARSE_LIMIT_SHARE = 0.5
-# Pivots are chosen one after the other from the rows of a matrix, whose columns are an orthonormal
-# basis of the null space. Each row belongs to one coefficient. Before each choice, the directions
-# of the rows chosen before are projected out of all rows. A preferred coefficient is chosen first
-# if the remaining length of its row is above this number.
+# Each row of a matrix belongs to one coefficient, and some coefficients are preferred as pivots.
+# One row after the other is chosen as a pivot. Before each choice, the directions of the rows
+# chosen before are projected out of all rows. A preferred coefficient is chosen before all others
+# if the length of its projected row is above this number.
 _LEAST_PIVOT_LENGTH = 0.05
 # Relative cut-off for singular values when the effect of one coefficient on the readings is fitted
 # by the effects of others: singular values below this share of the largest count as zero.
@@ -104,8 +105,8 @@ class NullSpace:
     def _orthonormal_basis(self, columns: NDArray[np.intp]) -> Array:
         """Return k orthonormal combinations of c coefficients that change no reading, shape (c, k).
 
-        The coefficients are those with the indices ``columns``. A change of the readings below the
-        field ``limit`` counts as no change.
+        ``columns`` are the indices of the c coefficients. A change of a reading by at most
+        ``NullSpace.limit`` counts as no change.
         """
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))

@@ -18,10 +18,10 @@ Otherwise, the narrow prior of a squareness error would count as a measurement o
 changes the readings in the same way. All other effects keep their priors.
 
 Scatter differs from reading to reading, or from circle to circle, and is not described by
-coefficients that several circles have in common. Reading noise, set-up shift and discrepancy are
-kinds of scatter that count as measured here, because the readings determine the hyper-parameters
-that are their standard deviations. Scatter with a fixed standard deviation, such as the random
-error of the force, is stated or assumed.
+coefficients that several circles have in common. Reading noise counts as measured here, because the
+readings determine its standard deviation. The same holds for shifts from one set-up to the next,
+and for the discrepancy between model and readings. Scatter with a fixed standard deviation, such as
+the random error of the force, is stated or assumed.
 """
 
 from __future__ import annotations
@@ -64,15 +64,15 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
     The standard uncertainty of a source is measured by the readings of this campaign, stated by a
     certificate or by the user, or assumed by the model.
 
-    The keys are the same as in `Information.shares`. A key has two parts: the name of a coefficient
-    or noise, and the name of the model term to which the coefficient or noise belongs. In this
-    function, the priors of the parameters (key ``(OWN, OWN)``) count as assumed. Use
+    The keys are the same as in `Information.shares`. A key has two parts: the name of the source (a
+    coefficient or a kind of noise), and the name of the model term to which the source belongs. In
+    this function, the priors of the parameters (key ``(OWN, OWN)``) count as assumed. Use
     `is_prior_stated` to find out whether the user gave the prior of a parameter.
 
     Parameters
     ----------
     bound
-        Model bound to a campaign or plan.
+        Model of a campaign or of a plan.
     information
         Linear model of the readings (`Information`), at one value of the hyper-parameters.
     """
@@ -127,9 +127,10 @@ def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
 def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
     """Return a model term with default settings instead of those that the user has made.
 
-    The defaults are those of the model's preset. If the preset does not have the term, they are
-    the defaults of the term's class. Settings that are strings, such as the covariate of a drift,
-    are kept, because they state which effect is modelled, and not how large the effect is.
+    The defaults are those of the preset from which the model was made; a preset is a ready-made
+    model, such as `HybridModel.first`. If the preset does not have the term, they are the defaults
+    of the term's class. Settings that are strings, such as the covariate of a drift, are kept,
+    because they state which effect is modelled, and not how large the effect is.
     """
     usual = edition_terms(bound).get(type(term), type(term)())
     kinds_of_effect = {name: value for name, value in vars(term).items() if isinstance(value, str)}
@@ -160,9 +161,9 @@ def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object
 def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
     """Return whether the user gave the prior of a parameter of interest.
 
-    The prior counts as given by the user in two cases: the model's `Prior` names this parameter and
-    states a mean or an sd for it, or a setting of the `Prior` from which the parameter's sd is
-    computed differs from the preset.
+    The prior counts as given by the user in two cases. Either the user has stated a mean or an sd
+    for this parameter, or the user has changed a setting of the model's `Prior` from which the sd
+    of this parameter is computed.
     """
     prior = bound.model.prior
     if parameter in prior.overrides or parameter in prior.means:
@@ -173,19 +174,19 @@ def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
 
 
 def edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
-    """Return the nuisance terms of the preset from which a model was made, with default values.
+    """Return the nuisance terms of a model, with the settings that they have by default.
 
-    The keys are the classes of the terms. A nuisance is an effect that is modelled but not of
-    interest. Changes that the user has made in the model are ignored.
+    A nuisance is an effect that is modelled but not of interest. The terms are those of the
+    ready-made model, such as `HybridModel.first`, from which the model ``bound`` was made. Changes
+    that the user has made since are ignored. The keys are the classes of the terms.
     """
     return {type(term): term for term in _edition(bound).nuisances}
 
 
 def _edition(bound: BoundModel) -> HybridModel:
-    """Return the model of the preset from which a model was made, with default values.
+    """Return the ready-made model, such as `HybridModel.first`, from which a model was made.
 
-    The preset ``paper`` has no nuisances. For this preset, the model of the preset ``first`` is
-    returned.
+    The ready-made model ``paper`` has no nuisances; `HybridModel.first` is returned in its place.
     """
     return _edition_of(bound.model.preset, bound.model.degree)
 

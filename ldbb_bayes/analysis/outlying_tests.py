@@ -237,8 +237,9 @@ def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
 def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
     """Return the judged tests with family-wise p-values by Holm's method.
 
-    ``lowest`` is the largest family-wise p-value of the tests that were flagged before. Smaller
-    family-wise p-values are replaced by it.
+    Holm's method compares the tests in the order of their p-values and never lets an adjusted
+    p-value be smaller than that of a test compared before. ``lowest`` is therefore the least value
+    that a family-wise p-value may have: the largest one of the tests that were flagged before.
     """
     p_values = np.array([judged_test.p_value for judged_test in judged.values()])
     family_wise = np.maximum(holm(p_values), lowest)
@@ -345,11 +346,11 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # The p-value is the share of replicates (simulated circles) that deviate strongly in at least
-    # one Fourier order. For each order, ``nearer_counts`` is the number of replicates that deviate
-    # less than the observed circle; ``most_nearer`` is the largest of these numbers. A replicate
-    # deviates strongly in an order unless its deviation is among the ``most_nearer`` smallest of
-    # all replicates in this order.
+    # The p-value is the share of replicates (simulated circles) that deviate, in at least one
+    # Fourier order, as strongly as the observed circle deviates in its worst order. For each order,
+    # ``nearer_counts`` is the number of replicates that deviate less than the observed circle, and
+    # ``most_nearer`` is the largest of these numbers, m. In each order, the m replicates that
+    # deviate least do not count as strongly deviating; all others do.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

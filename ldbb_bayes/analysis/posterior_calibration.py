@@ -11,10 +11,10 @@ all unknowns, the steps are:
    this posterior is computed correctly, θ' is also a draw from this posterior, and the ranks of θ'
    among other draws from this posterior are uniformly distributed.
 
-Bar, balls, mount and force device are the same in the measured and the simulated campaign; set-up
-shift, discrepancy, random force error and white noise are drawn anew for the simulated campaign.
-All effects are linearised at the estimate Ĉ of the compliances from the measured campaign, as in
-the posterior p(θ | y).
+Bar, balls, mount and force device are the same in the measured and the simulated campaign; the
+shifts between set-ups, the discrepancy between model and readings, the random error of the force
+and the white noise are drawn anew for the simulated campaign. All effects are linearised at the
+estimate Ĉ of the compliances from the measured campaign, as in the posterior p(θ | y).
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ def calibrate_posterior(
 ) -> Validation:
     """Return the ranks of true values among posterior draws of simulated, enlarged campaigns.
 
-    In every replicate, true values of the parameters and of the hyper-parameters (the scales of the
-    noise and of other effects) are drawn from the posterior. A repetition of the tests is simulated
-    from the true values, and the posterior given the measured and the simulated readings together
-    is computed. The rank of a true value is the number of draws from this new posterior that are
-    below the true value. If the new posterior is computed correctly, the ranks are uniformly
-    distributed (posterior SBC, Säilynoja et al. 2025).
+    In every replicate, true values of the parameters and of the hyper-parameters (such as the
+    standard deviation of the noise) are drawn from the posterior. A repetition of the tests is
+    simulated from the true values, and the posterior given the measured and the simulated readings
+    together is computed. The rank of a true value is the number of draws from this new posterior
+    that are below the true value. If the new posterior is computed correctly, the ranks are
+    uniformly distributed (posterior SBC, Säilynoja et al. 2025).
 
     Parameters
     ----------
@@ -183,12 +183,12 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 
 
 def _with_times(campaign: Campaign) -> Campaign:
-    """Return a campaign in which each test has a time that a repetition can also have.
+    """Return the campaign with a time for each test, so that a repetition can have the same times.
 
-    If the campaign states no times, and drift is therefore computed from the order of the tests,
-    each test gets a time in proportion to its position in the list. A repetition of the tests then
-    has the same times as the tests themselves, so that drift is measured from the same mean time
-    with and without the repetition. Any other campaign is returned unchanged.
+    This concerns a campaign that states no times, so that drift is computed from the order of the
+    tests. Each test gets a time in proportion to its position in the list. The repeated tests then
+    have the same times as the original tests, and drift is measured from the same mean time with
+    and without the repetition. Any other campaign is returned unchanged.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign
@@ -206,9 +206,9 @@ def _enlarge(campaign: Campaign, truth: ModelDraws, rng: np.random.Generator) ->
     """
     plan = campaign.plan()
     tests = list(campaign.tests)
-    # The readings must be simulated by the same model that analyses them. The noise factors λ of
-    # the simulated circles are therefore drawn from the model's prior; the measured circles'
-    # scatter is not used.
+    # The readings must be simulated by the same model that analyses them. The factor by which the
+    # noise of each simulated circle is larger or smaller than average is therefore drawn from the
+    # model's prior, and not from the factors of the measured circles.
     circles = new_circles(truth, plan, rng, learn_spread=False)
     for test, readings_mm in zip(plan.tests, circles, strict=True):
         simulated = test.with_reading_um(readings_mm[0] * 1e3)

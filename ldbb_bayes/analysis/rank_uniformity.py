@@ -4,9 +4,9 @@ A rank is the number of posterior draws below the true value in a simulated camp
 that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and
 Computing 32:32 (2022). For each k, the band has one interval for the number of ranks that are at
 most k. If the ranks are uniform, this number has a binomial distribution, and lies inside the
-interval with nearly the same probability for every k. This probability is chosen so that the
-empirical distribution of uniform ranks stays inside all intervals with the probability of the band.
-The probability of staying inside all intervals is computed exactly.
+interval with nearly the same probability for every k. The intervals are made just wide enough that
+the empirical distribution of uniform ranks stays inside all intervals with the required
+probability, which is computed exactly.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
 
     If the ranks are uniform in 0 … draws, the whole empirical distribution `ecdf` stays inside the
     band with probability ``prob``, or with a slightly larger probability. The probability cannot
-    always be met exactly, because the numbers of ranks are whole numbers.
+    always be met exactly, because the limits are whole numbers of ranks.
 
     Parameters
     ----------

@@ -2,10 +2,9 @@
 
 A remedy is a change of the plan (another order of the circles, the other direction of travel,
 turned balls, more circles, a second radius) or a certificate of the instrument. Each remedy is
-tried: the model is bound to the changed plan, or to the campaign with the certificate, and the
-standard uncertainty of every parameter is computed from the bound model (`Information`). The
-hyper-parameters φ (the scales of the noise and of other effects) keep their values
-(`HyperPrior.carried`).
+tried: the standard uncertainty of every parameter is computed for the changed plan, or for the
+campaign with the certificate (`Information`). The hyper-parameters φ, such as the standard
+deviation of the noise, keep their values (`HyperPrior.carried`).
 
 A change of a plan that adds circles adds up to as many circles as the plan has. The uncertainty
 would also decrease if all readings were taken twice under the same conditions. Circles in another
