@@ -1,4 +1,4 @@
-"""Design of the next campaign: criteria, candidate tests, search, forecast and result."""
+"""Design of the next campaign: find the best tests to run, and forecast their results."""
 
 from ldbb_bayes.analysis.design.campaign_design import (
     Certificate,

@@ -1,4 +1,4 @@
-"""Aims of a campaign that is being run, and its distances from the aims after one more circle.
+"""Aims of a campaign that is being run, and its distance from each aim after one more circle.
 
 There are two kinds of aims:
 

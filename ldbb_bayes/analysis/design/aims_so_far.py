@@ -2,8 +2,8 @@
 
 An aim is a goal for the expanded uncertainty U (k = 2) of a parameter, or a decision whether a
 quantity conforms with its tolerance. The posterior given the circles run so far shows whether an
-aim is reached now. The covariances of the parameters that are expected after one more circle show
-whether the aim will then be reached.
+aim is reached now. Whether it will be reached after one more circle is computed from the
+covariances that the parameters are then expected to have.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _LEAST_TARGET = 1e-3
 
 @dataclass(frozen=True)
 class GoalSoFar(Result):
-    """Uncertainty of a parameter and its goal: now, and after the best next circle.
+    """Uncertainty of a parameter compared with its goal: now, and after the best next circle.
 
     The goal is an upper limit of the expanded uncertainty U (k = 2). The
     probabilities have no unit; all other values are in the unit ``unit``.
@@ -92,7 +92,7 @@ class ToleranceSoFar(Result):
 class Known(NamedTuple):
     """Posterior of the p parameters given the readings so far, in internal units (mm, N, rad)."""
 
-    bound: BoundModel  # model bound to the circles run so far
+    bound: BoundModel  # model set up for (bound to) the circles run so far
     mean: Array  # posterior means, shape (p,)
     sd: Array  # posterior standard deviations, shape (p,)
     draws: Array  # posterior draws, shape (n, p)

@@ -7,11 +7,12 @@ readings scatter little. For example, three circles that agree do not prove that
 would agree with them. This module draws scales from the posteriors that an analysis may obtain.
 
 The normal score of a scale is the standard normal quantile of the scale's cumulative prior
-probability, so that the prior of the scores v is N(0, 1). Readings y ~ N(0, V(v)) carry the Fisher
-information I_ij = ½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV) about the scores. The posterior of the scores is
-approximated by a Gaussian with the precision 1 + I and the mean (1 + I)⁻¹ I v̂, where 1 is the
-identity matrix. Here v̂ ~ N(v, I⁻¹) is a random estimate of the true scores v, with the covariance
-of an efficient estimate.
+probability, so that the prior of the scores v is N(0, 1). The readings are normally distributed,
+and their covariance V depends on v. Their Fisher information about the scores v_i and v_j is I_ij =
+½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV), where ∂_iV is the derivative of V with respect to v_i. The posterior of the
+scores is approximated by a Gaussian with the precision 1 + I and the mean (1 + I)⁻¹ I v̂, where 1
+is the identity matrix. Here v̂ ~ N(v, I⁻¹) is a random estimate of the true scores v, with the
+covariance of an efficient estimate.
 """
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ class _Belief(NamedTuple):
     """
 
     mean: Array  # means of the scores, shape (K, h)
-    root: Array  # square roots of the covariances of the scores, shape (K, h, h)
+    root: Array  # symmetric square roots of the covariance matrices of the scores, shape (K, h, h)
 
 
 def _belief(truth: Array, information: Array, error: Array) -> _Belief:
@@ -109,9 +110,9 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
-    # Each matrix below is a function of the symmetric information matrix and has the same
-    # eigenvectors. The matrix is unique, although the signs and the order of the eigenvectors are
-    # arbitrary.
+    # Each matrix that `_along` returns below has the eigenvectors of the symmetric information
+    # matrix. The signs and the order of the eigenvectors are arbitrary, but do not change these
+    # matrices.
     weight = _along(axes, size / (size + 1.0))
     noise = _along(axes, np.sqrt(size) / (size + 1.0))
     mean = np.einsum("kij,kj->ki", weight, truth) + np.einsum("kij,kj->ki", noise, error)
@@ -164,9 +165,10 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
         information[k] = _information_at(
             effects.blocks, variances[k, 0], noise[k, 0], slopes, noise_slope
         )
-        # The readings of a test were reduced to a few values that contain all effects. The other
-        # ``spare`` degrees of freedom of the readings contain white noise alone. Add the
-        # information about the noise from these degrees of freedom.
+        # The readings of a test were reduced to a few combinations of the readings, which contain
+        # all information about the effects. The other combinations contain white noise alone;
+        # ``spare`` is their number. Add the information about the noise from these other
+        # combinations.
         information[k] += 0.5 * spare * np.outer(noise_slope, noise_slope) / noise[k, 0] ** 2
     return information
 
@@ -175,8 +177,8 @@ class _EffectBlock(NamedTuple):
     """A block of the design matrix: the effects that change all readings, or one test only.
 
     The design matrix has one row for each of the N reduced readings of all tests, and one column
-    for each of the C effects. The block has n rows and c columns. In the columns of the block, all
-    elements outside the block are zero.
+    for each of the C effects. The block has n of these rows and c of these columns. In these c
+    columns, the elements in all other rows are zero.
     """
 
     readings: slice  # the n rows of the block: the readings that its effects change
@@ -189,9 +191,9 @@ def _information_at(
 ) -> Array:
     """Return the Fisher information of N reduced readings about h normal scores, shape (h, h).
 
-    The readings of a test are reduced to a few values that contain all effects. The normal score of
-    a scale (hyper-parameter) is the standard normal quantile of the scale's cumulative prior
-    probability.
+    The readings of a test are reduced to a few combinations of the readings, which contain all
+    information about the effects. The normal score of a scale (hyper-parameter) is the standard
+    normal quantile of the scale's cumulative prior probability.
 
     Parameters
     ----------
@@ -250,8 +252,9 @@ def _precision(blocks: list[_EffectBlock], variances: Array, noise: float) -> Ar
 class _Effects(NamedTuple):
     """All effects on the reduced readings of planned tests, and the variances of these effects.
 
-    The readings of a test are reduced to a few values that contain all effects. Each effect has w
-    variances, one for each of w sets of hyper-parameters.
+    The readings of a test are reduced to a few combinations of the readings, which contain all
+    information about the effects. Each effect has w variances, one for each of w sets of
+    hyper-parameters.
     """
 
     # blocks of the design matrix: effects on all tests, then effects on each test alone; C effects

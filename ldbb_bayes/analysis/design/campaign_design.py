@@ -3,7 +3,8 @@
 A clocking is the pair of angles by which the two balls are turned. A pilot is the campaign or plan
 that a design starts from. A candidate is a test that could be run, once or several times. The share
 of a candidate is its number of runs divided by the number of all runs; the numbers of runs need not
-be whole. The efficiency of a design compares its criterion with the criterion for the best shares.
+be whole. The criterion is the figure of merit of a design. The efficiency of a design is 1 if the
+design is as good, by the criterion, as the best shares, and smaller if it is worse.
 """
 
 from __future__ import annotations
@@ -53,8 +54,8 @@ _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests with a share below this number are left out of the table of the best shares.
 _LISTED_SHARE = 1e-4
 # Further circles are said to be of little use for a parameter if its standard uncertainty after
-# very many runs of every circle would still exceed this share of the standard uncertainty that is
-# expected from the design.
+# very many runs of every circle would still exceed this fraction of the standard uncertainty that
+# is expected from the design.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
@@ -92,9 +93,8 @@ class Judged(Forecast):
     #: table of the design's tests, one row per test: force_N, and the columns that `Design.columns`
     #: names
     tests: Records
-    #: efficiency of these tests by the criterion of the recommended design, relative to the best
-    #: division of the same number of tests among the candidate tests. The efficiency is zero if
-    #: these tests do not determine all parameters.
+    #: efficiency of the design: 1 if it is as good, by the criterion of the recommended design, as
+    #: the best shares of the same number of tests; 0 if its tests do not determine all parameters
     efficiency: float
 
 
@@ -104,7 +104,7 @@ class Limits(Result):
 
     #: number of different forces of the tests, if there are too few of them to show whether
     #: compliances are polynomials of force of a higher degree than in the model. None if there are
-    #: enough forces, or if the tests only add to tests that have already been run.
+    #: enough forces, or if the tests are analysed together with tests that have already been run.
     levels: int | None
     #: direction of travel of each plane whose circles all run in the same direction although the
     #: model includes hysteresis; the keys are the planes
@@ -158,7 +158,7 @@ class Design(Forecast):
     """
 
     criterion: str  #: criterion that the design optimizes, such as ``eig``
-    #: names of the parameters of interest; all other parameters are nuisances
+    #: names of the parameters of interest; all other parameters are nuisance parameters
     parameters: tuple[str, ...]
     #: recommended tests, one row per different test: force_N, the columns that `columns` names, and
     #: count, the number of times to run the test
@@ -169,8 +169,8 @@ class Design(Forecast):
     degree: int  #: degree of the model's compliances as polynomials of force
     #: reference force F0 of the campaign or plan that the design starts from [N]
     reference_force_N: float
-    #: efficiency of the design by its criterion, relative to ``shares``: the best division of the
-    #: same number of tests among the candidate tests
+    #: efficiency of the design: 1 if the design is as good, by its criterion, as the best shares of
+    #: the same number of tests (``shares``), and otherwise smaller
     efficiency: float
     #: optimality certificate: states whether ``shares`` are proven to be the best shares of the
     #: tests
@@ -195,8 +195,9 @@ class Design(Forecast):
     #: starts from; if not, their values come from the prior
     measured: bool
     pilot: Pilot  #: campaign or plan that the design starts from
-    #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity, the
-    #: derivative of the criterion with respect to the share of the candidate, at the best shares
+    #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity. The
+    #: sensitivity is the derivative of the criterion with respect to the candidate's share of all
+    #: runs. It is computed for the best shares.
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
     #: the recommended tests, the tests to choose from, and the model for the analysis; None if the
     #: design was read from a file
@@ -272,11 +273,11 @@ class Design(Forecast):
         -------
         pandas.DataFrame
             One row per parameter, in internal units (mm, N, rad). ``sd`` is the expected standard
-            deviation. ``sd_error`` is the standard error of ``sd``, computed from the scatter over
-            possible machines. Three columns are for comparison: ``prior_sd`` is the prior standard
-            deviation, ``floor_sd`` is the standard deviation that would remain if every test were
-            run very many times, and ``baseline_sd`` is the standard deviation expected of a design
-            in equal steps of force.
+            deviation. ``sd_error`` is the standard error of ``sd``, computed from the differences
+            of the result between possible machines. Three columns are for comparison: ``prior_sd``
+            is the prior standard deviation, ``floor_sd`` is the standard deviation that would
+            remain if every test were run very many times, and ``baseline_sd`` is the standard
+            deviation that is expected after a design in equal steps of force.
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
@@ -413,8 +414,8 @@ def design(
         parameter. ``i``: mean variance of the compliances C(F). ``discriminate``: evidence about
         the slopes. Default: ``eig`` with proper priors, ``d`` with flat priors.
     parameters : sequence of str
-        Names of the parameters of interest; all other parameters are nuisances. Default: all
-        parameters that the criterion can be applied to.
+        Names of the parameters of interest; all other parameters are nuisance parameters. Default:
+        all parameters that the criterion can be applied to.
     augment : bool
         Whether the new tests are analysed together with the tests of the pilot. If true, ``tests``
         is the number of new tests.
@@ -570,7 +571,7 @@ def _planned_tests(campaign: Campaign) -> tuple[CircularTest, ...]:
 
 
 def _force_levels(forces_N: Sequence[float]) -> tuple[float, ...]:
-    """Return the force levels ``forces_N`` of a user [N], converted to numbers.
+    """Return the force levels [N] that the user gave as ``forces_N``, converted to ``float``.
 
     An `InputError` is raised if a force level is not a number.
     """
@@ -596,7 +597,7 @@ def _levels_in_range(pilot: Campaign) -> list[float]:
 
 
 def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    """Raise an `InputError` for a design with a reserved name, or for another machine.
+    """Raise an `InputError` if a design has a reserved name, or is of another machine.
 
     ``campaign`` holds the tests of the design for comparison, and ``name`` is the name that the
     caller gave it. A name is reserved if the result uses it for another design. ``pilot`` is the
@@ -665,8 +666,8 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
     """Return the forecast and the efficiency of a design that is compared with the best design.
 
     ``tests`` are the tests of this design, and ``name`` is its name in the comparison. The
-    efficiency, by the criterion of ``space``, is relative to the best division of the same number
-    of tests among the candidates (tests that could be run). The efficiency is zero if the tests do
+    efficiency is 1 if the tests are as good, by the criterion of ``space``, as the best shares of
+    the same number of tests among the candidates (tests that could be run). It is 0 if the tests do
     not determine all parameters.
     """
     forecast = space.forecast(space.plan_of(tests, seed=space.seed))
@@ -724,7 +725,7 @@ def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | Non
 
     The model of ``space`` describes compliances as polynomials of force. There are too few forces
     if ``tests`` could not show that a higher degree of these polynomials is needed. The result is
-    also None if the tests only add to tests that have already been run.
+    also None if ``tests`` are analysed together with tests that have already been run.
     """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     if space.augment or levels > space.model.degree + 2:
@@ -748,7 +749,7 @@ def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) ->
 
 
 def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degeneracy, ...]:
-    """Return the degeneracies of a bound model that involve a parameter in ``names``.
+    """Return the degeneracies of the tests that involve a parameter in ``names``.
 
     A degeneracy is a combination of coefficients whose effects on every reading cancel.
     """

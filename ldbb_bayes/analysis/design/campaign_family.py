@@ -111,8 +111,9 @@ class CampaignFamily:
     def _least_levels(self) -> int:
         """Minimum number of different forces that a campaign of the family must have.
 
-        One force is enough if the model's compliances do not depend on force, or if the campaign
-        adds to tests that have already been run. In all other cases, two forces are needed.
+        One force is enough if the model's compliances do not depend on force, or if the campaign is
+        analysed together with tests that have already been run. In all other cases, two forces are
+        needed.
         """
         if self.space.augment or self.space.model.degree == 0:
             return 1

@@ -26,8 +26,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]
 
-# A test adds GᵀG to the information matrix. An element of the matrix G counts as a rounding error
-# if it is below this share of the largest element in the same column.
+# A test has a matrix G with one column for each coefficient, and adds GᵀG to the information about
+# the coefficients. An element of G counts as a rounding error if it is below this fraction of the
+# largest element in the same column.
 _ROUNDING_ERROR = 1e-12
 # Number of forces over which criterion I averages the variance of predicted compliances. These
 # forces span the range of force of the pilot (the campaign that a design starts from).
@@ -64,9 +65,10 @@ def objective_of(
 ) -> Objective:
     """Return the objective of a search among candidate tests, for the chosen parameters.
 
-    Nuisance coefficients (effects that are modelled but not of interest) are omitted unless they
-    are connected with the chosen parameters by common readings, either directly or through other
-    coefficients.
+    Nuisance coefficients are effects that are modelled but not of interest. A nuisance coefficient
+    is omitted unless it is connected with a chosen parameter. Two coefficients are connected if
+    they change the same readings, or if other coefficients form a chain of such connections between
+    them.
 
     Parameters
     ----------
@@ -85,10 +87,11 @@ def objective_of(
     Returns
     -------
     Objective
-        Objective with the information of every candidate test for each of the K sets of φ. For p
-        coefficients, and tests whose readings are reduced to m values, ``rows`` has the shape (K,
-        candidates, m, p) and ``prior`` the shape (K, p, p). The chosen parameters are the last of
-        the p coefficients, in the order of ``chosen``.
+        Objective for the candidate tests. Its attributes ``rows`` and ``prior`` hold, for each of
+        the K sets of φ, the information that every candidate test adds, and the precision of the
+        coefficients before these tests. For p coefficients, and tests whose readings are reduced to
+        m values, they have the shapes (K, candidates, m, p) and (K, p, p). The chosen parameters
+        are the last of the p coefficients, in the order of ``chosen``.
     """
     rows = []
     prior = []

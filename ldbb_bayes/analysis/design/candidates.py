@@ -121,9 +121,9 @@ def add_foreseen_tests(
 def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> bool:
     """Return whether the parameters of the model depend on the radii of the circles.
 
-    The parameters depend on the radii only if a frame or the centre of a circle lies off the
-    machine's origin. ``tests`` are the tests of designs. The tests of ``pilot``, the campaign that
-    the designs start from, are considered too.
+    The parameters depend on the radii only if the centre of a circle, or the coordinate frame of a
+    joint, does not lie at the machine's origin. ``tests`` are the tests of designs. The tests of
+    ``pilot``, the campaign that the designs start from, are considered too.
     """
     if any(any(frame) for frame in pilot.frames_mm.values()):
         return True
@@ -149,8 +149,8 @@ def _tests_by_kind(
 
     ``candidates`` are the tests to choose from; ``compared_tests`` are tests of other designs. If a
     candidate and a test of another design have the same kind, the result holds the candidate. The
-    kind includes the direction only for candidates in a plane in which candidates run in both
-    directions. The kind includes the radius only if ``uses_radius`` is true.
+    direction is left out for a test of another design, and for a candidate unless there are
+    candidates in both directions in its plane. The radius is left out if ``uses_radius`` is false.
     """
     both_ways = _planes_run_both_ways(candidates)
     possible = []
@@ -238,8 +238,9 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
 
     The pilot is the campaign that the plan starts from. If the plan has a pilot, the model takes
     its reference force, its range of force and the estimate Ĉ of the compliances from the pilot.
-    The instrument and the order of the tests are always taken from the plan. If the plan adds to
-    its pilot, the model is bound to the pilot's tests, followed by the tests of the plan.
+    The instrument and the order of the tests are always taken from the plan. If the plan is to be
+    analysed together with its pilot, the model is bound to the pilot's tests, followed by the tests
+    of the plan.
     """
     pilot = plan.pilot
     if pilot is None:
@@ -252,8 +253,8 @@ def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
     """Return a plan with times for its tests; the mean time is that of the pilot's tests.
 
     The pilot is the campaign that the plan starts from. The times determine how a drift affects the
-    tests. A plan is returned unchanged if it adds to its pilot, or if its tests are not run in the
-    order in which they are listed.
+    tests. A plan is returned unchanged if it is to be analysed together with its pilot, or if its
+    tests are not run in the order in which they are listed.
     """
     if plan.order is not None or plan.adds_to_pilot:
         return plan

@@ -78,9 +78,10 @@ class CheapestCampaigns:
     """Result of the search: campaigns that reach all goals, or the one nearest to the goals."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
-    #: campaign that comes nearest to the goals if no family reaches them: among the largest
-    #: campaigns of all families, it meets all goals on the largest share of the possible machines.
-    #: None if the largest campaign of a family reaches the goals, or if no full forecast was made.
+    #: campaign that comes nearest to the goals, if no family reaches them. Only the campaign with
+    #: the largest number of circles in each family is considered; the one that meets all goals on
+    #: the most possible machines is chosen. None if one of these campaigns reaches the goals, or if
+    #: no full forecast was made.
     nearest: FoundCampaign | None
 
 
@@ -294,10 +295,10 @@ class _Search:
 
         u is the standard uncertainty of a goal's parameter, and u* the largest standard uncertainty
         that the goal permits. The full forecast states ln(u/u*) of every goal on each possible
-        machine. Of these values, the largest of all goals is taken on each machine, and then the
-        quantile of these maxima over the machines, at the required probability. The quick forecast
-        states a single value. ``counts`` is the campaign's number of circles of every candidate
-        test.
+        machine. On each machine, the largest of these values is taken. The result for the full
+        forecast is the quantile of these largest values over the machines, at the required
+        probability. The quick forecast states a single value. ``counts`` is the campaign's number
+        of circles of every candidate test.
         """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
@@ -385,11 +386,11 @@ class _Search:
         return best
 
     def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
-        """Store the factor between the uncertainties of full forecasts and of quick forecasts.
+        """Store by how much the uncertainties of a full forecast exceed those of a quick forecast.
 
-        The factor is computed from both forecasts of ``campaign``, and ``progress.inflation`` is
-        set to agree with this factor. ``counts`` is the campaign's number of circles of every
-        candidate test.
+        The factor between the two is computed from both forecasts of ``campaign``, and stored in
+        ``progress.inflation`` as the coefficient that is explained there. ``counts`` is the
+        campaign's number of circles of every candidate test.
         """
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
         progress.inflation = max(added, 0.0) * len(campaign.tests)
@@ -413,12 +414,12 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return the factor by which a campaign's circles are multiplied to reach a given distance.
+    """Return the factor by which a campaign's circles must be multiplied to come near the goals.
 
-    ``distance`` is the required distance from the goals of ``family`` in the quick forecast; at a
-    distance of zero, the goals are just met. ``counts`` are the campaign's numbers of circles of
-    all candidate tests, which are all multiplied by the factor. The products need not be whole
-    numbers.
+    ``distance`` is the largest distance from the goals of ``family`` that is near enough, in the
+    quick forecast; at a distance of zero, the goals are just met. ``counts`` are the campaign's
+    numbers of circles of all candidate tests, which are all multiplied by the factor. The products
+    need not be whole numbers.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)

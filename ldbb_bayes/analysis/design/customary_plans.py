@@ -1,4 +1,4 @@
-"""Campaigns as they are usually run: in equal steps of force, or at the published forces."""
+"""Campaigns as they are usually run: in equal steps of force, or as in the published experiment."""
 
 from __future__ import annotations
 

@@ -24,8 +24,8 @@ DECISIVE = 5.0
 # Probabilities of the log Bayes factor are computed from this number of quasi-random samples for
 # each value of the hyper-parameters.
 _POINTS = 256
-# Lower limit for the variances of the components of the slopes' posterior mean, to avoid a division
-# by zero. The same limit applies to the fraction of a variance that remains after the tests.
+# Lower limit for two quantities, to avoid a division by zero: the variances of the components of
+# the slopes' posterior mean, and the shares of the slopes' variances that remain after the tests.
 # Smaller values are replaced by the limit.
 _LEAST_VARIANCE = 1e-12
 

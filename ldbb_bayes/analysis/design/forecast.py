@@ -8,11 +8,12 @@ from). If there are no readings, it is the prior.
 
 β are the parameters (compliances, their slopes and geometric errors), φ the hyper-parameters (the
 scales of the noise and of other effects). A state is one possible machine: values of φ and β. In
-every state, the scatter differs from circle to circle. The analysis of the tests does not know the
-true scales; its posterior of the scales is represented by several draws (`believed_scales`). The
-variance that the analysis states is the mean of the variances given these draws, plus the variance
-of the estimates over these draws. Compliances must not be negative. The expected uncertainty is the
-median of the stated uncertainties over all states.
+every state, the size of the noise differs from circle to circle. The analysis of the tests does not
+know the true scales; its posterior of the scales is represented by several draws
+(`believed_scales`). The variance that the analysis states is the mean of the variances given these
+draws, plus the variance of the estimates over these draws. This variance accounts for the condition
+that no compliance is negative. The expected uncertainty is the median of the stated uncertainties
+over all states.
 """
 
 from __future__ import annotations
@@ -80,14 +81,15 @@ class Expected(Result):
     ``prior_sd`` is infinite for a flat prior. The analysis of the tests states a standard
     uncertainty, which differs between the possible machines: ``sd`` is the median over these
     machines, and on nine in ten machines the uncertainty is at most ``likely_sd``. ``sd`` and
-    ``likely_sd`` account for the truncation (compliances must not be negative); ``untruncated_sd``
-    is the median without truncation. If priors are flat and the tests do not determine all
-    parameters, all values except ``prior_sd`` are infinite. ``sd_error`` is the standard error of
-    ``sd``, computed from the scatter over the possible machines. It is somewhat too large, because
-    the machines are spread more evenly than independent random machines would be. ``floor_sd`` is
-    the standard deviation if every test were run a million times. What remains is caused by
-    nuisance effects (effects that are modelled but not of interest) that are the same in all tests.
-    The truncation reduces ``floor_sd`` in the same ratio as ``sd``.
+    ``likely_sd`` account for the condition that no compliance is negative, which truncates the
+    posterior; ``untruncated_sd`` is the median without this condition. If priors are flat and the
+    tests do not determine all parameters, all values except ``prior_sd`` are infinite. ``sd_error``
+    is the standard error of ``sd``, computed from the differences of the uncertainty between the
+    possible machines. It is somewhat too large, because the machines are spread more evenly than
+    independent random machines would be. ``floor_sd`` is the standard deviation if every test were
+    run a million times. What remains is caused by nuisance effects (effects that are modelled but
+    not of interest) that are the same in all tests. The condition that no compliance is negative
+    reduces ``floor_sd`` in the same ratio as ``sd``.
     """
 
     unit: str
@@ -249,8 +251,9 @@ def forecast_tests(
         Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
         slopes of the model, with ``size`` 1.
     known_scales
-        Whether to assume that the analysis knows the scales of noise and effects, and that all
-        circles have the same scatter. Default: the analysis estimates the scales from its readings.
+        Whether to assume that the analysis knows the scales of noise and effects, and that the
+        noise has the same size in all circles. Default: the analysis estimates the scales from its
+        readings.
 
     Returns
     -------
@@ -343,8 +346,8 @@ def expected_uncertainties(
         K possible states of the machine before the tests: hyper-parameters and parameters.
     covariance
         Posterior covariances of the p parameters in each state, shape (K, p, p), in units of the
-        prior standard deviations. Compliances may be negative, and all circles have the same
-        scatter.
+        prior standard deviations. Compliances may be negative, and the noise has the same size in
+        all circles.
     believed
         Posterior covariances of the p parameters in each state, for several draws from the
         posterior of the scales, shape (K, values, p, p), in units of the prior standard deviations.
@@ -501,9 +504,9 @@ def _draw_posterior_means(
     prior_mean = states.before.mean[is_possible]
     prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
     weight = np.eye(len(scale)) - covariance @ prior_precision[:, None]
-    # Use symmetric matrix roots: they change little if the scales change little, so that equal
-    # random numbers represent the same readings. In other kinds of roots, columns may change their
-    # signs.
+    # Use symmetric square roots of the matrices, because they change little if the scales change
+    # little. In other kinds of square roots, columns may change their signs. With the same random
+    # numbers, the posterior means for different sets of scales then belong to the same readings.
     root = _symmetric_root(weight @ covariance)
     deviation = (states.beta[is_possible] - prior_mean) / scale
     mean = (prior_mean / scale)[:, None] + np.einsum("knij,kj->kni", weight, deviation)

@@ -52,8 +52,8 @@ __all__ = [
 ]
 
 # Default clockings (pairs of angles of the balls [°]) to choose from: the balls are not turned, or
-# both balls are turned by 45°. A turn of 45° changes the phase of form errors of the orders 2, 3
-# and 4 by 90°, 135° and 180°.
+# both balls are turned by 45°. A turn of 45° changes the phase of form errors with 2, 3 and 4 waves
+# per turn by 90°, 135° and 180°.
 _CLOCKINGS: tuple[Clocking, ...] = ((0.0, 0.0), (45.0, 45.0))
 _DIRECTIONS: tuple[Direction, ...] = ("CW", "CCW")
 # Default number of forces to choose from, in equal steps over the range of force of the campaign
@@ -94,8 +94,8 @@ class GoalForecast(Result):
     #: median, over the possible machines, of the expanded uncertainty (k = 2) that the analysis of
     #: the campaign will state
     U: float
-    #: value that is not exceeded, on nine in ten possible machines, by the expanded uncertainty (k
-    #: = 2) that the analysis of the campaign will state
+    #: on nine in ten possible machines, the expanded uncertainty (k = 2) that the analysis of the
+    #: campaign will state is at most this value
     likely_U: float
     probability: float  #: share of the possible machines on which the goal is met
 
@@ -173,9 +173,9 @@ class GoalDesign(Result):
     #: goals that no number of circles can reach with the certificates that the instrument has, each
     #: with the reason; the keys are the names of the parameters
     obstacles: dict[str, Obstacle]
-    #: goals that very many circles would reach, but no campaign of up to 40 circles reaches, each
-    #: with the reason; the keys are the names of the parameters. If each goal alone can be reached,
-    #: but not all goals together, all goals are included.
+    #: goals that could be reached with very many circles, but not with 40 circles or fewer, each
+    #: with the reason; the keys are the names of the parameters. If each goal alone can be reached
+    #: with 40 circles, but not all goals together, all goals are included.
     near_misses: dict[str, NearMiss]
     #: names of the parameters whose goals cannot be reached, even with the certificates that could
     #: be bought; the plans leave these goals out
@@ -245,7 +245,7 @@ def design_for_goals(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> GoalDesign:
-    """Return the cheapest campaigns that reach goals.
+    """Return the cheapest campaigns that reach the goals of the user.
 
     The arguments are the same as in `ldbb_bayes.design`; ``stated`` are the goals.
     """
@@ -279,7 +279,7 @@ def design_for_goals(
 
 @dataclass
 class _Steps:
-    """Counter of the steps of the search and the forecasts that are done."""
+    """Counter of the steps of `design_for_goals` that are finished: searches and forecasts."""
 
     #: function that is called with the number of steps done and the number of all steps
     progress: Callable[[int, int], None] | None
@@ -444,7 +444,7 @@ def _near_misses(
 def _plans_of(
     campaigns: Sequence[FoundCampaign], goals: Mapping[str, Goal], costs: Costs, steps: _Steps
 ) -> tuple[GoalPlan, ...]:
-    """Return campaigns with their costs and forecasts. ``steps`` counts the steps done."""
+    """Return campaigns with their costs and forecasts. ``steps`` counts the finished steps."""
     steps.finish(_SHOWN)
     plans = []
     for campaign in campaigns:

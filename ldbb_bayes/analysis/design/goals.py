@@ -23,10 +23,10 @@ __all__ = ["COVERAGE_FACTOR", "Goal", "goals_in"]
 
 # Coverage factor k of the expanded uncertainty U = k u that a goal limits (GUM, 6.3.3).
 COVERAGE_FACTOR = 2.0
-# Regular expression of a goal in percent of the parameter's value, such as "5 %".
+# Regular expression for a goal in percent of the parameter's value, such as "5 %".
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
-# Regular expression of the signs ±, ≤ and <= that may stand before a goal. These signs are ignored:
-# every goal is an upper limit of U, and U extends equally to both sides of the estimate.
+# Regular expression for the signs ±, ≤ and <= that may stand before a goal. These signs are
+# ignored: every goal is an upper limit of U, and U extends equally to both sides of the estimate.
 _SIGN = re.compile(r"^\s*(±|≤|<=)\s*")
 
 

@@ -7,9 +7,9 @@ its tolerance. The campaign may stop as soon as every aim is reached with the pr
 user asks for. Model evidence and posterior do not depend on the reason why a campaign was stopped.
 
 The best next circle is the circle with the smallest sum of expected distances from all aims
-(`aims`). No fit is needed for the choice. The distances are computed from the information of every
-possible circle, at a few values of the hyper-parameters φ (scales of the noise and of other
-effects) that are likely given the readings.
+(`aims`). No readings of the possible circles need to be simulated or fitted for the choice. The
+distances are computed from the information of every possible circle, at a few values of the
+hyper-parameters φ (scales of the noise and of other effects) that are likely given the readings.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class NextCircle(Result):
     chosen: Annotated[Any, Field(exclude=True)] = None
 
     def plan(self) -> Campaign:
-        """Return the best next circle as a plan that adds to the circles run so far."""
+        """Return the best next circle as a plan, to be run in addition to the circles so far."""
         plan: Campaign = self.chosen.space.plan_of([self.chosen.test])
         return plan
 
@@ -311,7 +311,7 @@ def _states_of_tolerances(
 def _goals_so_far(
     goals: Mapping[str, GoalState], after: Array, floor: Array
 ) -> dict[str, GoalSoFar]:
-    """Return the uncertainty of every goal's parameter compared with the goal, by parameter name.
+    """Return the uncertainty of each parameter that has a goal, compared with the goal.
 
     ``after``, shape (K, p, p), are the covariances of the p parameters after the best next circle,
     at K values of the hyper-parameters. ``floor``, of the same shape, are the covariances after
@@ -362,7 +362,7 @@ def _clockings_of(campaign: Campaign) -> list[Clocking]:
 
 
 def _objective(space: Space, known: Known) -> Objective:
-    """Return an objective with the information of the circles run and of the possible circles.
+    """Return an objective: the information from the circles run, and from each possible circle.
 
     All parameters are of interest. ``space`` holds the possible circles, and ``known`` holds
     equally likely values of the hyper-parameters. The criterion of the objective is not used here.

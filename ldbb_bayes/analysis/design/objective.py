@@ -47,7 +47,7 @@ class Objective(Shown):
     #: already been run.
     prior: Array
     #: number s of parameters of interest, which are the last s of the p parameters; all other
-    #: parameters are nuisances
+    #: parameters are nuisance parameters
     interest: int
     criterion: Criterion  #: figure of merit: a `Determinant`, `Variance` or `LogBayesFactor`
 

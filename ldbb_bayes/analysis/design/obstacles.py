@@ -59,8 +59,8 @@ class NearMiss(Result):
     """
 
     circles: int  #: number of circles of the largest campaign
-    #: value that is not exceeded, on nine in ten possible machines, by the expanded uncertainty (k
-    #: = 2) that the analysis of the largest campaign states, in the parameter's unit
+    #: on nine in ten possible machines, the expanded uncertainty (k = 2) that the analysis of the
+    #: largest campaign states is at most this value, in the parameter's unit
     likely_U: float
     #: share of the possible machines on which the largest campaign meets the goal
     probability: float
@@ -220,7 +220,8 @@ def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
 def _repeated(information: Information) -> Information:
     """Return the linear model of the readings as if each circle were run very many times.
 
-    The scatter between circles then averages out; effects that are the same in all circles remain.
+    The random errors that differ from circle to circle then average out; effects that are the same
+    in all circles remain.
     """
     # Tests with the same noise refer to the same dictionary of noise covariances. In the result,
     # these tests refer to the same dictionary, too.

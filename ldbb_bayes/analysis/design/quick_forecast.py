@@ -5,9 +5,9 @@ candidate is a test that could be run. Let G be the derivatives of its readings 
 coefficients, divided by the standard deviation of the noise. The test adds the information GᵀG to
 the precision matrix of the coefficients. G is computed once for every candidate, at K values of φ
 that are likely before the campaign. A search can therefore compare thousands of campaigns, each
-within milliseconds. The forecast assumes that φ is known and that all circles have the same
-scatter; compliances may be negative. The best campaigns are examined with `forecast_plan`, which
-does not make these simplifications.
+within milliseconds. The forecast assumes that φ is known, and that the noise has the same size in
+all circles; compliances may be negative. The best campaigns are examined with `forecast_plan`,
+which does not make these simplifications.
 
 Let r_g = u_g/u*_g be the expected standard uncertainty of the parameter of goal g, divided by the
 largest standard uncertainty that the goal permits. The distance of a campaign from its goals is the

@@ -219,10 +219,11 @@ class ExactDesign:
     #: whole number of tests of each candidate, shape (candidates,)
     counts: Array
     value: float  #: value Φ of the design criterion (figure of merit) for this design
-    #: best division of the same number of tests among the candidate tests, not necessarily in whole
-    #: numbers
+    #: best shares of the same number of tests among the candidate tests; the numbers of tests need
+    #: not be whole
     optimum: Optimum
-    #: efficiency of the design by its criterion, relative to the division in ``optimum``
+    #: efficiency of the design: 1 if the design is as good, by its criterion, as the shares of
+    #: tests in ``optimum``, and otherwise smaller
     efficiency: float
 
 
@@ -378,7 +379,7 @@ class Search:
 
 
 def _merge_tests(counts: Array, source: int, target: int) -> Array:
-    """Return the counts of a design after all tests of one candidate are replaced by another.
+    """Return the counts of a design after the tests of one candidate become tests of another.
 
     ``source`` and ``target`` are the indices of the two candidates. ``counts`` are the numbers of
     tests of each candidate before the replacement, shape (candidates,).
