@@ -73,15 +73,15 @@ _MANY_TERMS = 12
 
 
 class Update(NamedTuple):
-    """Products that are subtracted from entries of P when groups of columns are eliminated.
+    """Changes of entries of P in later columns, caused by eliminating groups of columns.
 
-    P is the matrix that is factorised. When a group of its columns is eliminated, entries of P
-    change in m columns that are eliminated later. The code calls these m columns the border of the
-    group, and they are numbered from 0 to m − 1. The change is a sum of products of two entries of
-    an eliminated column. Each entry belongs to one of the m later columns, because it is in the row
-    with the index of this column. An `Update` comprises the products whose first factor belongs to
-    a later column with a number from ``first`` to ``stop`` − 1. The second factor belongs to a
-    later column with the number ``first`` or higher, or to the right-hand side.
+    P is the matrix that is factorised, and L is its Cholesky factor. When a group of columns is
+    eliminated, entries of P change in m columns that are eliminated later. The code calls these m
+    columns the border of the group, and numbers them from 0 to m − 1. Let P_ij be the entry in the
+    rows and columns of the border with the numbers i and j; j = m stands for the right-hand side.
+    Its change is −Σ_k ±L_ik L_jk, where k runs over the columns of the group, and ± is the sign of
+    the Cholesky pivot. An `Update` comprises the changes of P_ij for i from ``first`` to ``stop`` −
+    1, and for j from ``first`` to m.
     """
 
     #: Slice of the list of all groups of columns that are eliminated together. The slice selects
@@ -91,25 +91,24 @@ class Update(NamedTuple):
     #: Number of different sets of later columns that the groups change. Each set is called a border
     #: and has m columns. No column belongs to two of these sets.
     borders: int
-    #: Number of the first of the m later columns to which a first factor of the products belongs.
-    #: The m later columns that a group changes are numbered from 0.
+    #: Smallest i of the entries P_ij that this update changes. i is the number, from 0, of one of
+    #: the m later columns.
     first: int
-    #: One more than the number of the last of the m later columns to which a first factor of the
-    #: products belongs. The m later columns that a group changes are numbered from 0.
+    #: One more than the largest i of the entries P_ij that this update changes. i is the number,
+    #: from 0, of one of the m later columns.
     stop: int
-    #: Rows of the workspace (the array with the entries of P) from which the products are
-    #: subtracted, shape (borders, stop − first, m + 1 − first), where m is the number of later
-    #: columns that a group changes. Because P is symmetric, only half of its entries are needed.
-    #: Products for the other half are subtracted from the last row of the workspace, which is never
-    #: read.
+    #: Rows of the workspace (the array with the entries of P) that hold the changed entries P_ij,
+    #: shape (borders, stop − first, m + 1 − first), where m is the number of later columns that a
+    #: group changes. P is symmetric, and only the entries with j ≥ i are stored. For the other
+    #: entries, the change is made in the last row of the workspace, which is never read.
     targets: NDArray[np.intp]
 
 
 class Front(NamedTuple):
-    """Groups of columns of the design matrix A that the same function calls eliminate together.
+    """Groups of columns of the design matrix A that are eliminated at the same time.
 
     Each group has s columns. When a group is eliminated, entries of P = Aᵀ D⁻¹ A change in m
-    columns that are eliminated later. The field ``border`` names these m columns.
+    columns that are eliminated later. The field ``border`` holds the indices of these m columns.
     """
 
     #: Rows of the workspace that hold the entries of this front's columns. The workspace is the
@@ -257,11 +256,11 @@ class EliminationPlan:
         )
 
     def _updates(self, families: list[_Family]) -> list[Update]:
-        """Return the changes of later columns that are caused by eliminating the groups of a front.
+        """Return how eliminating the groups of columns of a front changes later columns.
 
-        The groups of columns in one family change the same later columns. Consecutive families are
-        treated together, in the same `Update`, if they have equal numbers of groups and no later
-        column is changed by two of these families.
+        The groups of one family change the same later columns. Consecutive families are treated
+        together, in the same `Update`, if they have equal numbers of groups and no later column is
+        changed by two of these families.
         """
         updates = []
         start = 0
@@ -279,13 +278,13 @@ class EliminationPlan:
         return updates
 
     def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
-        """Return the rows of the workspace from which products of two entries are subtracted.
+        """Return the rows of the workspace that hold the entries of P changed by one `Update`.
 
         The workspace is the array with the entries of P. ``border`` holds the indices of the m
-        later columns that change when a group of columns is eliminated. The first factor of a
-        product belongs to one of the columns ``border[first]`` to ``border[stop − 1]``. The second
-        factor belongs to ``border[first]``, to a column after it in ``border``, or to the
-        right-hand side. The result has the shape (stop − first, m + 1 − first).
+        later columns that change when a group of columns is eliminated. The changed entries are
+        P_ij, where i is the number of a column in ``border`` from ``first`` to ``stop`` − 1. j is
+        such a number from ``first`` to m − 1, or m for the right-hand side. The result has the
+        shape (stop − first, m + 1 − first).
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]
@@ -509,11 +508,10 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
     """Sort groups of columns into fronts, and the groups of each front into families.
 
     Eliminating a group of columns changes entries of P in later columns. A front consists of groups
-    that can be eliminated at the same time: they do not depend on each other, because their heights
-    (function `heights`) are equal. The groups of a front also have equal numbers of columns, and
-    they change equal numbers of later columns. A family consists of groups that change the same
-    later columns. Fronts are in the order of elimination. Within a front, families with more groups
-    come first.
+    that can be eliminated at the same time, because none of them changes the columns of another
+    (function `heights`). The groups of a front also have equal numbers of columns, and they change
+    equal numbers of later columns. A family consists of groups that change the same later columns.
+    Fronts are in the order of elimination. Within a front, families with more groups come first.
     """
     fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):

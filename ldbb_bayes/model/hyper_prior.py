@@ -247,20 +247,22 @@ class HyperPrior:
 
     @cached_property
     def _mass(self) -> Array:
-        """Prior probability before truncation that each length exceeds its lower bound, (lengths,).
+        """For each length, the probability that a half-normal variable exceeds its lower bound.
 
-        Lengths are hyper-parameters in mm, such as the sd of the noise. Their prior before
-        truncation is half-normal.
+        Lengths are hyper-parameters in mm, such as the sd of the noise. Their prior is half-normal
+        and truncated at the lower bound; the probability is that of the half-normal distribution
+        before it is truncated. The result has the shape (lengths,).
         """
         return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
 
     @cached_property
     def _decay_levels(self) -> Array:
-        """Prior probabilities before truncation that a decay is below its two bounds, (2, decays).
+        """For each decay, the probabilities that a normal variable is below the decay's two bounds.
 
-        The first row is for the lower bound, the second for the upper bound. The prior before
-        truncation is normal. A decay p is an exponent: the prior sd of a form error of order n is
-        proportional to n^(−p).
+        A decay p is an exponent: the prior sd of a form error of order n is proportional to n^(−p).
+        Its prior is normal and truncated at the bounds; the probabilities are those of the normal
+        distribution before it is truncated. The result has the shape (2, decays), with the lower
+        bound in the first row and the upper bound in the second.
         """
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
         return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))

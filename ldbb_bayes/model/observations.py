@@ -11,8 +11,8 @@ but not of interest, with the design matrix A (rows, coefficients); each coeffic
 belongs to a single test. The rows of a test are rotated so that the covariance of all noise in the
 test is diagonal. The prior of each coefficient adds one row, unless the prior is flat. Only the
 diagonal matrix D depends on the hyper-parameters φ, the scales (standard deviations) of the noise
-and of nuisances. The entries of D are weighted sums of squared sources of variance, where a source
-is a hyper-parameter or a product of hyper-parameters.
+and of nuisances. Each entry of D is a weighted sum of squares. The quantities that are squared are
+called sources of variance; they are hyper-parameters and products of hyper-parameters.
 """
 
 from __future__ import annotations
@@ -129,7 +129,8 @@ class _Nuisances(NamedTuple):
 class _Rotated(NamedTuple):
     """Matrices of one test after its m reduced readings are multiplied by a matrix Q.
 
-    Q is chosen so that the covariance of all noise in the test becomes diagonal. ``rotation`` is Q,
+    Reduced readings are the at most 25 numbers that replace the readings of the test. Q is chosen
+    so that the covariance of all noise in the test becomes diagonal. ``rotation`` is Q,
     shape (m, m). ``factor`` is Q R, where R, shape (m, 25), turns the test's 25 Fourier
     coefficients into its reduced readings. ``noise_sd`` holds one array of shape (m,) for each
     noise term: the sd of the noise in each of the m rows, divided by the hyper-parameter that
@@ -400,11 +401,11 @@ def _rotate(
 ) -> _Rotated:
     """Return the matrix Q that makes the noise of one test diagonal, and the rotated matrices.
 
-    R is ``test.factor``, the triangular factor of the 25 Fourier functions. If all tests are
-    circles with nearly uniform angles (``uniform``), Q = S R⁻¹, where the diagonal matrix S holds
-    the norms of the Fourier functions; this Q makes any number of noise terms diagonal. Otherwise
-    ``noise`` has at most one term, and Q follows from the singular value decomposition of R times
-    the sd of this noise.
+    R is ``test.factor``, the matrix that converts 25 Fourier coefficients into the reduced readings
+    of the test. If all tests are circles with nearly uniform angles (``uniform``), Q = S R⁻¹, where
+    the diagonal matrix S holds the norms of the Fourier functions; this Q makes any number of noise
+    terms diagonal. Otherwise ``noise`` has at most one term, and Q follows from the singular value
+    decomposition of R times the sd of this noise.
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms
@@ -550,24 +551,23 @@ def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> C
     difference: they add noise or remove noise. Suppose the 25 Fourier coefficients of a test are
     fitted to readings with the noise sd σ, and each coefficient is multiplied by the norm of its
     Fourier function (diagonal matrix S). The covariance of the 25 products is σ² (1 + V λ Vᵀ)⁻¹ =
-    σ² (1 − V λ/(1 + λ) Vᵀ). The orthogonal matrix V and the diagonal matrix λ hold the directions
-    and departures of `NearUniform`. Each column v of V with a significant λ becomes a column S⁻¹ v
-    √(|λ|/(1 + λ)) whose coefficient has the sd σ.
+    σ² (1 − V λ/(1 + λ) Vᵀ). V is orthogonal and λ diagonal; `NearUniform` describes both. Each
+    column v of V belongs to one λ. If this λ is too large to be neglected, the result has a column
+    S⁻¹ v √(|λ|/(1 + λ)), whose coefficient has the sd σ.
 
     Parameters
     ----------
     circles
         Departure of the angles of every test from uniform spacing.
     sign
-        +1 for the directions in which readings are sparse (λ < 0), whose columns add noise; −1 for
-        the directions in which readings are dense (λ > 0), whose columns remove noise by a negative
-        variance.
+        +1 for the columns that add noise (λ < 0), −1 for the columns that remove noise by a
+        negative variance (λ > 0).
 
     Returns
     -------
     Columns or None
-        The columns; their number is the largest number of significant directions of this sign that
-        a circle has. None if no circle has a significant direction of this sign.
+        The columns of this sign, as many as are needed for the test that needs the most. None if no
+        test needs one.
     """
     indices_by_test = []
     for circle in circles:

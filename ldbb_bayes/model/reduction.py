@@ -30,8 +30,9 @@ _LEAST_DEPARTURE = 1e-6
 # A test counts as an arc instead of a full circle if more than this number of its 25 departures
 # from uniformly spaced angles (`NearUniform.departure`) are significant.
 _MOST_DEPARTURES = 4
-# Elements of the eigenvectors of RᵀR (R is the triangular factor of the Fourier functions) count as
-# zero if their absolute value is at most this number, because they are then rounding errors.
+# Elements of the eigenvectors of RᵀR count as zero if their absolute value is at most this number,
+# because they are then rounding errors. R is the triangular factor in the QR decomposition of the
+# Fourier functions at the test's angles.
 _ROUNDING = 1e-12
 
 
@@ -47,9 +48,9 @@ class NearUniform(NamedTuple):
     #: Norms of the 25 Fourier functions at uniform angles, the diagonal of S in
     #: RᵀR = S (1 + V λ Vᵀ) S, shape (25,).
     column_norms: Array
-    #: Departures λ in RᵀR = S (1 + V λ Vᵀ) S, shape (25,), sorted so that the largest absolute
-    #: value is first. At uniform angles, RᵀR = S². R is the triangular factor in the QR
-    #: decomposition of the Fourier functions at the test's angles.
+    #: Departures λ from uniform angles in RᵀR = S (1 + V λ Vᵀ) S, shape (25,), sorted so that the
+    #: largest absolute value is first. R is the triangular factor in the QR decomposition of the
+    #: Fourier functions at the test's angles. At uniform angles λ is zero, and RᵀR = S².
     departure: Array
     #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25). Each column belongs to one of
     #: the departures λ from uniform angles.
@@ -69,12 +70,13 @@ class Reduced:
     is its QR decomposition.
     """
 
-    #: Reduced readings Qᵀ y [mm], where y are the n readings of the test and Q is the orthogonal
-    #: factor of the Fourier functions at the test's angles; shape (m,) with m = min(n, 25). None
-    #: for a planned test, which has no readings.
+    #: Reduced readings Qᵀ y [mm], shape (m,) with m = min(n, 25). y are the n readings of the test,
+    #: and Q is the orthogonal factor in the QR decomposition of the Fourier functions at the test's
+    #: angles. None for a planned test, which has no readings.
     reading_mm: Array | None
-    #: Triangular factor R of the 25 Fourier functions at the test's n angles, shape (m, 25) with m
-    #: = min(n, 25). It converts Fourier coefficients into reduced readings.
+    #: Triangular factor R in the QR decomposition of the 25 Fourier functions at the test's n
+    #: angles, shape (m, 25) with m = min(n, 25). It converts Fourier coefficients into reduced
+    #: readings, the at most 25 numbers that replace the readings of the test.
     factor: Array
     #: Sum of squares of the part of the test's readings that the Fourier functions to order 12
     #: cannot describe [mm²].

@@ -57,7 +57,10 @@ class _SpecFile(BaseModel):
 
 
 def model_to_toml(model: HybridModel) -> str:
-    """Return a model as TOML text, with its degree, terms, priors and all other settings."""
+    """Return a model as TOML text, with its terms, priors and all other settings.
+
+    Terms are nuisance terms: effects that are modelled but not of interest.
+    """
     prior: dict[str, Any] = {
         field.name: getattr(model.prior, field.name)
         for field in fields(Prior)

@@ -1,8 +1,8 @@
-"""Triangular algebra on stacks of small matrices.
+"""Cholesky factors and solutions of triangular systems, for many small matrices at once.
 
-A stack is an array of many matrices of the same size. NumPy and SciPy solve one triangular system
-at a time. The functions of this module do each step for all matrices of a stack at once, which is
-much faster for thousands of small systems.
+The matrices have the same size and are stored in one array, called a stack. NumPy and SciPy solve
+one triangular system after the other. The functions of this module solve the systems of all
+matrices of a stack together, which is much faster for thousands of small systems.
 """
 
 from __future__ import annotations
