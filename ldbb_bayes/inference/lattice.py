@@ -185,16 +185,16 @@ def _grow_grid(
     depth: float,
     max_nodes: int,
 ) -> _Grid:
-    """Return one grid of a lattice, to which nodes are added around the modes of a density.
+    """Return one of the two grids of a lattice, grown from the modes of a density.
 
-    Neighbours of existing nodes are added until all nodes added last are negligible, or until the
-    grid has more than ``max_nodes`` nodes. A node is negligible if ``log_density`` at the node is
-    lower than the highest log density by ``depth`` [nat] or more. The grid has h dimensions; its
-    steps are the columns of ``cell``, shape (h, h). ``starts`` are the modes of the density
-    relative to ``centre``, in multiples of the steps. ``offset`` is the fraction of a step, 0 or
-    0.5, by which the grid is moved from ``centre`` in every direction. ``edge`` of the result marks
-    the negligible nodes. If the grid has more than ``max_nodes`` nodes, ``edge`` also marks the
-    nodes added last.
+    The grid begins with the nodes nearest to the modes. Neighbours of existing nodes are added
+    until all nodes added last are negligible, or until the grid has more than ``max_nodes`` nodes.
+    A node is negligible if ``log_density`` at the node is lower than the highest log density by
+    ``depth`` [nat] or more. The grid has h dimensions; its steps are the columns of ``cell``, shape
+    (h, h). ``starts`` are the modes of the density relative to ``centre``, in multiples of the
+    steps. ``offset`` is the fraction of a step, 0 or 0.5, by which the grid is moved from
+    ``centre`` in every direction. ``edge`` of the result marks the negligible nodes. If the grid
+    has more than ``max_nodes`` nodes, ``edge`` also marks the nodes added last.
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])

@@ -7,11 +7,12 @@ mixture of Gaussians, one for every draw of φ. From seed to seed, the quantiles
 scatter less than the quantiles of the draws of β (Rao-Blackwell theorem).
 
 If truncation is active, β is restricted to A β ≥ 0; the elements of A β are the compliances that
-must not be negative. The density of a parameter β_j given φ is then no longer Gaussian. It is
-therefore also made conditional on all combinations of parameters that are independent of β_j, with
-their values in the draw of β. Under these conditions, β can change only in the direction of column
-V_j of V, and β_j has the density N(m_j, V_jj), truncated at the two values beyond which an element
-of A β would be negative. These truncated Gaussians are the components of the mixture.
+must not be negative. The density of a parameter β_j given φ is then no longer Gaussian. A further
+condition makes the density simple again: all combinations of parameters that are independent of β_j
+keep the values that they have in the draw of β. Under this condition, β can change only in the
+direction of column V_j of V, and β_j has the density N(m_j, V_jj), truncated at the two values
+beyond which an element of A β would be negative. These truncated Gaussians are the components of
+the mixture.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class MarginalMixtures(NamedTuple):
     high: Array  #: upper bounds of the truncated Gaussians, shape (n, p)
 
     def cdf(self, x: Array) -> Array:
-        """Return the probabilities that p parameters are at most ``x``, all of shape (p,)."""
+        """Return the probability that each of the p parameters is at most ``x``, shape (p,)."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low = (self.low - self.mean) / self.sd
             high = (self.high - self.mean) / self.sd
@@ -90,7 +91,7 @@ class MarginalMixtures(NamedTuple):
         """Return the standard errors of the quantiles of p parameters, shape (n, p).
 
         ``levels``, shape (n,), holds the n probabilities of the quantiles. The standard errors are
-        computed from the scatter of `quantiles` between batches of components.
+        computed from the scatter of `quantiles` between batches of the Gaussians.
         """
         count = min(_BATCHES, len(self.beta))
         quantiles = []

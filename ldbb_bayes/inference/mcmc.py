@@ -37,9 +37,9 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# The sampler runs its steps in blocks, whose length is doubled several times. At the first
-# doublings, up to this number, the number of draws that a block stores is doubled too. At later
-# doublings, the number of steps from one stored draw to the next is doubled instead.
+# The sampler runs its steps in blocks, whose length is doubled several times. This is the number of
+# doublings, counted from the first, at which the number of draws that a block stores is doubled
+# too. At later doublings, the number of steps from one stored draw to the next is doubled instead.
 _DOUBLINGS_STORED = 2
 # A move by differential evolution changes the point of a walker by a factor times the difference
 # between the points of two other walkers. In this share of such moves, the factor is one, so that
@@ -94,7 +94,7 @@ class StoppingRule(Shown):
     #: share of the stored draws that is discarded as burn-in, from the start of the run
     discard: float = 0.25
     #: number of autocorrelation times that the draws after burn-in must span. Without this
-    #: condition, R-hat and ESS alone could be met by an ensemble that has hardly moved.
+    #: condition, an ensemble that has hardly moved could satisfy the limits for R-hat and ESS.
     lengths: float = 6.0
 
     def next_block(self, steps: int) -> BlockPlan:

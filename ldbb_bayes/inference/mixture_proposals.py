@@ -30,8 +30,8 @@ _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
 # freedom) are not fitted. They would improve the fit little, and too few points would be drawn in
 # the tails of the integrated density.
 _FEW_DIMENSIONS = 5
-# In few dimensions (see ``_FEW_DIMENSIONS``), only this number of the first values in ``_FREEDOMS``
-# is tried. They give the heaviest tails.
+# Number of values in ``_FREEDOMS`` that are tried in few dimensions (see ``_FEW_DIMENSIONS``): the
+# first ones, which give the heaviest tails.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
@@ -128,11 +128,12 @@ class SplitT:
 
 
 def _side_masses(scale: Array, freedom: Array) -> Array:
-    """Return the integrals of both sides of an unnormalised split Student-t density, 1 at z = 0.
+    """Return the integral of each side of a split Student-t density that is one at z = 0.
 
-    The integral is ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz over the values of the
-    coordinate z on one side of 0. ``scale``, ``freedom`` (degrees of freedom) and the result have
-    the same shape, usually (2, h): both sides, along each of h directions.
+    The density is not normalised. The integral is ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz
+    over the values of the coordinate z on one side of 0. ``scale``, ``freedom`` (degrees of
+    freedom) and the result have the same shape, usually (2, h): both sides, along each of h
+    directions.
     """
     log_height = gammaln(freedom / 2.0) - gammaln((freedom + 1.0) / 2.0)
     return np.asarray(0.5 * scale * np.sqrt(freedom * np.pi) * np.exp(log_height))
@@ -226,9 +227,9 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
 def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
     """Return a component of a mixture, refitted to mean, covariance and tails of weighted points.
 
-    ``component`` is the component before the fit, which is made in its coordinates z. ``points``,
-    shape (n, h), holds n points in h dimensions; ``weight``, shape (n,), holds their weights, which
-    sum to one.
+    ``component`` is the component before the fit. The fit is made in the coordinates z of this
+    component (see `SplitT`). ``points``, shape (n, h), holds n points in h dimensions; ``weight``,
+    shape (n,), holds their weights, which sum to one.
     """
     z = np.linalg.solve(component.root, (points - component.centre).T).T
     ess = 1.0 / (weight**2).sum()

@@ -1,11 +1,11 @@
-"""Posterior p(φ | y) of the hyper-parameters: modes, weighted nodes, and averages over nodes.
+"""Posterior p(φ | y) of the hyper-parameters: modes, nodes with weights, and averages.
 
 y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
 are the p parameters: compliances, their changes with force, and geometric errors. The readings
 depend linearly on β and on the effects that are modelled but not of interest. Both are therefore
 integrated out exactly. Truncation T restricts β to compliances that are not negative; P(T | y, φ)
 is the probability that β meets this condition. Free coordinates are φ transformed to be unbounded,
-mostly ln(φ − lower bound).
+mostly ln(φ − lower bound). A node is one value of φ; many nodes with weights represent p(φ | y).
 """
 
 from __future__ import annotations
@@ -107,11 +107,11 @@ _PICKED_GROWTH = 4
 # Error allowed in the logarithm of the posterior probability that no compliance is negative [nat],
 # where a rough value suffices.
 _PROBABILITY_TOLERANCE = 0.02
-# Limits that keep the logarithm of a mean finite. The mean is that of the probabilities that no
-# compliance is negative, one for each of many values of the hyper-parameters. Before the mean is
-# computed, the probabilities are divided by the largest probability. The logarithm of the largest
-# probability is taken to be at least ``_LEAST_LOG_PROBABILITY``; the mean of the quotients is taken
-# to be at least ``_LEAST_SHARE_INSIDE``.
+# Limits that keep the logarithm of a mean finite. For each of many values of the hyper-parameters
+# there is a probability that no compliance is negative, and these probabilities are averaged.
+# Before the mean is computed, they are divided by the largest probability. The logarithm of the
+# largest probability is taken to be at least ``_LEAST_LOG_PROBABILITY``; the mean of the quotients
+# is taken to be at least ``_LEAST_SHARE_INSIDE``.
 _LEAST_LOG_PROBABILITY = -700.0
 _LEAST_SHARE_INSIDE = 1e-300
 # The nodes (weighted values of the hyper-parameters) of smallest weight are left out of averages,
@@ -303,7 +303,7 @@ class HyperPosterior:
         *,
         bounded: bool = False,
     ) -> Nodes:
-        """Return nodes of a density multiplied by the probability that no compliance is negative.
+        """Return nodes whose weights contain the probability that no compliance is negative.
 
         Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other
         effects). P(T | y, φ) is the probability, given the readings y and φ, of the condition T
@@ -485,8 +485,8 @@ class HyperPosterior:
         """Return the starting points of the search for modes (maxima) of the posterior density.
 
         If the mode of a similar density was given, it is the first point. At most three further
-        points are chosen from many points for their high density and for a sufficient distance
-        from each other. They are needed beside the mode of a similar density, because the search
+        points are chosen from many points for their high density and for a sufficient distance from
+        each other. They are needed in addition to the mode of a similar density, because the search
         from this mode may end at a lower maximum. Each point, shape (h,), holds the h
         hyper-parameters in normal scores, coordinates in which most of the priors are standard
         normal.
@@ -579,11 +579,11 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
 
     P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ of a node, that
     no compliance is negative. The probability is an integral of the Gaussian density of the
-    parameters, which ``orthant`` holds for every node. ``tolerance`` is the error allowed in the
-    logarithm of the mean of P over many nodes [nat], and ``seed`` is the seed of the quasi-random
-    points from which P is computed. The error that all nodes may have in common is allowed to be a
-    quarter of the tolerance. The random errors, which differ between nodes and cancel in the mean,
-    are allowed to be larger.
+    parameters; ``orthant`` holds this density for every node. ``tolerance`` is the error allowed in
+    the logarithm of the mean of P over many nodes [nat], and ``seed`` is the seed of the
+    quasi-random points from which P is computed. The error that all nodes may have in common is
+    allowed to be a quarter of the tolerance. The random errors, which differ between nodes and
+    cancel in the mean, are allowed to be larger.
     """
     return orthant.log_probability_with_noise(
         max(tolerance / 4.0, _FINEST_TOLERANCE),
