@@ -71,7 +71,7 @@ _MISSING = (
     "null",
     "none",
 )
-# Mark, comma or point, that may separate thousands; the keys are the decimal marks of the numbers.
+# Mark that may separate thousands (comma or point); the keys are the decimal marks.
 OTHER_MARK = {".": ",", ",": "."}
 # Largest plausible value of a quantity; the keys are the names of the quantities. A comma or point
 # before three digits may separate thousands only if the resulting value does not exceed this limit:

@@ -39,18 +39,18 @@ class OverviewLines:
 
     #: place (line number and sheet) and text of each line that applies to all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
-    #: place (line number and sheet) and text of each cell in the rows that lists of tests hold for
-    #: one particular test; the text is "header: cell"
+    #: place (line number and sheet) and text of each cell that describes this test in a list of
+    #: tests; the text is "header: cell"
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
 
 
 def lists_tests(sheet: Sheet, names: Collection[str]) -> bool:
     """Return whether a sheet is a list of tests, with a row for each test.
 
-    In such a sheet, cells of one column name the tests, each test once. The list may state a start
-    time and a radius for each test. It is then not a log of readings over time, because hardly any
-    row of numbers is without the name of a test. ``names`` are the names of the other sheets and
-    files that are imported.
+    In such a sheet, cells of one column name the tests, each test once. Hardly any row with numbers
+    is without such a name. A log of readings over time is therefore not taken for a list of tests,
+    although both may have columns of times. ``names`` are the names of the other sheets and files
+    that are imported.
     """
     wanted = {_without_blanks(name) for name in names}
     rows = [sheet.cells_as_written(row) for row in sheet.rows[:LONGEST_OVERVIEW]]

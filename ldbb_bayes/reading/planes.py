@@ -80,7 +80,7 @@ def check_plane(place: str, plane: str, source: str, has_angles: bool) -> None:
     plane
         The plane, in the form that `plane_named` returns.
     source
-        Place that states the plane, in words, such as "line 3".
+        What states the plane, such as "line 3".
     has_angles
         Whether the table has a column of angles. If not, it has times.
     """
@@ -107,8 +107,8 @@ def _swapped_error(place: str, plane: str, source: str) -> InputError:
     If a file calls its plane XZ, its angles may begin at X or at Z. The message therefore states
     two sets of options, one for each case. For example, angles from Z towards X are
     counter-clockwise in the plane ZX, and angles from X towards Z are clockwise in this plane.
-    ``place`` is the name of the table, or "options"; ``source`` is the place that states the plane,
-    such as "line 3".
+    ``place`` is the name of the table, or "options"; ``source`` is what states the plane, such as
+    "line 3".
     """
     usual = PLANE_OF_SWAPPED[plane]
     first = usual[0]
@@ -123,8 +123,8 @@ def _swapped_error(place: str, plane: str, source: str) -> InputError:
 def unread_plane(lines: Sequence[tuple[int | str, str]]) -> str:
     """Return a note on the first line that has a label for the plane, but no known plane.
 
-    The note is empty if there is no such line. ``lines`` holds the number (or place) and the text
-    of each line.
+    The note is empty if there is no such line. ``lines`` holds the line number and the text of each
+    line.
     """
     for line, content in lines:
         match = _LABELLED.search(content[:LONGEST_TEXT])

@@ -1,7 +1,8 @@
 """Circles that are programmed in lines above a table: radius, direction, start and feed.
 
 The lines are blocks of G-code, such as ``G2 X100 Y0 I-100 J0 F2000``, a clockwise circle of radius
-100 mm that starts at +X, or blocks for a Heidenhain control, such as ``C X+100 Y+0 DR-``.
+100 mm that starts at +X, or blocks for a Heidenhain control, such as ``C X+100 Y+0 DR-``. For a
+Heidenhain control, the centre of an arc is called the pole and is in an earlier block.
 """
 
 from __future__ import annotations
@@ -28,15 +29,16 @@ _ARC = re.compile(
 _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
 # Regular expression for a coordinate of the centre of an arc, counted from the start of the arc.
 _CENTRE = re.compile(rf"(?<![A-Za-z])(?P<letter>[IJK])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
-# Axes to which the letters of the centre belong.
+# Axes of the coordinates of a centre; the keys are the letters of these coordinates.
 _AXIS_OF_CENTRE = {"I": "X", "J": "Y", "K": "Z"}
 # Regular expression for a coordinate of a point.
 _POINT = re.compile(rf"(?<![A-Za-z])(?P<letter>[XYZ])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
-# Regular expression for a block that moves along a straight line: G0, G1, or L of Heidenhain.
+# Regular expression for a block that moves along a straight line: G0, G1, or, for a Heidenhain
+# control, L.
 _STRAIGHT = re.compile(r"(?<![A-Za-z\d])G0?[01](?![\d.])|^\W*(?:\d+\s+)?L\s", re.IGNORECASE)
-# Regular expression for a block with the centre of the following arcs of Heidenhain.
+# Regular expression for a block that states the pole for a Heidenhain control.
 _POLE = re.compile(r"^\W*(?:\d+\s+)?CC\s")
-# Regular expression for a feed, and for the words G93 and G95, after which F is not a speed.
+# Regular expressions for a feed F, and for the words G93 and G95, after which F is not a speed.
 _FEED = re.compile(r"(?<![A-Za-z])F\s?=?\s?(?P<number>\d+\.?\d*)", re.IGNORECASE)
 _FEED_IS_NO_SPEED = re.compile(r"(?<![A-Za-z\d])G9[35](?![\d.])", re.IGNORECASE)
 # Regular expression for the radius of an arc.
@@ -46,8 +48,7 @@ _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNOR
 _ABSOLUTE_CENTRE = re.compile(r"(?<![A-Za-z\d])G90\.1(?!\d)", re.IGNORECASE)
 # Regular expression for the words G20 and G70, after which lengths are in inches.
 _INCHES = re.compile(r"(?<![A-Za-z\d])G(?:20|70)(?![\d.])", re.IGNORECASE)
-# Regular expression for the sense of an arc in programmes for Heidenhain controls. The centre of
-# such an arc, the pole, is in another block.
+# Regular expression for the sense of an arc about the pole, for a Heidenhain control.
 _ARC_AROUND_POLE = re.compile(r"(?<![A-Za-z])DR\s?(?P<sense>[+\-])(?!\d)")
 _MM_PER_INCH = 25.4
 # Directions of travel that the words G2, G3, DR- and DR+ select; the keys are the last characters
@@ -69,8 +70,8 @@ class ProgrammedArc(NamedTuple):
     text: str  #: the block
     direction: str  #: CW for G2 and DR-, CCW for G3 and DR+
     radius_mm: float | None  #: radius; None if the blocks do not state it
-    #: start of the arc, counted from its centre, for a full circle [mm]; the keys are the axes X,
-    #: Y and Z; None if the blocks do not state the start
+    #: start of the arc relative to its centre [mm]; the keys are the axes X, Y and Z; it may be
+    #: wrong if the arc is not a full circle; None if the blocks do not state the start
     start_mm: Mapping[str, float] | None
     feed: ProgrammedFeed | None  #: feed that applies to the arc; None if the blocks state none
     is_path: bool  #: whether the block describes a path, and is not only the word G2 or G3
@@ -87,7 +88,8 @@ class _Programme:
     has_feeds: bool  #: whether F is a speed
     #: end of the last motion; the keys are axes; empty if it is not known
     position: dict[str, float] = field(default_factory=dict)
-    #: centre of the following arcs of Heidenhain; the keys are axes; empty if it is not known
+    #: pole (centre of later arcs) for a Heidenhain control; the keys are axes; empty if it is not
+    #: known
     pole: dict[str, float] = field(default_factory=dict)
     feed: ProgrammedFeed | None = None  #: feed that applies to the next block
 
@@ -104,7 +106,7 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
     Parameters
     ----------
     lines
-        Numbers and texts of the lines.
+        Line number and text of each line.
     """
     texts = [text[:LONGEST_TEXT] for _, text in lines]
     unit_mm = 1.0
@@ -165,11 +167,12 @@ def _coordinates(programme: _Programme, block: str) -> dict[str, float]:
 
 
 def _start_of_arc(programme: _Programme, block: str) -> dict[str, float] | None:
-    """Return the start of an arc, counted from its centre [mm]; None if it is not known.
+    """Return the start of an arc relative to its centre [mm]; None if it is not known.
 
-    The keys are the axes. The centre stands in the block, or is the pole. If it is counted from the
-    zero point of the programme, the arc starts at the end of the last motion. If this point is not
-    known, the start is the point in the block itself, which is the end of a full circle.
+    The keys are the axes. The block states the centre relative to the start, or else the centre is
+    known relative to the zero point of the programme, as a pole is. In the second case, the arc
+    starts at the end of the last motion. If this point is not known, the end of the arc is used,
+    because a full circle ends where it starts.
     """
     centre = {}
     for match in _CENTRE.finditer(block):
@@ -190,7 +193,7 @@ def _radius_of_arc(
 ) -> float | None:
     """Return the radius of an arc [mm]; None if the blocks do not state it.
 
-    The block states the radius itself, or it is the distance of the start from the centre.
+    The radius is stated in the block, or is the distance of the start of the arc from its centre.
     """
     stated = _RADIUS.search(block)
     if stated is not None and not _ARC_AROUND_POLE.search(block):

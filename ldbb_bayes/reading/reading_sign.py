@@ -145,7 +145,7 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
         if words:
             sign = _sign_of(words)
         elif not _is_open(source, text):
-            if -1 not in sources:  # the note says that a longer bar has a positive reading
+            if -1 not in sources:  # this note would say that a longer bar has a positive reading
                 _note_unread(recording, source, text)
             continue
         if sign is not None:
@@ -181,8 +181,8 @@ def _sign_of_name(source: str, text: str) -> int | None:
     """Return the sign of readings that their name shows: −1 for ``Shortening [um]``.
 
     The text is the header of the readings, or a line that consists of the name alone or of the name
-    after words such as "Readings:". The result is None for any other text. ``source`` is the place
-    of the text in words, such as "line 3".
+    after words such as "Readings:". The result is None for any other text. ``source`` tells where
+    the text is, such as "line 3".
     """
     words = LOAD_IN_NAME.sub("", _words_of_header(text))
     label = _NAME_LABEL.match(words)
@@ -199,9 +199,9 @@ def _sign_of_name(source: str, text: str) -> int | None:
 
 
 def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:
-    """Return pairs of a source, in words, and a text that may state the sign of readings.
+    """Return the texts that may state the sign of readings, each after its source.
 
-    ``header`` is the header of the readings.
+    A source is a text such as "line 3". ``header`` is the header of the readings.
     """
     texts = [(f"the header {header!r}", header)]
     for line, text in recording.lines_outside:
@@ -212,7 +212,7 @@ def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:
 def _is_open(source: str, text: str) -> bool:
     """Return whether a text is about the sign of readings, but leaves the sign open.
 
-    ``source`` is the place of the text in words, such as "line 3".
+    ``source`` tells where the text is, such as "line 3".
     """
     return _turns_sign(text) or _is_turned_header(source, text) or _asks(source, text)
 
@@ -274,7 +274,7 @@ def _asks(source: str, text: str) -> bool:
     """Return whether a line explains the sign of readings in words that are not understood.
 
     Examples are ``Sign: as on the drawing`` and a line that states the sign of readings and the
-    sense of angles in one sentence. ``source`` is the place of the text in words, such as "line 3".
+    sense of angles in one sentence. ``source`` tells where the text is, such as "line 3".
     """
     text = text[:LONGEST_TEXT]
     if not source.startswith("line") or _DENIED.search(text):
@@ -309,7 +309,7 @@ def _note_names(recording: Recording) -> None:
 def _note_unread(recording: Recording, source: str, text: str) -> None:
     """Add a note on a line that may explain the sign of readings, but is not understood.
 
-    ``source`` is the place of the line in words, such as "line 3", and ``text`` is the line.
+    ``source`` tells where the line is, such as "line 3", and ``text`` is the line.
     """
     text = text[:LONGEST_TEXT]
     if not _explains_sign(text):
@@ -330,8 +330,7 @@ def _is_turned_header(source: str, text: str) -> bool:
     """Return whether a text is a header of readings whose sign may be reversed.
 
     An example is ``Shortening [um]``. The result is False for a header that begins with a minus
-    sign, because this sign is understood. ``source`` is the place of the text in words, such as
-    "line 3".
+    sign, because this sign is understood. ``source`` tells where the text is, such as "line 3".
     """
     words = _words_of_header(text)
     is_understood = _MINUS.search(words) is not None

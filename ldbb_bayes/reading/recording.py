@@ -57,7 +57,7 @@ class RowUnits(NamedTuple):
     """Units that one source in a file states, row by row, for the numbers in a column."""
 
     units: Sequence[str]  #: unit in each row as written in the file; empty if a row states none
-    source: str  #: source in words, such as "a column of units"
+    source: str  #: name of the source in messages, such as "a column of units"
 
 
 class AssumedUnit(NamedTuple):
@@ -100,8 +100,10 @@ class Recording:
     #: lines from sheets without a table, which apply to all tests; each item holds the place of a
     #: line (line number and sheet) and the text of the line
     lines_of_all_tests: Sequence[tuple[str, str]]
-    #: lines below the table, each with its line number, without segments that hold a number. They
-    #: may state the sign and length of the readings, direction, angle convention and mount
+    #: lines below the table, each with its line number, without the segments that hold a number.
+    #: These lines may say whether readings measure the radius or the diameter, and contain the
+    #: deflection of the ball's mount. They may also state the sign of readings, the direction of
+    #: travel, and the axis and sense of angles
     lines_below: Sequence[tuple[int | str, str]] = ()
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"

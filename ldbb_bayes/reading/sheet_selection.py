@@ -117,7 +117,7 @@ def note_left_out(left_out: Sequence[Sheet], lists: Collection[str], log: Assump
     left_out
         Sheets without a table of readings.
     lists
-        Places of those sheets whose rows describe single tests.
+        Names, in messages, of those sheets that list tests, with one test in each row.
     log
         Log to which the notes are added.
     """
@@ -138,8 +138,8 @@ def note_left_out(left_out: Sequence[Sheet], lists: Collection[str], log: Assump
 def _lists_of_tests(sheets: Sequence[Sheet], optional: Collection[Path]) -> list[Sheet]:
     """Return the sheets that list the tests on other sheets.
 
-    Only the files in ``optional`` may have such sheets. The result is empty if every sheet would be
-    a list, because the sheets are then tables of readings below lists of all tests.
+    Only the files in ``optional`` may have such sheets. If every sheet seems to be a list, the
+    result is empty: each sheet then has a table of readings below a list of all tests.
     """
     lists = []
     for sheet in sheets:
@@ -218,10 +218,11 @@ def _check_none_transposed(sheets: Sequence[Sheet]) -> None:
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add hidden sheets and rows, which are left out, repeated headers and factors to the log.
+    """Add to the log which hidden sheets and hidden rows are left out.
 
-    If a workbook is not in the format XLSX, hidden rows and number formats cannot be examined. This
-    is noted too.
+    Repeated headers inside a table, which are left out too, and a factor for all numbers of a table
+    are also added. If a workbook is not in the format XLSX, hidden rows and number formats cannot
+    be examined; this is noted too.
     """
     paths = set()
     for sheet in sheets:

@@ -61,7 +61,7 @@ _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 _FEWEST_MARKED = 5
 # Fields of a test or campaign that a column may state if it has no role (angle, reading, …).
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
-# Regular expression for a number that may be a result. G2, G3 and a factor of −1 are none.
+# Regular expression for a number that may be a result. It does not match G2, G3 or a factor of −1.
 _RESULT = re.compile(r"(?<![^\W_])(?:\d\d|\d(?<![-−]1))")
 # Fields that lines below a table may state.
 _STATED_BELOW = ("measured", "mount")
@@ -234,7 +234,10 @@ class _SheetColumns:
         return lines
 
     def place_of_column(self, column: int) -> str:
-        """Return the line of the header and the header of a column, for notes and messages."""
+        """Return a text that names a column in messages by its line and its header.
+
+        An example is "3, column 'R [mm]'", where 3 is the line of the header.
+        """
         return f"{self.heading.line}, column {self.heading.headers[column]!r}"
 
     def constant_statements(self, rows: Sequence[int]) -> dict[str, list[LineStatement]]:
