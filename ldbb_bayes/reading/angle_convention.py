@@ -163,6 +163,8 @@ def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
 
     The axis is the one at which angles begin. The sense is clockwise or counter-clockwise.
     """
+    if any(_is_inseparable(statement) for statement in statements_of_line(text, _is_mixed)):
+        return True
     statements = statements_in([(line, text)])
     if statements and not _states_only_unit(line, text, statements):
         return False
@@ -174,6 +176,16 @@ def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
         return False
     words = _words_in(recording, f"line {line}", text, is_header=False)
     return not (words.zero or words.sense or _HARMLESS.search(text))
+
+
+def _is_inseparable(text: str) -> bool:
+    """Return whether a text states where angles begin and, in the same words, another subject.
+
+    An example is ``Angles from +Y with the travel clockwise``.
+    """
+    if not _is_mixed(text) or not _ANGLE.search(text) or _OTHER_AXIS.search(text):
+        return False
+    return _zero_in(text) not in ("", "+X")
 
 
 def _states_only_unit(line: int | str, text: str, fields: Collection[str]) -> bool:

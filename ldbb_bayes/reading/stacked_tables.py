@@ -6,7 +6,7 @@ The header of the first table is repeated above each further table.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
@@ -18,10 +18,11 @@ from ldbb_bayes.reading.column_roles import (
     names_columns,
     unit_of,
 )
+from ldbb_bayes.reading.line_parts import segments_of_line
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.timestamps import stamps_in
+from ldbb_bayes.reading.timestamps import stamps_in, without_stamps
 from ldbb_bayes.reading.travel_direction import direction_named, directions_stated
 from ldbb_bayes.reading.words import comparable
 
@@ -204,20 +205,52 @@ def lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) ->
     """Return the lines above the first table that also apply to a further table.
 
     ``first`` are all lines above the first table, and ``lines`` are the lines above the further
-    table. A line of ``first`` does not apply if ``lines`` state the same field.
+    table. If ``lines`` state a field anew, the statement of this field in ``first`` does not apply;
+    the other statements in the same line do. For example, the date in front of each line of a log
+    does not apply if ``lines`` state another date, but the text after it does.
     """
     stated = _keys_of(sheet, lines)
-    return [row for row in first if not _keys_of(sheet, [row]) & stated]
+    kept = []
+    for row in first:
+        text = sheet.text_of(row.cells)
+        if not _keys_of_text(text) & stated:
+            kept.append(row)
+            continue
+        remaining = _without_fields(text, stated)
+        if remaining:
+            kept.append(row._replace(cells=[remaining]))
+    return kept
+
+
+def _without_fields(text: str, fields: Set[str]) -> str:
+    """Return the segments of a line that state none of the ``fields``; empty if there are none."""
+    if "time" in fields:
+        text = without_stamps(text)
+    segments = []
+    for segment in segments_of_line(text):
+        if not _keys_of_text(segment) & fields:
+            segments.append(segment.strip())
+    remaining = "; ".join(segments)
+    # Segments that state a field only together, as in "Operator;Meier", are left out as well.
+    if _keys_of_text(remaining) & fields or not re.search(r"[^\W\d_]", remaining):
+        return ""
+    return remaining
 
 
 def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
     """Return the names of the fields that rows state, including "direction" and "time"."""
-    texts = list(sheet.texts(rows))
-    keys = set(statements_in(texts))
-    if directions_stated(texts):
+    keys: set[str] = set()
+    for _, text in sheet.texts(rows):
+        keys |= _keys_of_text(text)
+    return keys
+
+
+def _keys_of_text(text: str) -> set[str]:
+    """Return the names of the fields that a line states, including "direction" and "time"."""
+    keys = set(statements_in([(0, text)]))
+    if directions_stated([(0, text)]):
         keys.add("direction")
-    stamps = [stamp for _, text in texts for stamp in stamps_in(text)]
-    if any(stamp.seconds is not None for stamp in stamps):
+    if any(stamp.seconds is not None for stamp in stamps_in(text)):
         keys.add("time")
     return keys
 

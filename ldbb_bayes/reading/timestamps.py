@@ -15,7 +15,7 @@ from typing import NamedTuple
 from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
-__all__ = ["Rank", "Timestamp", "epoch_stamp", "stamp_in_name", "stamps_in"]
+__all__ = ["Rank", "Timestamp", "epoch_stamp", "stamp_in_name", "stamps_in", "without_stamps"]
 
 # Regular expressions for words that precede a timestamp in a line; the keys are kinds of words,
 # such as "start".
@@ -118,6 +118,11 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
         if stamp is not None:
             stamps.append(stamp)
     return stamps
+
+
+def without_stamps(text: str) -> str:
+    """Return a text with a blank in place of each date, time of day, or both."""
+    return _STAMP.sub(" ", text)
 
 
 def _rank_of(words: str) -> Rank | None:

@@ -243,7 +243,7 @@ def _stated_in(text: str) -> set[str]:
         return answered
     match = NAMES_DIRECTION.search(text)
     if match is None and _is_about_travel(text):
-        return _direction_after(text)
+        return _direction_after(text) or _sense_beside_load(text)
     if match is None:
         return _senses_of_arcs(text) or _sense_beside_load(text)
     if _SENSE_OF_ANGLE.search(text):
