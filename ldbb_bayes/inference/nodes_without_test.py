@@ -3,17 +3,17 @@
 φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points
 that represent p(φ | y), where y are the readings. If a campaign has many tests, its posterior of φ
 hardly changes when one test is left out. With other weights, the nodes for the whole campaign then
-also represent the posterior without the test. The ratio of the two densities needs to be known only
-at a few hundred of these nodes (`density_ratio`).
+also represent the posterior without the test. The ratio of the two posterior densities, with and
+without the test, needs to be known only at a few hundred of these nodes (`density_ratio`).
 
 An exception is the noise factor λ of the test left out, a hyper-parameter of this test alone.
 Without the test's readings, λ has its prior, which is much wider than its posterior. The ratio of
-the two densities would therefore vary strongly with λ. To avoid this, the prior of λ in the density
-without the test is replaced by a Gaussian that is about as wide as the posterior of λ. This
-Gaussian is a density of ln λ given the other coordinates of a node, and is fitted to the nodes for
-the whole campaign. Both the Gaussian and the prior integrate to one over λ, so that the integral
-over φ does not change. Afterwards, the values of λ at the nodes are replaced by random draws from
-the prior.
+the two posterior densities would therefore vary strongly with λ. To avoid this, the prior of λ in
+the density without the test is replaced by a Gaussian that is about as wide as the posterior of λ.
+This Gaussian is a density of ln λ given the other coordinates of a node, and is fitted to the nodes
+for the whole campaign. Both the Gaussian and the prior integrate to one over λ, so that the
+integral over φ does not change. Afterwards, the values of λ at the nodes are replaced by random
+draws from the prior.
 """
 
 from __future__ import annotations

@@ -44,10 +44,11 @@ class NormalScores:
 
     The normal score of a hyper-parameter φ is a coordinate in which its prior is standard normal.
     Unbounded coordinates, here called free, are defined by `HyperPrior`; most of them are ln(φ −
-    lower bound). Lengths and decays (powers by which form error falls with its order) have
-    truncated normal priors between the bounds a and b; for lengths, b is infinite. These k
-    hyper-parameters are transformed to their normal scores. All other hyper-parameters are noise
-    factors of circles, whose logarithms serve as scores. Arrays of points have the shape (..., h).
+    lower bound). Two kinds of hyper-parameters have truncated normal priors between bounds a and b:
+    scales that are lengths, for which b is infinite, and decays (powers by which form error falls
+    with its order). These k hyper-parameters are transformed to their normal scores. All other
+    hyper-parameters are noise factors of circles, whose logarithms serve as scores. Arrays of
+    points have the shape (..., h).
     """
 
     prior: HyperPrior

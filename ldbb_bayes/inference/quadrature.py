@@ -19,8 +19,8 @@ __all__ = ["integrate"]
 # 0.03, 0.03 and 0.5 s for a lattice, and 0.02, 0.03, 0.03 and 0.08 s for importance sampling.
 LARGEST_LATTICE_DIMENSION = 4
 # In this number of dimensions, a lattice is used if the tolerance is below ``_FINE_TOLERANCE``
-# [nat], and importance sampling if the tolerance is not. With a tolerance of 0.001 nat, a lattice
-# took 1.7 to 3.7 s of processor time, and importance sampling took 2.2 to 5.2 s.
+# [nat]; otherwise importance sampling is used. With a tolerance of 0.001 nat, a lattice took 1.7 to
+# 3.7 s of processor time, and importance sampling took 2.2 to 5.2 s.
 _DIMENSION_OF_FINE_LATTICE = 5
 _FINE_TOLERANCE = 3e-3
 # The error of importance sampling must be at most this fraction of the tolerance, because averages

@@ -71,7 +71,7 @@ def marginalize(
     ------
     InputError
         For a plan (a campaign without readings), a probability or tolerance out of range, or a
-        model to which the campaign cannot be fitted.
+        model that cannot be fitted to the campaign.
 
     Warns
     -----

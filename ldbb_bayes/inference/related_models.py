@@ -93,8 +93,8 @@ def log_values(posterior: HyperPosterior, free: Array, tolerance: float) -> LogV
     """Return the joint log density of readings and hyper-parameters at w points, with errors.
 
     ``free``, shape (w, h), holds w values of the h hyper-parameters in unbounded coordinates.
-    ``posterior`` is the posterior density of the hyper-parameters under the model and for the
-    readings. ``tolerance`` is the error allowed in a log evidence [nat].
+    ``posterior`` is the posterior density of the hyper-parameters; this object also holds the model
+    and the readings. ``tolerance`` is the error allowed in a log evidence [nat].
     """
     log_density = posterior.bound.hyper_prior.log_density_of_free(free)
     log_evidence, conditional = posterior.given(free)

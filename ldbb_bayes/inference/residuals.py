@@ -127,10 +127,10 @@ def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
 def matrix_to_harmonics(bound: BoundModel, r: int) -> Array:
     """Return the matrix that converts the reduced readings of test r to Fourier coefficients.
 
-    The matrix has the shape (25, m): the readings of a test are reduced to m ≤ 25 numbers, and
-    there are 25 coefficients of the orders 0 to 12. The coefficients are fitted by least squares.
-    If the readings do not determine all coefficients, the solution of smallest norm is taken.
-    ``bound`` is the model, applied to its campaign.
+    r is the index of the test. The matrix has the shape (25, m): the readings of a test are reduced
+    to m ≤ 25 numbers, and there are 25 coefficients of the orders 0 to 12. The coefficients are
+    fitted by least squares. If the readings do not determine all coefficients, the solution of
+    smallest norm is taken. ``bound`` is the model, applied to its campaign.
     """
     return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=RANK_TOLERANCE))
 

@@ -145,7 +145,7 @@ def sample(
     ------
     InputError
         For a plan (a campaign without readings), an unknown sampler, too few ensembles or walkers,
-        or a model to which the campaign cannot be fitted.
+        or a model that cannot be fitted to the campaign.
 
     Examples
     --------
