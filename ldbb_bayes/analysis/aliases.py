@@ -34,9 +34,9 @@ _ANGLE_DECIMALS = 9
 # A parameter is named in the description of a degeneracy only if its effect on the readings is
 # greater than this share of the largest effect of any coefficient in the degeneracy.
 _NAMED_SHARE = 0.02
-# An effect on the readings counts as a rounding error if it is below this share of the largest
-# effect of any coefficient in the combination considered. This applies to the effect of a single
-# coefficient, and to the effect of the whole combination.
+# An effect on the readings counts as a rounding error if it is below this fraction of the largest
+# effect that one coefficient of a combination has alone. The effect of each coefficient, and that
+# of the whole combination, are judged in this way.
 _ROUNDING = 1e-9
 # A change of a reading counts as too small to be seen if it is below this fraction of the
 # resolution of the readings.
@@ -49,9 +49,9 @@ _MICROMETRE = 1e-3
 class Degeneracy:
     """A combination of parameters and nuisance coefficients whose effects on the readings cancel.
 
-    Nuisance coefficients are effects that are not of interest. A model is made from a preset
-    (ready-made model), and may leave out some effects of the preset. The combination may contain
-    the coefficients of effects that the model leaves out.
+    Nuisance coefficients are effects that are not of interest. A model may leave out some effects
+    of the preset (ready-made model) that it is made from. The combination may also contain the
+    coefficients of effects that are left out.
     """
 
     #: The pivot of the degeneracy is the coefficient whose effect on the readings the other
@@ -89,13 +89,13 @@ class Degeneracy:
 class _Coefficients:
     """The m coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients are effects that are not of interest. A model is made from a preset
-    (ready-made model), and may leave out some effects of the preset. The m coefficients include
-    those of the effects that the model leaves out. ``owners`` are the class names of the model
-    terms that the coefficients belong to; for a parameter, the name is empty. ``columns``, shape
-    (tests, 25, m), holds the effect of each coefficient on each test: the changes, per unit of the
-    coefficient, of the 25 Fourier coefficients of the test's radial deviation. ``prior_sd``, shape
-    (m,), are the prior standard deviations.
+    Nuisance coefficients are effects that are not of interest. A model may leave out some effects
+    of the preset (ready-made model) that it is made from. The m coefficients include those of the
+    effects that are left out. ``owners`` are the class names of the model terms that the
+    coefficients belong to; for a parameter, the name is empty. ``columns``, shape (tests, 25, m),
+    holds the effect of each coefficient on each test: the changes, per unit of the coefficient, of
+    the 25 Fourier coefficients of the test's radial deviation. ``prior_sd``, shape (m,), are the
+    prior standard deviations.
     """
 
     names: tuple[str, ...]
@@ -208,8 +208,9 @@ def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) ->
     """Return a combination of coefficients, converted to internal units (mm, N, rad).
 
     The combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
-    deviations. If the coefficient with index ``pivot`` is a nuisance, the combination is scaled so
-    that this nuisance has the value one in the unit in which it is displayed, such as 1 µm.
+    deviations. If the coefficient with index ``pivot`` is a nuisance coefficient, the combination
+    is scaled so that this coefficient changes by one of the units in which it is displayed, for
+    example by 1 µm.
     """
     change = np.asarray(vector * coefficients.prior_sd)
     if coefficients.owners[pivot]:
@@ -244,9 +245,9 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients are effects that are not of interest. A model is made from a preset
-    (ready-made model), and may leave out some terms of the preset. The result contains the nuisance
-    coefficients of all terms of the preset, including the terms that the model leaves out.
+    Nuisance coefficients are effects that are not of interest. A model may leave out some terms of
+    the preset (ready-made model) that it is made from. The result contains the nuisance
+    coefficients of all terms of the preset, including those that are left out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**edition_terms(bound), **modelled}

@@ -1,4 +1,8 @@
-"""Effects whose standard uncertainty is assumed, because it is neither measured nor stated."""
+"""Effects with assumed standard uncertainties, and the parameters that depend on them most.
+
+A standard uncertainty is called assumed if it is neither measured in the campaign nor stated by a
+certificate or by the user.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,7 @@ _SAME_SIZE = 1.0 + 1e-9
 
 @dataclass(frozen=True)
 class AssumedSize:
-    """Largest prior standard deviation of an assumed effect, for its coefficients in one unit."""
+    """Largest prior standard deviation of an effect's coefficients that have the same unit."""
 
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of ``source``
@@ -38,8 +42,8 @@ class DecidingAssumption(Result):
     """An effect with an assumed standard uncertainty, and the parameter that depends on it most."""
 
     term: str  #: class name of the model term that describes the effect
-    parameter: str  #: parameter in whose variance the effect has its largest share
-    share: float  #: share of the effect in the variance of ``parameter``
+    parameter: str  #: parameter that depends on the effect most
+    share: float  #: fraction of the variance of ``parameter`` that the effect causes
     #: largest prior standard deviation of the effect's coefficients, one entry for each unit that
     #: occurs
     sizes: tuple[AssumedSize, ...]

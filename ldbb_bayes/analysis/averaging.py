@@ -145,9 +145,9 @@ def average(
     Raises
     ------
     InputError
-        If no models are given, or if a model is not the largest model with some parameters fixed at
-        zero. Also for a plan (a campaign without readings), a flat prior, too few draws, or
-        evidences of another campaign.
+        If no models are given, or if a model differs from the largest model in more than some
+        parameters that are fixed at zero. Also for a plan (a campaign without readings), a flat
+        prior, too few draws, or evidences of another campaign.
 
     Examples
     --------
@@ -255,7 +255,8 @@ def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _W
 def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
     """Raise an `InputError` if a model is not nested in the largest model.
 
-    The model ``bound`` is nested if it is ``largest`` with some parameters fixed at zero.
+    The model ``bound`` is nested if it differs from ``largest`` only because some parameters of
+    ``largest`` are fixed at zero in it.
     """
     same_terms = bound.hyper_prior.names == largest.hyper_prior.names
     fewer_parameters = set(bound.names) <= set(largest.names)

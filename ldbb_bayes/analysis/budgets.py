@@ -14,8 +14,9 @@ variance of the posterior draws, which includes the truncation and the uncertain
 are averages over values of φ from the posterior.
 
 In an average over models, the share of a source is a weighted mean of its shares under the models.
-The weight of a model is its probability times the parameter's variance under this model. The spread
-of the parameter's means under the models is a separate source, the choice between the models.
+The weight of a model is its probability times the parameter's variance under this model. The
+parameter's posterior mean differs between the models. The variance of these means is listed as a
+separate source, the choice between the models.
 
 The standard uncertainty of every source is measured (determined by the readings of this campaign),
 stated (by a certificate or by the user) or assumed; see `origins`. If stated and assumed sources
@@ -128,16 +129,17 @@ class Budget(Result):
 class _ModelBudget:
     """The posterior variance of the parameters under one model, and the sources of this variance.
 
-    ``model`` is the model with its draws. ``variance``, shape (p,), is the variance of the model's
-    p parameters, in internal units. ``phi`` are the mean hyper-parameters, by name. ``covariance``,
-    shape (m, m), is the posterior covariance of all m coefficients (parameters and nuisances) at
-    these hyper-parameters, in units of the prior standard deviations; ``information`` is the linear
-    model of the readings (`Information`) at the same hyper-parameters. ``shares`` holds the share
-    of each source in the variance of each parameter, shape (p,); a key consists of the name of the
-    source and the name of its model term. ``ratio_if_known`` has an entry for each model term: the
-    variance that each parameter would have if the term were known exactly, divided by the
-    parameter's present variance, shape (p,). ``origins`` states for each source whether its
-    standard uncertainty is measured in this campaign, stated or assumed.
+    ``model`` holds the model and its posterior draws. ``variance``, shape (p,), is the variance of
+    the model's p parameters, in internal units. ``phi`` are the mean hyper-parameters, by name.
+    ``covariance``, shape (m, m), is the posterior covariance of all m coefficients (parameters and
+    nuisance coefficients) at these hyper-parameters, in units of the prior standard deviations;
+    ``information`` is the linear model of the readings (`Information`) at the same
+    hyper-parameters. ``shares`` holds the share of each source in the variance of each parameter,
+    shape (p,); a key consists of the name of the source and the name of its model term.
+    ``ratio_if_known`` has an entry for each model term: the variance that each parameter would have
+    if the term were known exactly, divided by the parameter's present variance, shape (p,).
+    ``origins`` states for each source whether its standard uncertainty is measured in this
+    campaign, stated or assumed.
     """
 
     model: AveragedModel
@@ -161,8 +163,9 @@ class _ParameterVariance:
 
     Three lists have one entry for each model that has the parameter: ``budgets`` holds the budget
     of the model, ``rows`` the index of the parameter in the model, and ``weights`` the probability
-    of the model times the variance of the parameter under this model. ``spread`` is the variance of
-    the parameter's mean over the models; None if there is only one model.
+    of the model times the variance of the parameter under this model. The parameter's posterior
+    mean differs between the models; ``spread`` is the variance of these means, or None if there is
+    only one model.
     """
 
     budgets: Sequence[_ModelBudget]
@@ -192,9 +195,9 @@ class _SourceKey(NamedTuple):
 class _Portion:
     """Share of a source in the variance of one parameter, summed over the models of an average.
 
-    ``share`` is a sum with one summand for each model. ``largest`` is the largest summand.
-    ``budget`` is the budget under the model with the largest summand, and ``row`` is the index of
-    the parameter in this model.
+    Each model contributes a part to the share. ``share`` is the sum of these parts, and ``largest``
+    the largest part. ``budget`` is the budget under the model that contributes the largest part,
+    and ``row`` is the index of the parameter in this model.
     """
 
     share: float
@@ -228,9 +231,10 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     (by a certificate or the user) or assumed. Which of the three applies is determined at the mean
     of the hyper-parameters.
 
-    In an average over models m with probabilities p_m, u² is Σ p_m (var_m + (mean_m − mean)²). The
-    weight of the shares under model m is p_m var_m. The spread of the means is a separate source,
-    ``ModelChoice``.
+    In an average over models m with probabilities p_m, u² is Σ p_m (var_m + (mean_m − mean)²). Here
+    mean_m and var_m are the posterior mean and variance of the parameter under model m, and mean is
+    the average of mean_m. The weight of the shares under model m is p_m var_m. The variance of the
+    means mean_m is a separate source, ``ModelChoice``.
 
     Parameters
     ----------
@@ -316,8 +320,8 @@ def _variance_of_parameter(
     """Return the variance of one parameter, from all models that have this parameter.
 
     ``budgets`` are the budgets under the models of an average. ``i`` is the index of the parameter
-    in the list of all parameters of these models. ``spread`` is the variance of the parameter's
-    mean over the models; None if there is only one model.
+    in the list of all parameters of these models. The parameter's posterior mean differs between
+    the models; ``spread`` is the variance of these means, or None if there is only one model.
     """
     with_parameter = []
     rows = []
@@ -338,8 +342,8 @@ def _average_shares(
 
     ``phi``, shape (draws, h), are posterior draws of φ; ``covariance``, shape (p, p), is the
     covariance of the p parameters in units of their prior standard deviations. `Information.shares`
-    divides this covariance among the sources. A key of the result consists of the name of a source
-    and the name of its model term.
+    states which share of the variances in this covariance each source causes. A key of the result
+    consists of the name of a source and the name of its model term.
     """
     count = min(count, len(phi))
     chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]
@@ -458,10 +462,11 @@ def _contribution(
 
 
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
-    """Return type, standard uncertainty and unit of a reading noise or of the parameters' priors.
+    """Return the type of evaluation, standard uncertainty and unit of one source of uncertainty.
 
-    The type is A or B of the GUM. ``term`` is the name under which the budget lists the noise or
-    the priors. ``phi`` are the hyper-parameters by name, with lengths in mm.
+    The source is a kind of reading noise, or the priors of the parameters; ``term`` is its name in
+    the budget. The type of evaluation is A or B of the GUM. ``phi`` are the hyper-parameters by
+    name, with lengths in mm.
     """
     if term == NOISE:
         return _NoiseSource("A", phi["sigma"], "mm")

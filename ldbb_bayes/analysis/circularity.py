@@ -5,9 +5,9 @@ ring that contains the path and has the least-squares centre. The radial deviati
 are measured from the least-squares circle. F_max_nominal and F_min_nominal are measured from a
 circle that has the same centre and the nominal radius.
 
-Because the path is uncertain, each posterior draw of the path has random waves that increase its
-peak-to-peak value G. To correct this, the draws of G are shifted so that their mean equals G of the
-posterior mean path; see `extremes`.
+The path is not known exactly. A single posterior draw of the path is therefore more wavy than the
+posterior mean path, and its peak-to-peak value G is larger. To correct this, the draws of G are
+shifted so that their mean equals G of the posterior mean path; see `extremes`.
 
 Radial deviations are small compared with the radius R. If the centre from which they are measured
 is shifted by (a, b), the deviation at the angle θ therefore decreases by a cos θ + b sin θ. The
@@ -61,8 +61,9 @@ __all__ = [
 ]
 
 # Circular-test quantities of ISO 230-4 and their units. ``QUANTITIES`` are computed for every tool
-# path, ``BIDIRECTIONAL`` only for planes that are run both clockwise and counterclockwise.
-# ``MINIMUM_ZONES`` are the deviations about the centre of the minimum zone.
+# path, ``BIDIRECTIONAL`` only for planes in which circles are run both clockwise and
+# counterclockwise. ``MINIMUM_ZONES`` are widths of the minimum zone, which is the narrowest ring
+# that contains the path or both paths.
 QUANTITIES = {
     "G": "µm",
     "F_max": "µm",
@@ -123,10 +124,10 @@ def predict_circularity(
         quantity is its mean. Squareness and scale_mismatch [µm/m] are computed from the second
         harmonic of the path, and include the effect of compliance. Squareness has the sign of the
         squareness parameter of the plane, E_C0YX in XY; scale_mismatch is the gain of the first
-        axis minus the gain of the second axis. For a plane run in both directions of travel, G,
-        F_max and F_min are computed from the mean of both paths. For this plane there are also the
-        bidirectional deviation G_b [µm] and the mean deviation D [µm], which is the mean radius
-        minus the nominal radius.
+        axis minus the gain of the second axis. If the circles of a plane are run in both directions
+        of travel, G, F_max and F_min are computed from the mean of both paths. For such a plane
+        there are also the bidirectional deviation G_b [µm] and the mean deviation D [µm], which is
+        the mean radius minus the nominal radius.
 
     Raises
     ------
@@ -209,7 +210,7 @@ def path_draws(
 
 
 def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Array]:
-    """Return the quantities of a tool path that `QUANTITIES` lists, each of shape (draws,).
+    """Return posterior draws of all `QUANTITIES` for one tool path, each of shape (draws,).
 
     ``path_um``, shape (draws, 25), holds posterior draws of the 25 Fourier coefficients of the
     radial deviation [µm]. The path is the circle of the test with index ``r``.

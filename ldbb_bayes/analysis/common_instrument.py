@@ -1,4 +1,4 @@
-"""The difference of two campaigns that were run with the same instrument.
+"""Difference of the parameters between two campaigns that were run with the same instrument.
 
 Bar, balls, mount and force device are the same in both campaigns. Errors of these parts therefore
 largely cancel in the difference. The nuisance coefficients of these parts (effects that are
@@ -26,9 +26,9 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
-# Readings are called informative about a nuisance coefficient of the instrument if the prior
-# variance of the coefficient is larger than its posterior variance by more than this fraction of
-# the posterior variance.
+# Readings are called informative about a nuisance coefficient of the instrument if they reduce its
+# variance enough: the prior variance divided by the posterior variance must exceed one by more than
+# this number.
 _LEAST_INFORMATION = 0.05
 # Names of two hyper-parameters of the instrument: the scale of the balls' form errors, and the
 # decay. The decay is the exponent of the power law by which these errors decrease with the number
@@ -37,7 +37,7 @@ _INSTRUMENT_HYPERS = ("tau", "decay")
 
 
 class Conflict(NamedTuple):
-    """The error of the common instrument about which the readings of two campaigns disagree most.
+    """The error of the common instrument on whose size two campaigns disagree most.
 
     ``coefficient`` is the name of the nuisance coefficient that describes the error.
     """

@@ -72,26 +72,26 @@ __all__ = [
 # the compliance or, if ``slopes_of_estimate`` of the prior is false, the prior standard deviation
 # of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# Every model makes an assumption about the random differences between circles, for example by a
-# shift of the set-up. Comparisons are repeated with other assumptions. The readings reject another
-# assumption if its log evidence is at least this number [nat] below that of the assumption in the
-# model.
+# Every model makes an assumption about what differs at random from circle to circle, for example
+# the position of the set-up. Comparisons are repeated with other assumptions. The readings reject
+# another assumption if its log evidence is at least this number [nat] below that of the assumption
+# in the model.
 _REJECTED = 5.0
 # Difference of log evidences [nat] at which a rough computation is enough. If the readings clearly
 # reject another assumption about the random differences between circles, its evidences are computed
-# only roughly, to save time. This is the case if the log evidences of both models under that
-# assumption are at least this number below the best log evidence under the models' original
-# assumption.
+# only roughly, to save time. This is the case if the log evidences of both models under the other
+# assumption are at least this number below the best log evidence under the assumption that the
+# models make.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
 # Settings of the quadrature for the posterior mean and standard deviation of parameters. Its nodes
 # are weighted values of the hyper-parameters. Nodes with the smallest weights are left out, as long
 # as their sum is at most the fraction ``_NEGLIGIBLE_WEIGHT`` of the sum of all weights.
-# ``_MOMENT_POINTS`` is the number of quasi-random points for the condition that no compliance is
-# negative. ``_MOMENT_NODES`` is the largest number of nodes. If there are more nodes, this number
-# of them is picked in proportion to their weights, which causes an error of about 1 % of the
-# posterior standard deviation.
+# ``_MOMENT_POINTS`` is the number of quasi-random points from which means and variances are
+# computed if no compliance may be negative. ``_MOMENT_NODES`` is the largest number of nodes. If
+# there are more nodes, this number of them is picked in proportion to their weights, which causes
+# an error of about 1 % of the posterior standard deviation.
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
 _MOMENT_NODES = 512
@@ -141,7 +141,9 @@ class ComparedModel:
     #: expected log predictive density (elpd), leaving one force out (lofo): sum, over the tests, of
     #: the log density of each test given the other tests [nat]; NaN if no test was left out
     elpd_lofo: Number
-    elpd_lofo_se: Number  #: standard error of ``elpd_lofo``, from the scatter of its summands [nat]
+    #: standard error of ``elpd_lofo`` [nat], from the standard deviation of the log densities of
+    #: the tests
+    elpd_lofo_se: Number
     #: root-mean-square residual [µm] of the posterior mean prediction (Eq. 34 of the article on
     #: which the model is based). The prediction includes the effects of the machine, and the
     #: nuisance effects that act in several tests.
@@ -204,7 +206,7 @@ class Difference:
 
     The summands are the log predictive densities of the tests, or the differences of these
     densities between two models. ``value`` is the sum. ``se`` is the standard error of the sum,
-    computed from the scatter of the summands.
+    computed from the standard deviation of the summands.
     """
 
     value: Number
@@ -250,8 +252,8 @@ class Comparison(Result):
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about the random
     #: differences between circles. The first entry is for the assumption in the models. The last
-    #: entry is for models without nuisance terms, in which white noise is the only scatter. If
-    #: ``explanations`` is not None, the second entry is the average over the alternative
+    #: entry is for models without nuisance terms, in which circles differ at random by white noise
+    #: alone. If ``explanations`` is not None, the second entry is the average over the alternative
     #: explanations, and the third entry is the comparison without alternative explanations.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
@@ -409,8 +411,9 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 class _ComparisonPlan:
     """The models whose evidences a comparison computes, and the further results that it computes.
 
-    ``by_slope_scale``, ``unchanged`` and ``by_assumption`` are dictionaries. Each key describes a
-    change, and each value holds the first two models after this change.
+    ``by_slope_scale``, ``unchanged`` and ``by_assumption`` are dictionaries. Each key names a prior
+    of the slopes or an assumption, and each value holds the first two models with this prior or
+    assumption.
     """
 
     #: the first two models to compare, by the names that the caller gave
@@ -424,8 +427,8 @@ class _ComparisonPlan:
     #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
     #: models differ only in this prior
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
-    #: the first two models without a change; the key describes the assumption about the random
-    #: differences between circles that these models make
+    #: the first two models as the caller gave them. The key describes the assumption that these
+    #: models make about the random differences between circles.
     unchanged: dict[str, tuple[HybridModel, ...]]
     #: the first two models with another assumption about the random differences between circles,
     #: one entry for each assumption

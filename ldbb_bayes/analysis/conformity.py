@@ -47,10 +47,10 @@ __all__ = [
     "stiffness_conformity",
 ]
 
-# Smallest number of posterior draws on either side of a tolerance limit for which the probability
-# of that side is the share of these draws. With fewer draws on a side, the probability of that side
-# is computed from a normal distribution. It is then limited: it is at least the share of the draws
-# on that side, and at most ``_FEWEST_DRAWS`` divided by the number of all draws.
+# If at least this number of posterior draws lie on one side of a tolerance limit, the probability
+# of that side is the share of the draws there. If there are fewer, the probability of that side is
+# computed from a normal distribution. However, it is then set to at least the share of the draws on
+# that side, and to at most ``_FEWEST_DRAWS`` divided by the number of all draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000

@@ -1,4 +1,9 @@
-"""Rule that decides with which assumed effects a parameter is confounded."""
+"""Rule that decides whether a parameter is confounded, and with which effects.
+
+Only effects whose standard uncertainty is assumed are considered. A parameter is called confounded
+with such effects if together they cause more than half of its variance, and if they act on the same
+combination of parameters.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +23,11 @@ SAME_COMBINATION = 0.95
 # A parameter is never said to be confounded with an effect whose share of the parameter's variance
 # is below this number.
 _NAMED_SHARE = 0.05
-# Verdicts on parameters must not depend on rounding errors. A number that differs from its limit by
-# less than this amount is therefore treated as equal to the limit. Two verdicts compare a number
-# with a limit: "confounded", if a share of the variance is above its limit, and "prior-limited", if
-# the contraction is below its limit. The contraction is one minus the ratio of posterior to prior
-# variance.
+# Verdicts on parameters must not depend on rounding errors. A computed number that differs from a
+# limit by less than this amount is therefore treated as equal to the limit. Two verdicts depend on
+# a limit. A parameter is "confounded" if a share of its variance is above a limit. It is
+# "prior-limited" if its contraction, which is one minus the ratio of posterior to prior variance,
+# is below a limit.
 NEAR_TIE = 1e-6
 
 

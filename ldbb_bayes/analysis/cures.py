@@ -37,7 +37,7 @@ _CLOCKINGS_DEG = (45.0, 90.0)
 # of the plan, and ``_HIGHER_FORCE_SHARE`` times the highest force of the plan.
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
-# Radius of further tests, divided by a radius of the plan.
+# Factor by which a radius of the plan is multiplied to obtain the radius of further tests.
 _OTHER_RADIUS_SHARE = 2.0 / 3.0
 # Radii that differ by no more than this share of the larger radius are treated as equal.
 _SAME_RADIUS_SHARE = 0.01
@@ -74,7 +74,8 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
     but not of interest) whose effects on every reading cancel. A kind of further tests is returned
     if the degeneracy vanishes when these tests are added to the plan. Turning both balls is
     returned only if turning a single ball does not suffice. A calibration is returned for every
-    degeneracy whose pivot is a nuisance coefficient (the field ``term`` is not empty).
+    degeneracy in which parameters, or other coefficients, cancel the effect of a nuisance
+    coefficient; the field ``term`` is then not empty.
 
     Parameters
     ----------
@@ -121,9 +122,10 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
 
     The pivot of a degeneracy is the coefficient whose effect on the readings the other coefficients
     cancel. If both pivots are nuisance coefficients, the degeneracies are the same if the names of
-    the pivots differ at most in ball, phase or radius. If both pivots are parameters, the
-    degeneracies are the same if they have two parameters in common. If ``degeneracy`` has a single
-    parameter, it is enough that ``candidate`` has this parameter too.
+    the pivots are the same, apart from the ball, the phase (cosine or sine) and the radius that the
+    names state. If both pivots are parameters, the degeneracies are the same if they have two
+    parameters in common. If ``degeneracy`` has a single parameter, it is enough that ``candidate``
+    has this parameter too.
     """
     if degeneracy.term != candidate.term:
         return False
@@ -134,9 +136,9 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
 
 
 def _pattern(nuisance: str) -> str:
-    """Return the name of a nuisance coefficient without its ball, phase and radius.
+    """Return a nuisance coefficient's name without the parts that state ball, phase and radius.
 
-    Three kinds of text are removed: ``work_`` or ``tool_``, ``_cos`` or ``_sin``, and a number at
+    These parts are ``work_`` or ``tool_`` at the beginning, ``_cos`` or ``_sin``, and a number at
     the end.
     """
     return re.sub(r"^(work_|tool_)|_(cos|sin)|_[\d.]+$", "", nuisance)
