@@ -17,7 +17,7 @@ from pydantic import PlainSerializer
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.campaign.text_table import EmptyFileError
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import Assumption, AssumptionLog, shown_list
 from ldbb_bayes.reading.campaign_fields import (
     find_resolution,
@@ -25,6 +25,7 @@ from ldbb_bayes.reading.campaign_fields import (
     take_stated_fields,
 )
 from ldbb_bayes.reading.circle_centre import take_centres, without_centre
+from ldbb_bayes.reading.columns_of_tests import advice_on_tests
 from ldbb_bayes.reading.companion_files import or_left_out
 from ldbb_bayes.reading.diameters import halve_diameters
 from ldbb_bayes.reading.file_patterns import matching
@@ -285,12 +286,13 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
         if not values:
             continue
         titles = ", ".join(recording.title for recording in recordings)
-        require(
-            len(values) == len(recordings),
-            f"{option_for(key)} must hold one number for each test, got {len(values)} for"
-            f" {len(recordings)} tests ({titles[:_LIST_SHOWN]}). Give all, in the order of files"
-            " and sheets.",
-        )
+        if len(values) != len(recordings):
+            usual_advice = "Give all, in the order of files and sheets."
+            advice = advice_on_tests(recordings, len(values)) or usual_advice
+            raise InputError(
+                f"{option_for(key)} must hold one number for each test, got {len(values)} for"
+                f" {len(recordings)} tests ({titles[:_LIST_SHOWN]}). {advice}"
+            )
         loads[key] = values
     return loads
 

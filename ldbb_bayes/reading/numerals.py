@@ -70,6 +70,8 @@ _MISSING = (
     "#ref!",
     "null",
     "none",
+    "missing",
+    "fehlt",
 )
 # Mark that may separate thousands (comma or point); the keys are the decimal marks.
 OTHER_MARK = {".": ",", ",": "."}

@@ -16,6 +16,7 @@ import numpy as np
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.angle_convention import name_is_about_angles
 from ldbb_bayes.reading.column_units import unit_size
+from ldbb_bayes.reading.columns_of_tests import cells_of, columns_that_part
 from ldbb_bayes.reading.loads_in_lines import LoadInLine, load_of_lines, loads_in_lines
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
 from ldbb_bayes.reading.programmed_circles import programmed_arcs
@@ -302,6 +303,20 @@ def _advice(recording: Recording, usual_advice: str) -> str:
     return f"Only {names} together name tests of one force. Leave --test-column out."
 
 
+def _advice_on_directions(recording: Recording) -> str:
+    """Return the advice of a message on rows of one test that differ in direction.
+
+    If a column tells rows of different directions apart, it may name the tests.
+    """
+    if "test" not in recording.layout.columns:
+        column = recording.heading.roles["direction"]
+        words = cells_of(recording, column)
+        parting = columns_that_part(recording, [direction_named(word) for word in words])
+        if parting:
+            return f"Say which column names the test of each row: --test-column '{parting[0]}'."
+    return _advice(recording, _WRITE_DIRECTIONS)
+
+
 def _is_measured(values: Array) -> bool:
     """Return whether the loads of the rows of a test, shape (n,), vary as measured loads do.
 
@@ -403,7 +418,7 @@ def direction_of(recording: Recording) -> str | None:
         raise InputError(
             f"{recording.place}, line {max(column_senses.values())}: direction must be CW or CCW in"
             f" all rows of a test, got {words[:_TEXT_SHOWN]!r}."
-            f" {_advice(recording, _WRITE_DIRECTIONS)}"
+            f" {_advice_on_directions(recording)}"
         )
     require(
         len(senses) <= 1,

@@ -14,6 +14,7 @@ from field_layouts import layout_cases
 from field_passages import passage_cases
 from field_shapes import shape_cases
 from field_statements import statement_cases
+from field_steps import step_cases
 from openpyxl import Workbook
 
 __all__ = ["word_cases"]
@@ -47,6 +48,7 @@ def word_cases() -> dict[str, FieldCase]:
         **log_start_cases(),
         **direction_cases(),
         **layout_cases(),
+        **step_cases(),
         **shape_cases(),
         **statement_cases(),
         **passage_cases(),

@@ -1,0 +1,119 @@
+"""Columns that may name the test of each row, or hold the readings of a further test.
+
+They are looked for only after a table gave fewer tests than the user expects; messages name them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.words import LONGEST_NAME
+
+__all__ = ["advice_on_tests", "cells_of", "columns_of_further_readings", "columns_that_part"]
+
+# Fewest rows of a test. A column with fewer rows for each of its words does not name tests.
+_FEWEST_ROWS = 9
+# Smallest share of numbers among the cells of a column of readings.
+_SHARE_OF_NUMBERS = 0.8
+# Roles of columns that do not name tests.
+_ROLES_OF_NUMBERS = ("angle", "reading", "time")
+# Largest number of columns that a message names.
+_COLUMNS_SHOWN = 6
+
+
+def columns_that_part(
+    recording: Recording, directions: Sequence[str] = (), n_tests: int | None = None
+) -> list[str]:
+    """Return the headers of the columns that may name the test of each row.
+
+    Each word of such a column stands in one block of rows that is long enough for a test.
+
+    Parameters
+    ----------
+    recording
+        Rows that were taken for one test.
+    directions
+        Direction of travel in each of these rows; all rows with the same word in the column must
+        have the same direction. Empty if the directions do not matter.
+    n_tests
+        Number of tests that the column must name; None for any number.
+    """
+    headers = []
+    in_use = {recording.heading.roles.get(role) for role in _ROLES_OF_NUMBERS}
+    for column, header in enumerate(recording.heading.headers):
+        if not header or column in in_use:
+            continue
+        words = cells_of(recording, column)
+        if not _stand_in_blocks(words):
+            continue
+        n_words = len(set(words))
+        if n_tests not in (None, n_words):
+            continue
+        pairs = set(zip(words, directions, strict=False))
+        if not directions or len(pairs) == n_words:
+            headers.append(header[:LONGEST_NAME])
+    return headers
+
+
+def columns_of_further_readings(recording: Recording) -> list[str]:
+    """Return the headers of the unused columns that hold different numbers in the rows of a test.
+
+    A few numbers may be missing.
+    """
+    headers = []
+    for column, header in enumerate(recording.heading.headers):
+        if header not in recording.unused_columns:
+            continue
+        numbers = [cell for cell in cells_of(recording, column) if looks_like_number(cell)]
+        is_full = len(numbers) >= _SHARE_OF_NUMBERS * len(recording.lines)
+        if is_full and len(set(numbers)) >= _FEWEST_ROWS:
+            headers.append(header[:LONGEST_NAME])
+    return headers
+
+
+def advice_on_tests(recordings: Sequence[Recording], n_stated: int) -> str:
+    """Return the advice for a list of forces that has more numbers than there are tests.
+
+    ``n_stated`` is the number of forces. The advice names the columns that may hold the readings of
+    further tests, or that may name the test of each row; it is empty if there are none.
+    """
+    n_tests, remainder = divmod(n_stated, len(recordings))
+    if remainder or n_tests < 2 or any(recording.label for recording in recordings):
+        return ""
+    recording = recordings[0]
+    parting = columns_that_part(recording, n_tests=n_tests)
+    if parting:
+        return f"If {parting[0]!r} names the test of each row, give --test-column '{parting[0]}'."
+    readings = columns_of_further_readings(recording)
+    reading_column = recording.heading.roles.get("reading")
+    if readings and reading_column is not None:
+        readings.insert(0, recording.heading.headers[reading_column])
+    if len(readings) < 2:
+        return ""
+    options = " ".join(f"--reading-column '{header}'" for header in readings[:_COLUMNS_SHOWN])
+    if len(readings) > _COLUMNS_SHOWN:
+        options += " …"
+    return f"If each of these columns holds the readings of a test, give {options}."
+
+
+def cells_of(recording: Recording, column: int) -> list[str]:
+    """Return the cells of a column in the rows of a test; ``column`` is the index of the column."""
+    lines = set(recording.lines)
+    return [row.cells[column] for row in recording.sheet.rows if row.line in lines]
+
+
+def _stand_in_blocks(words: Sequence[str]) -> bool:
+    """Return whether each word stands in one block of successive rows, long enough for a test.
+
+    There must be several words, and none may be missing.
+    """
+    n_blocks = 1
+    for word, next_word in pairwise(words):
+        n_blocks += word != next_word
+    different = set(words)
+    if "" in different or len(different) != n_blocks or n_blocks < 2:
+        return False
+    return all(words.count(word) >= _FEWEST_ROWS for word in different)
