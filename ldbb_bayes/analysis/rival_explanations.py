@@ -1,9 +1,9 @@
-"""Comparison of slopes with alternative explanations of why compliance seems to change with force.
+"""Comparison of explanations of why compliance seems to change with force.
 
-Readings that do not grow in proportion to force can have several causes: compliances change with
-force (slopes), the deflection of the joints is nonlinear, or the mount or the force device is
-nonlinear. Every combination of these explanations is a model. All models have the same prior
-probability, and the evidences of the models determine their posterior probabilities.
+Readings that do not grow in proportion to force can have several causes: compliances do change with
+force (they have slopes), the deflection of the joints is nonlinear, or the mount or the force
+device is nonlinear. Every combination of these explanations is a model. All models have the same
+prior probability, and the evidences of the models determine their posterior probabilities.
 """
 
 from __future__ import annotations

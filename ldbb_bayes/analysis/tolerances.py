@@ -152,7 +152,7 @@ def name_in_plane(name: str, plane: str, planes: Collection[str]) -> str:
 
 
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
-    """Return the quantities of a bound model that may have a tolerance, by name.
+    """Return the quantities of a model that may have a tolerance, by name.
 
     The quantities are the model's parameters; stiffnesses of single axes, such as ``stiffness_X``;
     in each plane, the least and the greatest stiffness along the bar and the ratio of the two; and

@@ -2,8 +2,8 @@
 
 A remedy reduces a large uncertainty. It is a change of the plan (another order of the circles, the
 other direction of travel, turned balls, more circles, a second radius) or a certificate of the
-instrument. The model is bound to the changed plan, or to the campaign with the certificate. The
-hyper-parameters φ (the scales of the noise and of other effects) keep their values
+instrument. The uncertainties are computed for the changed plan, or for the campaign with the
+certificate. The hyper-parameters φ, such as the standard deviation of the noise, keep their values
 (`HyperPrior.carried`). Some effects depend on an estimate of the machine's compliances. These
 effects are computed with the estimate from the unchanged campaign or its pilot (the campaign from
 which it was planned).
@@ -35,8 +35,8 @@ from ldbb_bayes.units import ranked
 __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 
 # Angle [°] by which both balls are turned in the added circles, if the remedy is to turn the balls.
-# A second angle is not needed, because this angle turns the phase of a ball's form error by 90° at
-# order 2, by 135° at order 3 and by 180° at order 4.
+# One angle is enough: it shifts the phase of a ball's form error by 90°, 135° and 180° at the
+# Fourier orders 2, 3 and 4, at which compliances change the readings, too.
 _TURN_DEG = 45.0
 # Number of random orders of the circles that are tried. The order is chosen in which the positions
 # of the circles are least correlated with their forces.
@@ -73,7 +73,7 @@ class TriedCures:
     Parameters
     ----------
     bound
-        Model bound to a campaign or plan.
+        Model of a campaign or of a plan.
     phi
         Values of the h hyper-parameters, shape (h,); lengths in mm.
     """
@@ -97,7 +97,7 @@ class TriedCures:
         return tuple(steps)
 
     def bound_with(self, *steps: CureStep) -> BoundModel | None:
-        """Return the model bound to the campaign that results from the remedies ``steps``.
+        """Return the model of the campaign that results from the remedies ``steps``.
 
         A remedy is a change of the plan or a certificate of the instrument. The remedies are
         applied one after the other. Return None if a remedy cannot be applied after the earlier
@@ -161,7 +161,7 @@ class TriedCures:
 
 
 def _with_cure(bound: BoundModel, step: CureStep) -> BoundModel | None:
-    """Return the model bound to the campaign or plan that results from one remedy.
+    """Return the model of the campaign or plan that results from one remedy.
 
     A remedy is a change of the plan or a certificate of the instrument. Return None if the
     instrument already has the certificate, or if the plan does not need the change.

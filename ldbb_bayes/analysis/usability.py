@@ -125,7 +125,7 @@ def state_of(
 
     - the readings hardly determine a parameter on the certificate;
     - a parameter on the certificate depends on the prior;
-    - the noise, or the scale of another effect, is larger than its prior suggests;
+    - the standard deviation of the noise or of another effect is larger than its prior suggests;
     - the tests have too few different forces for the degree of the model;
     - the evidences of the compared models are not precise enough;
     - the result of the comparison depends on assumptions.

@@ -46,16 +46,16 @@ _MOST_VALUES = 1024
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
     """Return the standard uncertainty of every parameter, given an instrument's certificates.
 
-    The hyper-parameters φ are the scales of the noise and of other effects. The variance of each
-    parameter is the sum of two parts: the average, over values of φ, of the parameter's variance
-    given φ, and the variance, over the same values, of the parameter's mean given φ. ``phi`` holds
-    values for the model ``bound`` with the present instrument. These values are carried over to the
-    model with ``instrument`` by the names of the hyper-parameters (`HyperPrior.carried`).
+    The hyper-parameters φ are, for example, the standard deviations of the noise and of random
+    effects. The variance of each parameter is the sum of two parts: the average, over values of φ,
+    of the parameter's variance given φ, and the variance, over the same values, of the parameter's
+    mean given φ. ``phi`` holds values for the present instrument. Each hyper-parameter keeps its
+    values in the model with ``instrument`` (`HyperPrior.carried`).
 
     Parameters
     ----------
     bound
-        Model bound to a campaign or plan.
+        Model of a campaign or of a plan.
     instrument
         Instrument with its certificates.
     weight
@@ -86,14 +86,14 @@ class Moments(NamedTuple):
 def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi: Array) -> Moments:
     """Return the means and standard uncertainties of linear combinations of coefficients.
 
-    The results are averaged over the hyper-parameters φ, the scales of the noise and of other
-    effects. As in `uncertainty_with`, the variance of a combination is the sum of two parts: the
+    The results are averaged over the hyper-parameters φ, such as the standard deviation of the
+    noise. As in `uncertainty_with`, the variance of a combination is the sum of two parts: the
     average, over φ, of the variance given φ, and the variance, over φ, of the mean given φ.
 
     Parameters
     ----------
     bound
-        Model bound to a campaign or plan.
+        Model of a campaign or of a plan.
     combinations
         Weights of the m coefficients in each of q combinations, shape (q, m). The coefficients are
         in internal units and in the order of `Information.names`: the parameters, then the nuisance
@@ -104,7 +104,8 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
     """
     sample = _few_values(weight, phi)
     number = len(bound.names)
-    # Put the nuisance coefficients first and the parameters last, as in the posterior density.
+    # The posterior density ``density`` holds the nuisance coefficients first and the parameters
+    # last. The combinations are put in the same order.
     rows = np.concatenate([combinations[:, number:], combinations[:, :number]], axis=1)
     density = bound.collapsed.conditional(sample.phi)[1]
     mean = density.mean @ rows.T + combinations[:, :number] @ bound.centre
@@ -145,7 +146,7 @@ def worth_of_certificates(
     Parameters
     ----------
     bound
-        Model bound to a campaign or plan.
+        Model of a campaign or of a plan.
     weight
         Weights of the w values of the hyper-parameters, shape (w,).
     phi

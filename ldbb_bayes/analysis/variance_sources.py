@@ -1,6 +1,6 @@
 """Sources of the variance of parameters and of other quantities, under one model or several.
 
-Given the hyper-parameters φ (the scales of the noise and of other effects), the error of every
+Given the hyper-parameters φ, such as the standard deviation of the noise, the error of every
 quantity is a sum of independent errors, one from each source. A source is a model term, the reading
 noise or the prior of a parameter. Each source has a share in the quantity's variance, and an
 origin: its standard uncertainty is measured in this campaign, stated or assumed (`origins`).
@@ -79,13 +79,13 @@ class ModelVariance:
     """The variances of q quantities under one model, and the sources of these variances."""
 
     probability: float  #: probability of the model in the average; one for a single model
-    bound: BoundModel  #: the model, bound to a campaign or plan
+    bound: BoundModel  #: the model of a campaign or of a plan
     information: Information  #: linear model of the readings, at one value of the hyper-parameters
     #: changes of the quantities, in internal units, when one of the model's m coefficients changes
     #: by its prior sd, shape (q, m); zero for a quantity that the model does not have
     weights: Array
     mean: Array  #: means of the quantities under this model, shape (q,)
-    #: standard deviations of the quantities that the results state under this model, shape (q,).
+    #: standard deviations of the quantities under this model, as stated in the results, shape (q,).
     #: They come from posterior draws, in which no compliance is negative, or are averaged over the
     #: hyper-parameters. They may therefore differ from the square roots of ``gaussian_variance``.
     sd: Array
@@ -94,8 +94,8 @@ class ModelVariance:
     def origins(self) -> dict[tuple[str, str], Origin]:
         """Origin of every source of uncertainty.
 
-        A key has two parts: the name of a coefficient or noise, and the name of the model term to
-        which the coefficient or noise belongs.
+        A key has two parts: the name of the source (a coefficient or a kind of noise), and the name
+        of the model term to which the source belongs.
         """
         return origins(self.bound, self.information)
 
@@ -105,12 +105,12 @@ class ModelVariance:
         return self._variance(self.information)
 
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Return the covariance of the q quantities' errors from each source, shape (q, q).
+        """Return the covariance of the q quantities that each source causes, shape (q, q).
 
-        A covariance describes the joint errors of the q quantities due to one source. A source is a
-        model term, the reading noise or the prior of a parameter. A key consists of the name of the
-        term, noise or parameter, and the origin of the source. The covariances are scaled so that
-        the sum of their diagonals is ``sd``², the variances of the quantities.
+        A source is a model term, the reading noise or the prior of a parameter. Its covariance
+        describes the errors of the quantities that it causes together. A key consists of the name
+        of the term, noise or parameter, and the origin of the source. The covariances are scaled so
+        that the sum of their diagonals is ``sd``², the variances of the quantities.
         """
         drawn = self.sd / np.sqrt(np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1))
         scale = np.outer(drawn, drawn)
@@ -162,10 +162,10 @@ class ModelVariance:
         return np.einsum("qi,ij,qj->q", self.weights, covariance, self.weights)
 
     def _scaled(self, variance: Array) -> Array:
-        """Return variances of the linear model, rescaled to match the variances that results state.
+        """Return variances of the linear model, scaled to agree with ``sd``.
 
-        Each variance is multiplied by ``sd``² and divided by the quantity's `gaussian_variance`.
-        The result, shape (q,), is at most ``sd``².
+        Each variance is multiplied by the ratio of ``sd``² to the `gaussian_variance` of the
+        quantity. The result, shape (q,), is at most ``sd``².
         """
         before = np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1.0)
         return np.clip(variance / before, 0.0, 1.0) * self.sd**2
@@ -282,10 +282,10 @@ class AveragedVariance:
     def sources(self, i: int, own: Sequence[str]) -> SourcesOfVariance:
         """Return the sources of the variance of one quantity, the largest share first.
 
-        ``i`` is the index of the quantity. ``own`` are the names of the parameters whose priors
-        count as the prior of the quantity itself. For a parameter, ``own`` holds only the name of
-        the parameter. For a change of a compliance with force, ``own`` holds the names of the
-        slopes that determine the change.
+        ``i`` is the index of the quantity. ``own`` names the parameters from which the quantity is
+        computed. For a parameter, this is its own name; for a change of a compliance with force, it
+        is the names of the coefficients of this change, such as ``C_XXX_1``. Their priors together
+        count as one source.
         """
         sd = np.sqrt(self._divisor)
         shares: dict[tuple[str, Origin], float] = {}
@@ -314,7 +314,7 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
     Parameters
     ----------
     bound
-        Model bound to a campaign or plan.
+        Model of a campaign or of a plan.
     information
         Linear model of the readings (`Information`), at one value of the hyper-parameters.
     """

@@ -1,4 +1,4 @@
-"""Subsets of slopes: which compliances change with force, and curves averaged over the subsets.
+"""Which compliances change with force: probabilities, and averaged curves.
 
 A slope is the change of a compliance with force. Every compliance may have a slope or none, and
 each subset of slopes defines a model, whose evidence is computed. Curves of compliance against
@@ -122,7 +122,7 @@ def slope_subsets(
     Parameters
     ----------
     model : HybridModel
-        Model of degree 1 with all slopes.
+        Model in which every compliance may change linearly with force (degree 1).
     evidences : Evidences
         Evidences that have been computed before; new evidences are added to this object.
     seed : int
