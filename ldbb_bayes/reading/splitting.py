@@ -867,13 +867,13 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
 
 
 def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int]]) -> list[str]:
-    """Return the headers of the columns of a table that state nothing about its tests.
+    """Return the headers of the columns that are not used, except perhaps as start times.
 
-    The column may still state the times at which the tests were run.
+    Whether a column of times is used is decided later, when start times are taken.
 
-    A column without a role (angle, reading, …) is used only if it states a field, such as the
-    radius, for every test. ``rows_of_tests`` holds the indices of the rows of each test.
-    Two columns that together identify the tests are never noted as unused.
+    A column without a role (angle, reading, …) counts as used only if it states a field, such as
+    the radius, for every test. Two columns that together identify the tests also count as used.
+    ``rows_of_tests`` holds the indices of the rows of each test.
     """
     used = set()
     for column in range(len(columns.heading.headers)):

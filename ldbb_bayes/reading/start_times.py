@@ -50,7 +50,7 @@ class _Start(NamedTuple):
 
     title: str  # name of the test
     stamp: Timestamp
-    source: str  # place of the timestamp in words, such as "line 3"
+    source: str  # text for notes that says where the timestamp is, such as "line 3"
     column: str = ""  # header of the column that states the timestamp; empty for another source
 
 

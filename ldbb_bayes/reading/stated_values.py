@@ -58,8 +58,8 @@ class _Evidence(NamedTuple):
     """Value that a source states for a quantity of a test."""
 
     value: float  # stated value; NaN if the number can be read in two ways
-    source: str  # source of the value in words, such as "line 3"
-    tolerance: float  # relative difference from another value that rounding may explain
+    source: str  # name of the source in messages, such as "line 3"
+    tolerance: float  # largest relative difference from another value that rounding can explain
     # reason why the value is NaN; empty if the reason is only that a comma or point in the number
     # may separate thousands
     doubt: str = ""
@@ -161,11 +161,11 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     """Return the values that lines above the table and names state for a quantity.
 
     Such values are used only if neither the user nor a column states the quantity. ``key`` is the
-    field of the quantity, such as force_N. The list begins with the values in lines; values that
-    are NaN for a reason in ``doubt`` are last among them. The values in the names of test, column,
-    sheet and file follow. For a radius, the radii of arcs in G-code are at the end. The feed of
-    these arcs is used only if no other line states the feed. ``recording``
-    holds the rows of the test in its file, and all statements about the test.
+    field of the quantity, such as force_N. The values in lines come first; among them, values with
+    a reason in ``doubt`` are last. They are followed by the values in names of test, column, sheet
+    and file. For a radius, the radii of arcs in G-code are added at the end. The feed in G-code is
+    used only if no other line states a feed. ``recording`` holds the rows of the test in its file,
+    and all statements about the test.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):
@@ -244,8 +244,8 @@ def loads_of(recording: Recording) -> dict[str, float]:
 def _load_of_lines(recording: Recording, in_lines: Sequence[LoadInLine]) -> dict[str, float]:
     """Return the load of a test from lines that do not call it force or pressure, and note it.
 
-    The result is empty if the lines have no load, or more than one meaning. ``in_lines`` are the
-    loads in the lines above the table.
+    The result is empty if the lines have no load, have different loads, or are not clear.
+    ``in_lines`` are the loads in the lines above the table.
     """
     load = load_of_lines(in_lines)
     if load is None:
@@ -360,10 +360,11 @@ def _directions_above(recording: Recording) -> _StatedSenses:
 
 
 def _source_of_direction(recording: Recording) -> str:
-    """Return where the direction of travel is stated: a list of tests, a line, or else the name.
+    """Return a text for messages that says where the direction of travel is stated.
 
-    The cells of a list of tests on another sheet follow the lines above the table, with the line
-    and the sheet as their place.
+    The places are a list of tests on another sheet, a line above or below the table, and the name
+    of the test. The cells of a list of tests are among the lines above the table, but have a text
+    such as "3 of notes.txt" in place of a line number.
     """
     for line, text in recording.heading.lines_above:
         if directions_stated([(line, text)]):
@@ -376,7 +377,7 @@ def _source_of_direction(recording: Recording) -> str:
 
 
 def _contradiction_of(senses: set[str]) -> str:
-    """Return the reason for a note on a direction that the user states and the file does not.
+    """Return the reason for a note on a direction of travel on which user and file disagree.
 
     ``senses`` are the directions in the file: CW, CCW, and other words in capitals, which are not
     understood.

@@ -94,7 +94,7 @@ _LENGTH_SHOWN = 60
 class UnreadDirection(NamedTuple):
     """Line that may state a direction of travel, but is not understood."""
 
-    line: int | str  #: number of the line, or its place in another sheet
+    line: int | str  #: line number, or a text such as "3 of notes.txt" for a line of another sheet
     text: str  #: beginning of the line
 
 
@@ -166,7 +166,8 @@ def directions_stated(
     Parameters
     ----------
     lines
-        Numbers (or places) and texts of the lines.
+        Line number and text of each line. For a line of another sheet, the line number is replaced
+        by a text such as "3 of notes.txt".
     names
         Names of test, column, sheet and file; only the first name that contains a direction is
         used.
@@ -213,7 +214,11 @@ def _segments(text: str) -> list[str]:
 
 
 def _is_complete(text: str) -> bool:
-    """Return whether a text has a number or a plane, and nothing that may have a direction."""
+    """Return whether a text is complete without the direction of travel that follows it.
+
+    A complete text has a number or a plane. It has no word for angles, and no word for something
+    else that may have a direction, such as a spindle.
+    """
     has_value = re.search(r"\d|\b[XYZ]{2}\b", text) is not None
     is_about_others = _OTHER_DIRECTION.search(_LOADS.sub(" ", text)) or _ANGLES.search(text)
     return has_value and not is_about_others
@@ -321,7 +326,8 @@ def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection 
     Parameters
     ----------
     lines
-        Numbers (or places) and texts of the lines.
+        Line number and text of each line. For a line of another sheet, the line number is replaced
+        by a text such as "3 of notes.txt".
     """
     for line, content in lines:
         text = content[:LONGEST_TEXT]

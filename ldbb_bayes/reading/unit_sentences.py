@@ -30,7 +30,7 @@ _STATED_IN = {
     )
     for role, words in {"reading": "readings_in", "angle": "angles_in"}.items()
 }
-# Regular expression for the words after "in", and for a remark in brackets behind these words.
+# Regular expression for the words after "in", and for a remark in brackets after these words.
 _PHRASE = re.compile(
     r"(?P<phrase>(?:[^;|\t()\[\].,]|[.,](?=\d))*)(?:[(\[](?P<remark>[^)\]]*)[)\]])?(?P<behind>.*)"
 )
@@ -40,7 +40,7 @@ _UNIT_IN_FRONT = re.compile(
     rf"(?P<unit>(?:\d[\d.,/]*\s?)?[^\W\d_]{{2,}})\s+(?:{_WORDS['behind_unit']})(?!\w)",
     re.IGNORECASE,
 )
-# Regular expression for a unit in brackets behind a word for readings, at the beginning of a line
+# Regular expression for a unit in brackets after a word for readings, at the beginning of a line
 # that goes on.
 _IN_BRACKETS = re.compile(
     rf"\W*{_WORDS['readings_in']}\s*[\[(](?P<unit>[^\])]+)[\])]\s*[;,|\t]", re.IGNORECASE
@@ -98,16 +98,16 @@ def _is_of_role(unit: str, role: str) -> bool:
 def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str:
     """Return the unit that the words after "in" state; empty if they state none.
 
-    Two units that differ, as in ``mm (0.0001 in)``, are joined by "and". A phrase such as "tenths"
-    without a unit in the remark, and a unit that is no length, are returned as written. Later code
-    raises an error for them.
+    If the remark states another unit, as in ``mm (0.0001 in)``, both units are joined by "and". A
+    word such as "tenths" is returned as written if the remark does not say of which unit. So is a
+    unit that is not a unit of length. Later code raises an error for these texts.
 
     Parameters
     ----------
     phrase
         Words after "in".
     remark
-        Text in brackets behind these words; empty if there is none.
+        Text in brackets after these words, such as ``0.0001 in``; empty if there is none.
     role
         Role of the column whose unit is stated, such as reading.
     is_german
@@ -131,7 +131,10 @@ def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str
 
 
 def _agreed(unit: str, unit_of_remark: str, role: str) -> str:
-    """Return the unit of a phrase and its remark; both, joined by "and", if they differ."""
+    """Return the unit that a phrase and its remark state.
+
+    If they state different units, both units are joined by "and".
+    """
     if not unit:
         return unit_of_remark
     size = size_of_unit(role, unit) or 0.0

@@ -26,7 +26,8 @@ __all__ = ["note_unstated"]
 _MOST_TEXTS = 6
 # A note shows at most this number of characters of a text.
 _TEXT_SHOWN = 160
-# Fields whose statements are used only if a note cites the line of the statement.
+# Fields whose values are not always used. A line with such a field counts as used only if a note
+# cites this line.
 _CITED_WHERE_USED = {"reading_scale"}
 # Regular expression for a letter; a text without a letter states nothing.
 _LETTER = re.compile(r"[^\W\d_]")
@@ -35,7 +36,7 @@ _LETTER = re.compile(r"[^\W\d_]")
 class _TextOutside(NamedTuple):
     """Line or cell outside a table."""
 
-    line: int | str  # number of the line, or its place in another sheet
+    line: int | str  # line number, or a text such as "3 of notes.txt" for a line of another sheet
     text: str
     is_used: bool  # whether something was taken from the text
 

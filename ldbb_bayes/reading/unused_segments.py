@@ -20,7 +20,8 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, unit_named
 
 __all__ = ["unused_segments"]
 
-# A segment with fewer letters than this is not told; an example is a unit, or the number of a page.
+# A segment with fewer letters than this is not shown in a note, unless it is an equation. Examples
+# are a unit and the number of a page.
 _FEWEST_LETTERS = 4
 _LETTER = re.compile(r"[^\W\d_]")
 # Regular expression for an equation between quantities, such as "e = L0 - L".
@@ -30,7 +31,7 @@ _EQUATION = re.compile(r"[^\W\d]\w*\s*=\s*[+\-−(]*[^\W\d]")
 def unused_segments(text: str, reasons: str) -> str:
     """Return the segments of a line from which nothing was taken, divided by semicolons.
 
-    Centres of circles are left out: a note of their own tells them.
+    Centres of circles are left out, because another note shows them.
 
     Parameters
     ----------
@@ -51,12 +52,18 @@ def unused_segments(text: str, reasons: str) -> str:
 
 
 def _states_quoted_load(segment: str, text: str, reasons: str) -> bool:
-    """Return whether a segment states the load of a line that reasons in notes quote in full."""
+    """Return whether a segment states a load, and ``reasons`` quote the whole line.
+
+    The note with this quotation then shows the load. ``text`` is the line.
+    """
     return repr(text.strip()) in reasons and load_in_name([segment]) is not None
 
 
 def _may_matter(segment: str) -> bool:
-    """Return whether a segment says something: it is no unit, placeholder or empty label."""
+    """Return whether a segment is more than a unit, a placeholder, a label or a few letters.
+
+    An equation, such as ``e = L0 - L``, is always more.
+    """
     word = segment.strip(" \t:=#*\"'[]()")
     if _EQUATION.search(word):
         return True
@@ -66,9 +73,10 @@ def _may_matter(segment: str) -> bool:
 
 
 def _is_used(segments: list[str], k: int) -> bool:
-    """Return whether the segment ``k`` of a line states something, or does so with a neighbour.
+    """Return whether a segment states something, alone or together with a neighbouring segment.
 
-    In ``Operator;Meier``, the two segments together state the operator.
+    In ``Operator;Meier``, the two segments together state the operator. ``k`` is the index of the
+    segment among the segments of the line.
     """
     segment = segments[k]
     if leaves_difference_unread(segment):
@@ -84,7 +92,11 @@ def _is_used(segments: list[str], k: int) -> bool:
 
 
 def _facts(text: str) -> set[str]:
-    """Return the fields that a text states, the directions of travel, and "angle" for angles."""
+    """Return what a text states: names of fields, and CW or CCW for a direction of travel.
+
+    The result also contains "angle" if the text states the axis at which angles begin, or their
+    sense.
+    """
     lines = [(0, text)]
     facts = set(statements_in(lines)) | directions_stated(lines)
     if states_angles(text):

@@ -88,9 +88,9 @@ def _unit_sizes() -> dict[str, dict[str, float]]:
 
 
 def _units_by_word() -> dict[str, str]:
-    """Return a dict with this package's name for the unit that each spelling in files means.
+    """Return a dict with the names that this package uses for units.
 
-    The keys are the spellings of units, in the form that `comparable` returns.
+    The keys are the spellings of the units in files, in the form that `comparable` returns.
     """
     units_by_word: dict[str, str] = {}
     for units in WORDS["units"].values():
