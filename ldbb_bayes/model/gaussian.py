@@ -78,8 +78,9 @@ class Gaussian(Shown):
         shift: Array,
         log_constant: Array | float = 0.0,
     ) -> None:
-        # The attributes precision, shift and log_constant are cached properties of the class. The
-        # values assigned here are used instead of values computed from mean and root.
+        # The attributes precision, shift and log_constant are cached properties of the class, which
+        # are computed from mean and root when they are first read. Because they are assigned here,
+        # they are not computed.
         self.precision = precision
         self.shift = shift
         self.log_constant = np.asarray(log_constant, dtype=float)
@@ -223,18 +224,18 @@ class Gaussian(Shown):
         *,
         has_prior: bool = False,
     ) -> Gaussian:
-        """Return the Gaussian function of q coefficients, given the R factor of a QR decomposition.
+        """Return the Gaussian function of q coefficients from the QR decomposition of its rows.
 
-        The decomposed matrix is [rows · S, values − rows · origin], where rows are the design
-        matrix and values the readings, both divided by the sd of the noise.
+        The decomposed matrix is [rows · S, values − rows · origin]. ``rows`` stands for the design
+        matrix and ``values`` for the readings, both divided by the sd of the noise. S is diagonal.
 
         Parameters
         ----------
         triangle
-            R factor of the matrix, shape (..., at least q, q + 1).
+            Triangular factor R of the QR decomposition, shape (..., at least q, q + 1).
         origin
-            Values that are subtracted from the coefficients to reduce rounding errors, shape (...,
-            q).
+            Values of the q coefficients, shape (..., q). The decomposition is computed for the
+            deviations of the coefficients from these values, which reduces rounding errors.
         scale
             Diagonal of the diagonal matrix S, shape (..., q).
         constant

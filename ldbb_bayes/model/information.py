@@ -25,8 +25,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Information"]
 
-# The effects of the parameters of interest on the readings form a matrix. Its singular values count
-# as zero, when its rank is determined, if they are below this fraction of the largest one.
+# The effects of the parameters of interest on the readings form a matrix. When the rank of this
+# matrix is determined, singular values below this fraction of its largest singular value count as
+# zero.
 _RANK_TOLERANCE = 1e-9
 # The precision (1 / variance) that the readings alone give to a coefficient is divided by the prior
 # precision of the coefficient. If the ratio is below this number, it counts as a rounding error,
@@ -366,7 +367,7 @@ class Information:
         return by_term
 
     def sd_from_readings(self) -> Array:
-        """Return the sd of each nuisance coefficient that follows from the readings alone, (m,).
+        """Return the sd that each nuisance coefficient would have without its own prior, (m,).
 
         The result has one element for each of the m coefficients; for parameters of interest, it is
         NaN. When the sd of a nuisance coefficient is computed, the priors of this coefficient and

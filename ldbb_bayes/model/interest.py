@@ -61,7 +61,7 @@ class Parameter:
 
 
 class _Row(NamedTuple):
-    """Properties of a parameter of interest without its prior: name, unit, kind and degree."""
+    """Name, unit, kind and degree of a parameter of interest; the prior is not included."""
 
     name: str
     unit: str
@@ -152,10 +152,10 @@ class ParametersOfInterest:
     def compliance_sd(self, prior: Prior) -> Array:
         """Return the prior sd of every compliance, shape (compliances,), in mm, N and rad.
 
-        Some compliances are not in the model, because their effect on the readings is a linear
-        combination of the effects of compliances that are in the model. Compliances in the model
-        then represent those that are not. The prior sd of a compliance in the model includes
-        contributions of the compliances that it represents, unless the user gave this prior sd.
+        Some compliances of the machine are left out of the model, because their effect on the
+        readings is a linear combination of the effects of compliances in the model. The estimates
+        of the compliances in the model then include parts of those left out. Their prior sds
+        therefore include contributions of the compliances left out, unless the user gave them.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
@@ -164,11 +164,11 @@ class ParametersOfInterest:
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
         """Return prior sds or typical magnitudes of the model's compliances, shape (compliances,).
 
-        Some compliances of the model also represent compliances that are not in the model
-        (`Kept.absorbed`). The values of the represented compliances, multiplied by weights, are
-        added in quadrature to the value of the compliance that represents them. ``size_of`` is a
-        function that returns the values (prior sds or magnitudes) before this addition, for given
-        names of compliances.
+        ``size_of`` is a function that returns the prior sds or magnitudes for given names of
+        compliances. The estimates of some compliances also include parts of compliances that are
+        left out of the model (`Kept.absorbed`). The prior sds or magnitudes of those left out are
+        multiplied by weights and added in quadrature. If several compliances left out change the
+        readings in proportion to each other, only one of them is added.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
@@ -228,12 +228,12 @@ def physical_rows(
     levers_N: Sequence[float],
     reference_force_N: float,
 ) -> Array:
-    """Return the matrix A of the region A β ≥ 0 of physical parameters β, shape (rows, p).
+    """Return the matrix A of the conditions A β ≥ 0 on the parameters β, shape (rows, p).
 
-    The product of a row of A and β is a compliance C(F) at one force F that must not be negative,
-    because it is a deflection in the direction of the load itself. Raise an `InputError` if a
-    compliance is fixed at zero but has a free slope that would make the compliance negative on one
-    side of the reference force F0.
+    The conditions exclude negative values of those compliances that are deflections in the
+    direction of the load itself. The product of a row of A and β is such a compliance at one force
+    F, C(F). Raise an `InputError` if a compliance is fixed at zero but has a free slope that would
+    make the compliance negative on one side of the reference force F0.
 
     Parameters
     ----------

@@ -3,7 +3,8 @@
 β (p,) are the parameters: compliances, their slopes and geometric errors. Nuisance coefficients
 belong to effects that are modelled but not of interest. φ are the hyper-parameters: the scales of
 the noise and of the nuisances. The readings of test r are reduced to z_r by projection on 25
-Fourier basis functions, whose triangular factor is R_r (`reduction`):
+Fourier basis functions. R_r is the triangular factor in the QR decomposition of these functions at
+the test's angles (`reduction`):
 
     z_r = R_r (H_r β + U_r u + V_r v_r + e_r) + ε.
 
@@ -141,13 +142,13 @@ class StructuredGaussian:
         )
         self._kinds = kinds.ravel()
         # Each row of ``rows.variance`` holds the factors from which the variance of one observation
-        # equation is computed. Factors in the same row that are not zero have the same sign. The
-        # sign is negative only if the equation is a prior with a negative variance.
+        # equation is computed. All factors of an equation have the same sign, or are zero. The sign
+        # is negative only if the equation is a prior with a negative variance.
         self._kind_signs = np.where(rows.variance[first].sum(axis=1) < 0.0, -1.0, 1.0)
         self._kind_variance = sparse_or_dense(np.abs(rows.variance[first]))
-        # The rows of the observation equations that depend on the parameters of interest are
-        # evaluated in every call of a method. The products of all other rows are computed only
-        # once, here.
+        # Some observation equations depend on the parameters of interest and must be evaluated in
+        # every call of a method. For all others, everything that does not depend on the
+        # hyper-parameters is computed here, once.
         depends = (rows.interest != 0.0).any(axis=1)
         known_values = np.where(depends, 0.0, rows.values)
         self._design = DesignRows(
@@ -282,11 +283,12 @@ class StructuredGaussian:
         beta: Array,
         shared: Array,
     ) -> Array:
-        """Return the conditional mean of the v coefficients of each single test, (w, tests, v).
+        """Return conditional means of nuisance coefficients that differ between tests.
 
-        The mean is conditional on the readings, the parameters of interest, the hyper-parameters
-        and the nuisance coefficients that are the same in all tests. If the covariance of a noise
-        term could not be made diagonal, the last of the v coefficients describe this noise.
+        There are v such coefficients for each test, and the result has the shape (w, tests, v). The
+        means are conditional on the readings, the parameters of interest, the hyper-parameters and
+        the nuisance coefficients that are the same in all tests. If the covariance of a noise term
+        could not be made diagonal, the last of the v coefficients describe this noise.
 
         Parameters
         ----------

@@ -33,9 +33,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NoisyLogProbability", "Orthant", "OrthantMoments"]
 
-# A constraint on a standard normal vector has a row of coefficients. The constraint counts as a
-# linear combination of other constraints if the component of its row that is perpendicular to the
-# rows of these other constraints is shorter than this fraction of the row.
+# A constraint on a standard normal vector has a row of coefficients. Consider the component of this
+# row that is perpendicular to the rows of other constraints. If its length is below this fraction
+# of the row's length, the constraint counts as a linear combination of the other constraints.
 _DEPENDENT = 1e-7
 # A constraint u_j ≥ 0 counts as certain to hold if the mean of u_j divided by the sd of u_j is
 # larger than this number.
@@ -47,7 +47,7 @@ _PUSHED_SD = -3.0
 # The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 for which the mean of
 # u_j divided by the sd of u_j is at least this number.
 _NEAR_SD = 6.0
-# Constraints that hardly ever fail are left out only if this changes ln P(u ≥ 0) by at most this
+# Constraints that hardly ever fail are left out if ln P(u ≥ 0) then changes by at most this
 # fraction of the error tolerance. Otherwise all constraints are used.
 _LEFT_OUT_SHARE = 0.1
 # Largest number of proposals that the rejection sampler tries for one random draw.
@@ -74,9 +74,9 @@ _LEAST_ERROR_SHARE = 0.1
 # Largest number of importance weights that are computed at once, to limit the memory used. There is
 # one weight for every quasi-random point and every probability P(u ≥ 0) of a batch.
 _CHUNK = 1 << 20
-# Factor for the shift of quasi-random points. The points for a set of constraints are shifted by
-# the lower bounds of the constraints times this factor, modulo 1. The factor is so large that even
-# small differences between the bounds give different shifts.
+# Factor from which shifts of quasi-random points are computed. For a set of constraints, all points
+# are shifted in each dimension by the lower bound of one constraint times this factor, modulo 1.
+# The factor is so large that even small differences between the bounds give different shifts.
 _DIGITS = 1e5
 # Absolute error of SciPy's implementation of Owen's T function, which is used to compute the
 # probability that two constraints both hold.
@@ -84,8 +84,8 @@ _OWEN_ERROR = 1e-15
 # P(u ≥ 0) is bounded by P(u₁ ≥ 0, u₂ ≥ 0) for the two constraints that are most likely to fail. The
 # bound is used only if it is at least this number, because smaller bounds are too inaccurate.
 _LEAST_PAIR = 1e-9
-# The computed probability that two constraints u_i ≥ 0 and u_j ≥ 0 both hold counts as too
-# inaccurate if the correlation of u_i and u_j differs from 1 or −1 by less than this number.
+# If the correlation of u_i and u_j differs from 1 or −1 by less than this number, the computed value
+# of P(u_i ≥ 0, u_j ≥ 0) is too inaccurate and is not used.
 _LEAST_DIFFERENCE = 1e-6
 # P(u ≥ 0) is first bounded by the probability that the tightest constraint (the constraint that is
 # most likely to fail) holds. If the relative error of this bound is at most this number, bounds
@@ -133,12 +133,13 @@ class NoisyLogProbability(NamedTuple):
 
 
 class _Solved(NamedTuple):
-    """Constraints on w random vectors in triangular form, and densities for random draws.
+    """Constraints on w random vectors, and shifted densities from which the vectors are drawn.
 
     Each of w standard normal vectors e has q elements. ``axes``, shape (w, d, q), holds the d
     orthonormal directions of each e on which the constraints depend. ``tilted`` states the
-    constraints on the d coordinates of e along these directions, and the shifts (tilts) of the
-    density from which the coordinates are drawn at random.
+    constraints on the d coordinates of e along these directions, with a triangular matrix of
+    coefficients. It also states the shifts (tilts) of the density from which the coordinates are
+    drawn at random.
     """
 
     tilted: Tilted
@@ -155,13 +156,13 @@ class _Points:
     def of(self, tilted: Tilted, size: int) -> Array:
         """Return quasi-random points in the unit cube for w sets of constraints.
 
-        ``tilted`` states the constraints. There are eight scrambles (randomly shifted copies of a
-        lattice) of ``size`` points. If all sets of constraints use the same points, the result has
-        the shape (dimensions, scrambles · size, 1). Otherwise it has the shape (dimensions,
-        scrambles · size, w); the points of each set are then shifted by a further amount, which is
-        computed from the bounds of its constraints alone. There is no coordinate for the last
-        element of the constrained standard normal vector x, because the importance weights do not
-        depend on this element.
+        ``tilted`` states the constraints, each set of them on a standard normal vector x. There are
+        eight scrambles (randomly shifted copies of a lattice) of ``size`` points. If all sets of
+        constraints use the same points, the result has the shape (dimensions, scrambles · size, 1).
+        Otherwise it has the shape (dimensions, scrambles · size, w). For each set, the points are
+        then shifted once more, by amounts that are computed from the bounds of its constraints
+        alone. The points have one dimension less than x, because the importance weights do not
+        depend on the last element of x.
         """
         dimensions = max(len(tilted.bound) - 1, 1)
         points = _scrambled_lattice(dimensions, size, self.seed).reshape(dimensions, -1, 1)
@@ -435,8 +436,8 @@ class Orthant:
     def _complete(self, x: Array, normal: Array) -> Array:
         """Return vectors e (w, q) from their coordinates x (w, d) along the directions `axes`.
 
-        Each of w vectors e has q elements, and there are d directions. Perpendicular to these
-        directions, e is equal to the vectors ``normal``, shape (w, q).
+        Each of w vectors e has q elements, and there are d directions. The component of e
+        perpendicular to these directions is that of the vectors ``normal``, shape (w, q).
         """
         normal_along_axes = np.einsum("wiq,wq->wi", self.axes, normal)
         return normal + np.einsum("wiq,wi->wq", self.axes, x - normal_along_axes)
@@ -477,10 +478,9 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Constraints on all vectors in triangular form, and densities for random draws.
+        """Constraints on all vectors, and shifted densities from which the vectors are drawn.
 
-        Random vectors are drawn from shifted densities. Constraints that are certain to hold for
-        all vectors of the batch are left out.
+        Constraints that are certain to hold for all vectors of the batch are left out.
         """
         rows = _uncertain_rows(self._mean, self._spread)
         mean = self._mean[:, rows]
@@ -497,9 +497,9 @@ class Orthant:
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
         # ``core`` holds the indices of linearly independent constraints; all other constraints are
-        # linear combinations of them. The other constraints are written as inequalities for x, the
-        # coordinates of the standard normal vector along the directions ``axes``; the coefficients
-        # of each inequality form a row of length one.
+        # linear combinations of them. Let x be the coordinates of the standard normal vector along
+        # the directions ``axes``. The other constraints are converted to constraints on x. The
+        # coefficients of x in a constraint are scaled so that their squares sum to one.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)
@@ -588,13 +588,13 @@ def _bound_by_pairs(
     tail: Array,
     unit: Array,
 ) -> tuple[Array, Array]:
-    """Return ln P(u ≥ 0), with P midway between bounds from pairs of constraints, and its error.
+    """Return ln P(u ≥ 0), computed from bounds of P, and the error of ln P, each of shape (w,).
 
     There is one probability P for each of w Gaussian vectors u with m constraints u_j ≥ 0; u
-    depends on q standard normal variables. Both results have the shape (w,). The upper bound is P₁₂
-    = P(u₁ ≥ 0, u₂ ≥ 0) of the first two constraints. The lower bound is P₁₂ − Σ_{j>2} p_j, where
-    p_j is the smallest of P(u_j < 0), P(u_j < 0 ≤ u₁) and P(u_j < 0 ≤ u₂). The error is infinite if
-    rounding errors make the bounds unreliable.
+    depends on q standard normal variables. The upper bound of P is P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of the
+    first two constraints. The lower bound is P₁₂ − Σ_{j>2} p_j, where p_j is the smallest of
+    P(u_j < 0), P(u_j < 0 ≤ u₁) and P(u_j < 0 ≤ u₂). The value of P is the mean of the two bounds.
+    The error is infinite if rounding errors make the bounds unreliable.
 
     Parameters
     ----------

@@ -61,8 +61,8 @@ class _SharedCoefficients(NamedTuple):
 class _StackedReadings(NamedTuple):
     """Reduced readings of all tests, m ≤ 25 numbers for each test."""
 
-    #: Triangular factors of the Fourier functions, shape (tests, m, 25). They convert the 25
-    #: Fourier coefficients of a test into its m reduced readings.
+    #: Matrices that convert the 25 Fourier coefficients of a test into its m reduced readings,
+    #: shape (tests, m, 25).
     factors: Array
     readings: Array  #: reduced readings [mm], shape (tests, m, 1)
 
@@ -127,9 +127,9 @@ class ReferencePosterior:
         prior_rows = np.eye(len(sd), len(scale))
         stack = np.concatenate([whitened * scale, prior_rows])
         triangle = np.asarray(np.linalg.qr(stack, mode="r"))
-        # The parameters of interest come last. The last rows of the triangular factor therefore
-        # contain only parameters of interest; all nuisance coefficients have been eliminated from
-        # these rows.
+        # The columns of the parameters of interest come last. The last rows of the triangular
+        # factor R (``triangle``) are therefore zero in the columns of all nuisance coefficients:
+        # they are equations for the parameters of interest alone.
         size = int(free.sum())
         of_interest = slice(len(sd) - size, len(sd))
         posterior = Gaussian.from_rows(
