@@ -173,7 +173,8 @@ def _without_titles(sheet: Sheet, lines: Sequence[Row], first: Sequence[Row]) ->
 
     A title differs from a line above the first table only in its numbers or by a word such as
     "continued". For example, ``Test 7, page 2`` repeats the title ``Test 7, page 1``. A line that
-    states a field other than a time is not a title.
+    states a field other than a time is not a title. If there is such a line, a further test begins
+    here, and lines that state a time are kept as well.
 
     Parameters
     ----------
@@ -185,14 +186,16 @@ def _without_titles(sheet: Sheet, lines: Sequence[Row], first: Sequence[Row]) ->
         Lines above the first table.
     """
     titles = {_without_numbers(sheet.text_of(row.cells)) for row in first}
-    kept = []
+    is_title = {}
     for row in lines:
         text = sheet.text_of(row.cells)
-        is_title = _without_numbers(text) in titles or not _without_numbers(text)
+        is_repeated = _without_numbers(text) in titles or not _without_numbers(text)
         states_load = load_in_name([text]) is not None
-        if not is_title or states_load or _keys_of(sheet, [row]) - {"time", "date"}:
-            kept.append(row)
-    return kept
+        states_field = bool(_keys_of(sheet, [row]) - {"time", "date"})
+        is_title[row.line] = is_repeated and not (states_load or states_field)
+    if all(is_title.values()):
+        return []
+    return [row for row in lines if not is_title[row.line] or "time" in _keys_of(sheet, [row])]
 
 
 def _without_numbers(text: str) -> str:
