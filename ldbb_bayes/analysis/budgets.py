@@ -175,10 +175,10 @@ class _ParameterVariance:
 
     @property
     def total(self) -> float:
-        """Variance by which contributions to the variance are divided to obtain shares.
+        """Total variance: the share of a source is its contribution divided by this variance.
 
-        It is the variance of the parameter in the average over the models. If this variance is
-        zero, the result is 1.
+        The total variance is the variance of the parameter in the average over the models. If this
+        variance is zero, the result is 1, to avoid a division by zero.
         """
         return (sum(self.weights) + (self.spread or 0.0)) or 1.0
 
@@ -509,7 +509,7 @@ def _uncertainty_if_known(variance: _ParameterVariance, term: str, u: float) -> 
 
     ``variance`` is the variance of the parameter, averaged over models. ``term`` is the name of the
     model term, and ``u`` the present standard uncertainty of the parameter. Return None if the term
-    cannot be known, such as reading noise.
+    can never be known exactly; an example is reading noise.
     """
     remaining = variance.spread or 0.0
     can_be_known = False

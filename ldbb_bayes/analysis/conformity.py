@@ -95,8 +95,7 @@ class Conformity(Result):
     #: estimate has at least this distance from the limit: the quantity conforms if the estimate
     #: lies inside, and does not conform if it lies outside.
     guard_band: float
-    #: probability that conformance or non-conformance must reach before it is stated as the
-    #: decision
+    #: minimum probability of conformance, or of non-conformance, at which a decision is made
     confidence: float
     decision: Decision  #: decision by ISO 14253-1
 

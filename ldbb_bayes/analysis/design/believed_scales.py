@@ -174,7 +174,7 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
 
 
 class _EffectBlock(NamedTuple):
-    """A block of the design matrix: the effects that change all readings, or one test only.
+    """A block of the design matrix: the effects on all tests, or the effects on one test alone.
 
     The design matrix has one row for each of the N reduced readings of all tests, and one column
     for each of the C effects. The block has n of these rows and c of these columns. In these c

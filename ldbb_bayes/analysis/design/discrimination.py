@@ -58,7 +58,8 @@ class Discrimination(Result):
     misleading_with: float  #: probability of decisive evidence against slopes if there are slopes
     misleading_without: float  #: probability of decisive evidence for slopes if there are none
     #: probability of decisive evidence for slopes if only one slope differs from zero; each key is
-    #: the name of this slope. Its value is plus or minus ``size`` prior standard deviations.
+    #: the name of this slope. The slope is assumed to be plus or minus ``size`` prior standard
+    #: deviations.
     power: dict[str, float]
 
 

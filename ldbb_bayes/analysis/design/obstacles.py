@@ -1,4 +1,4 @@
-"""Goals that no number of circles reaches: the causes, and the most helpful certificates.
+"""Goals that no campaign can reach, however long: the causes, and certificates that would help.
 
 An uncertainty may remain above its goal even if every possible circle is run very many times. The
 cause is then an effect that is the same in all circles and that the circles cannot measure.
@@ -51,7 +51,7 @@ class Obstacle(Result):
 
 @dataclass(frozen=True)
 class NearMiss(Result):
-    """A goal that very many circles would reach, but that no campaign of up to 40 circles reaches.
+    """A goal that could be reached with very many circles, but not with 40 circles or fewer.
 
     With few circles, the scales of noise and effects are less well known than with very many
     circles. A goal may therefore be out of reach for up to 40 circles, although it is just above
@@ -179,7 +179,7 @@ def _most_helpful(
 
 
 def _typical_limits(family: CampaignFamily) -> dict[str, float]:
-    """Return the largest expanded uncertainty that every goal permits on a typical machine.
+    """Return, for every goal, the largest expanded uncertainty it permits on a typical machine.
 
     A goal in percent of a parameter permits different uncertainties on different machines. The
     result is the geometric mean of these uncertainties over the possible machines. The keys are the

@@ -45,7 +45,7 @@ _VERY_MANY = 1e6
 
 
 def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[str]) -> Array:
-    """Return the largest standard uncertainty that every goal permits, shape (K, goals).
+    """Return, for every goal, the largest standard uncertainty it permits, shape (K, goals).
 
     The limit of a goal in percent of a parameter depends on the machine. ``states`` are the
     parameters of K possible machines. ``names`` are the names of the parameters, in the order in
@@ -69,7 +69,7 @@ class QuickForecast:
         coefficients are in units of their prior standard deviations; the last of them are the
         parameters of the goals.
     relative_limits
-        Largest standard uncertainty that every goal permits, divided by the prior standard
+        For every goal, the largest standard uncertainty it permits, divided by the prior standard
         deviation of the goal's parameter, at the K values of φ of the objective, shape (K, goals).
     """
 
