@@ -9,15 +9,16 @@ of the variance. In this module, β are the parameters (compliances, changes of 
 force, and geometric errors) and y are the readings. Nuisances are effects that are modelled but not
 of interest.
 
-Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
-may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
-effects). For a campaign with readings, this value is the posterior mean of φ. For a plan, the value
-is the posterior mean given the readings of the plan's pilot (the campaign from which the plan was
-designed) or, without a pilot, the prior median; a plan can therefore be judged before it is run.
-Standard uncertainties, in contrast, account for the spread of φ: the variance is the mean of the
-variances given φ plus the variance of the means given φ. The uncertainties to expect with further
-certificates are computed in the same way. If a posterior is judged, the standard uncertainties are
-the standard deviations of its draws; if a plan is judged, they come from its forecast.
+Shares, origins and degeneracies (combinations of coefficients whose effects on the readings cancel)
+are computed for the linear Gaussian model, in which compliances may be negative. They are computed
+at one value of the hyper-parameters φ, such as the standard deviation of the noise. For a campaign
+with readings, this value is the posterior mean of φ. For a plan, the value is the posterior mean
+given the readings of the plan's pilot (the campaign from which the plan was designed) or, without a
+pilot, the prior median; a plan can therefore be judged before it is run. Standard uncertainties, in
+contrast, account for the spread of φ: the variance is the mean of the variances given φ plus the
+variance of the means given φ. The uncertainties to expect with further certificates are computed in
+the same way. If a posterior is judged, the standard uncertainties are the standard deviations of
+its draws; if a plan is judged, they come from its forecast.
 
 In an average over models, shares and variances are averaged over the models, weighted by the
 models' probabilities (`variance_sources`). The verdicts are then determined by the same rules as
@@ -197,7 +198,7 @@ class ParameterIdentifiability(Result):
 class ChangeIdentifiability(Result):
     """How well the change of one compliance C(F) over the tested forces is known.
 
-    The numbers are in internal units (mm, N, rad). `Verdict` states the rules for the verdict.
+    All quantities are in internal units (mm, N, rad). `Verdict` states the rules for the verdict.
 
     Examples
     --------
@@ -218,9 +219,9 @@ class ChangeIdentifiability(Result):
     verdict: Verdict
     #: source with the largest share of the variance of the compliance's change with force
     held_by: VarianceSource
-    #: share of the variance of the compliance's change with force that each confounding effect
-    #: causes; the keys are the names of these assumed effects. Empty if the change is not
-    #: confounded.
+    #: names of the assumed effects with which the change of the compliance is confounded, and the
+    #: share of the variance of the change that each of these effects causes. Empty if the change is
+    #: not confounded.
     partner_shares: dict[str, float]
     #: cheapest remedy (a change of the plan or a certificate) for a large uncertainty of the
     #: compliance's change with force; None if no remedy reduces ``sd`` by more than 10 %, or if no
@@ -229,8 +230,8 @@ class ChangeIdentifiability(Result):
     #: prior standard deviation of the compliance's change with force; infinite for a flat prior
     prior_sd: Finite
     sd: float  #: posterior standard deviation of the compliance's change with force
-    #: for each origin (measured here, stated or assumed), the share of the variance of the
-    #: compliance's change with force that the sources of this origin cause; the shares sum to one
+    #: share of the variance of the change that comes from all sources of one origin, for each
+    #: origin (measured here, stated or assumed); the shares sum to one
     origin_shares: dict[Origin, float]
 
 
@@ -258,8 +259,9 @@ class Identifiability(Result):
     #: for each of ``degeneracies``, what would resolve the degeneracy: kinds of further tests, or a
     #: calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: class names of those terms of the model's preset that the user has left out of the model.
-    #: Their effects are not included in the credible intervals of the parameters.
+    #: class names of the terms that belong to the ready-made model, such as `HybridModel.first`,
+    #: but that the user has left out. Their effects are not included in the credible intervals of
+    #: the parameters.
     not_modelled: tuple[str, ...]
     #: effective number of parameters that the readings determine: the sum of the contractions of
     #: all parameters. The contraction of a parameter is one minus its posterior variance divided by
@@ -278,9 +280,9 @@ class Identifiability(Result):
     #: certificate, each certificate that the instrument does not have yet, and all these
     #: certificates together. For a flat prior, there are no entries.
     certificates: dict[str, dict[str, float]]
-    #: values of the hyper-parameters (scales of the noise and of other effects) at which the
-    #: verdicts are computed; the keys are names of hyper-parameters. Lengths are in µm; noise
-    #: factors λ and decays have no unit.
+    #: values of the hyper-parameters, such as the standard deviation of the noise, at which the
+    #: verdicts are computed; the keys are names of hyper-parameters. Lengths are in µm. Some
+    #: hyper-parameters are numbers without a unit, such as the noise factor λ of a circle.
     hyper_um: dict[str, float]
     #: whether the campaign has readings; false for a plan
     measured: bool
@@ -289,9 +291,10 @@ class Identifiability(Result):
 def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
     """Return weighted values of a plan's hyper-parameters: weights (w,) and values (w, h).
 
-    Hyper-parameters are the scales of the noise and of other effects. The weighted values represent
-    the posterior of the hyper-parameters given the readings of the plan's pilot (the campaign from
-    which the plan was designed). If the plan has no pilot, the prior median is the only value.
+    A hyper-parameter is, for example, the standard deviation of the noise. The weighted values
+    represent the posterior of the hyper-parameters given the readings of the plan's pilot (the
+    campaign from which the plan was designed). If the plan has no pilot, the prior median is the
+    only value.
     """
     pilot = plan.pilot
     if pilot is None or pilot.is_plan:
@@ -353,8 +356,8 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     prior) or confounded (effects whose standard uncertainty is assumed cause most of its variance).
     No readings are needed, so that a plan can be judged before it is run. All results come from the
     linear Gaussian model, in which compliances may be negative. Shares of the variance are computed
-    at the posterior mean of the hyper-parameters (the scales of the noise and of other effects).
-    For a plan, the shares are computed at the posterior mean given the readings of the plan's pilot
+    at the posterior mean of the hyper-parameters (such as the standard deviation of the noise). For
+    a plan, the shares are computed at the posterior mean given the readings of the plan's pilot
     (the campaign from which the plan was designed) or, without a pilot, at the prior median.
     Standard uncertainties are averaged over the hyper-parameters. For a plan, they are the standard
     uncertainties to expect when the plan has been run; `design` forecasts the same values.
@@ -509,7 +512,7 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     -------
     dict of str to ParameterIdentifiability
         Verdict on each parameter; the keys are names of parameters. The verdict is computed at the
-        posterior mean of the hyper-parameters (the scales of the noise and of other effects) under
+        posterior mean of the hyper-parameters (such as the standard deviation of the noise) under
         each model. The fields ``mean``, ``sd`` and ``contraction`` come from the posterior draws.
 
     Raises
@@ -642,9 +645,10 @@ def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str,
     Parameters
     ----------
     bound
-        Model bound to a campaign.
+        Model of a campaign.
     phi
-        Hyper-parameters (scales of the noise and of other effects), shape (h,); lengths in mm.
+        Values of the h hyper-parameters, such as the standard deviation of the noise, shape (h,);
+        lengths in mm.
     """
     confounded = {}
     for name, (sources, likeness) in sources_of(bound, information_of(bound, phi)).items():
@@ -678,8 +682,8 @@ def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
     """Return weighted values of the hyper-parameters φ: weights (w,) and values (w, h).
 
     The w values are quadrature nodes. Together with their weights, they represent p(φ | y), for the
-    readings y and a model in which compliances may be negative. Lengths are in mm; decays and noise
-    factors have no unit. For a plan, the prior median is the only node.
+    readings y and a model in which compliances may be negative. Hyper-parameters that are lengths
+    are in mm; the others have no unit. For a plan, the prior median is the only node.
     """
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)
@@ -698,9 +702,10 @@ def variance_share_removed(information: Information, names: Sequence[str]) -> Ar
 
 
 def not_modelled(bound: BoundModel) -> tuple[str, ...]:
-    """Return the class names of those terms of a model's preset that the user has left out.
+    """Return the class names of the terms of the ready-made model that the user has left out.
 
-    The result is empty for the preset ``paper``, which has no terms.
+    ``bound`` was made from a ready-made model such as `HybridModel.first`. The result is empty for
+    the ready-made model ``paper``, which has no terms.
     """
     if bound.model.preset == "paper":
         return ()
@@ -752,16 +757,17 @@ def judge_parameters(
     Parameters
     ----------
     bound
-        Model bound to a campaign or plan.
+        Model of a campaign or of a plan.
     information
         Linear model of the readings (`Information`), at one value of the hyper-parameters.
     mean
         Posterior mean (for a plan, prior mean) of the p parameters, shape (p,), in internal units
         (mm, N, rad).
     sampled_sd
-        Prior and posterior standard deviations that the results state. They come from random draws
-        in which no compliance is negative, or they are averaged over the hyper-parameters. Default:
-        the standard deviations of the linear Gaussian model, given the hyper-parameters.
+        Prior and posterior standard deviations of the parameters, as stated in the results. They
+        come from random draws in which no compliance is negative, or they are averaged over the
+        hyper-parameters. Default: the standard deviations of the linear Gaussian model, given the
+        hyper-parameters.
 
     Returns
     -------
@@ -781,8 +787,8 @@ def _judge_average(
     """Return how well every parameter of one model, or of an average over models, is known.
 
     ``bound`` is the model with all parameters. ``variance`` holds the variances of the parameters
-    under each model. ``sampled_sd`` are the prior and posterior standard deviations that the
-    results state.
+    under each model. ``sampled_sd`` holds the prior and posterior standard deviations of the
+    parameters, as stated in the results.
     """
     entries = {}
     for i, parameter in enumerate(bound.parameters):

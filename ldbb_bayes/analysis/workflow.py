@@ -7,7 +7,8 @@ The checks are those of Gelman et al., Bayesian Workflow (2020), as far as they 
 3. Sensitivity: does the posterior depend on the prior (power-scaling)?
 4. Leave one circle out: does every circle agree with its prediction from the other circles?
 5. Calibration for machines like this one (posterior SBC): is the posterior computed correctly?
-6. Stacking: which mixture of constant and linear compliance predicts circles left out best?
+6. Stacking: which mixture of two models, one with constant compliance and one with compliance that
+   changes with force, is best at predicting circles that were left out?
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ _TOLERANCE = 1e-2
 # circles, are uniformly distributed.
 _UNIFORM = 0.05
 # Number of steps of the EM algorithm that computes the stacking weights: the weights of the mixture
-# of models that predicts circles left out best.
+# of models that is best at predicting circles that were left out.
 _STACKING_STEPS = 500
 
 
@@ -114,8 +115,8 @@ class Workflow(Result):
     #: result of `calibrate_posterior`: ranks of true values among posterior draws of simulated
     #: campaigns, for machines like this one
     calibration: Validation
-    #: weights of the mixture of models that predicts circles left out best; the keys are names of
-    #: models
+    #: weights of the mixture of models that is best at predicting circles that were left out; the
+    #: keys are names of models
     stacking_weights: dict[str, float]
     #: expected log predictive density of each model [nat]: the sum, over all tests, of the log
     #: density of a test's readings given the other tests; the keys are names of models
@@ -202,7 +203,8 @@ def check_workflow(
 
     The checks are prior prediction, convergence of the sampler, sensitivity to the prior,
     prediction of each circle from the other circles, calibration for machines like this one, and
-    stacking of the models with constant and with linear compliance.
+    stacking of two models, one with constant compliance and one with compliance that changes with
+    force.
 
     Parameters
     ----------
@@ -279,7 +281,8 @@ def check_workflow(
 def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
     """Return a model with constant compliance and, if ``model`` has slopes, ``model`` itself.
 
-    Slopes are changes of compliance with force. The keys are the names of the degrees.
+    Slopes are changes of compliance with force. The keys say how compliance depends on force, such
+    as "constant".
     """
     models = {DEGREE_NAMES[0]: model.with_degree(0)}
     if model.degree > 0:
@@ -324,7 +327,7 @@ def _left_out_circles(
 
 
 def stacking_weights(log_densities: Mapping[str, Array]) -> dict[str, float]:
-    """Return the weights of the mixture of models that predicts circles left out best.
+    """Return the weights of the mixture of models that is best at predicting left-out circles.
 
     The keys are names of models. The weights w_m of the models m are not negative, sum to one and
     maximise Σ_r ln Σ_m w_m p_m(y_r | y_−r) (Yao et al., Bayesian Analysis 13, 2018), where y_r are
