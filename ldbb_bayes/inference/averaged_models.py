@@ -29,7 +29,8 @@ class AveragedModel:
     The average has p parameters: all parameters that occur in at least one of the averaged models.
     """
 
-    #: share of this model among all draws, which estimates the posterior probability of the model
+    #: fraction of all draws that come from this model; it estimates the posterior probability of
+    #: the model
     probability: float
     bound: BoundModel  #: the model, applied to the campaign
     #: indices of this model's parameters in the list of the p parameters of the average

@@ -124,13 +124,14 @@ class TestChecks(Result):
 
     #: p-value of the residual at each Fourier order; the keys are the orders from 0 to 12
     orders_p: dict[int, float]
-    #: p-value, under the model's white noise, of the sum of squares of the residuals after a fit of
-    #: the Fourier orders 0 to 12 to the readings
+    #: p-value of the sum of squares of the residuals that remain after a fit of the Fourier orders
+    #: 0 to 12, under the hypothesis that the readings contain white noise as strong as modelled
     noise_p: float | None
     #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
     #: readings
     autocorrelation: float | None
-    autocorrelation_p: float | None  #: p-value of ``autocorrelation`` under white noise
+    #: p-value of ``autocorrelation`` under the hypothesis of white noise
+    autocorrelation_p: float | None
 
     def of(self, test: str) -> list[Check]:
         """Return one `Check` for each p-value in this object; ``test`` is the name of the test."""
@@ -304,10 +305,10 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
 
 
 def _p_value_of_no_slope(force: Array, values: Array) -> float:
-    """Return the p-value of the hypothesis that n values do not change with force.
+    """Return the p-value of the hypothesis that a quantity does not change with force.
 
     The p-value is two-sided, from Student's t-test of the slope of a straight line fitted by least
-    squares. ``force`` and ``values`` have the shape (n,).
+    squares. ``values``, shape (n,), holds the quantity at the n forces ``force``.
     """
     lever = force - force.mean()
     freedom = max(len(force) - 2, 1)

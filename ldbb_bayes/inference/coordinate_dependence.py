@@ -49,7 +49,8 @@ class IndependentPoints(NamedTuple):
     """Points, expressed in coordinates that are nearly independent of each other."""
 
     points: Array  #: coordinates z of n points, shape (n, h)
-    #: sum of the logarithms of the widths of all coordinates at each point, shape (n,)
+    #: sum of ln s over all coordinates at each point, shape (n,); s is the width of the density
+    #: along a coordinate
     log_width: Array
 
 
@@ -62,8 +63,9 @@ class Dependence:
     coordinates with a smaller index.
     """
 
-    mean: Array  #: coefficients of the means of h coordinates, shape (1 + 2 k, h)
-    #: coefficients of the logarithms of the widths of h coordinates, shape (1 + 2 k, h)
+    #: coefficients from which the means of the h coordinates are computed, shape (1 + 2 k, h)
+    mean: Array
+    #: coefficients from which the logarithms of the widths are computed, shape (1 + 2 k, h)
     log_width: Array
     #: constants that are subtracted last, in z = (u − mean) / width − offset, shape (h,)
     offset: Array
@@ -103,9 +105,10 @@ class Dependence:
 
 
 def _terms(leading: Array) -> Array:
-    """Return 1, the first k coordinates of n points, and the squares of these coordinates.
+    """Return the terms of the polynomials: 1, the first k coordinates, and their squares.
 
-    ``leading``, shape (n, k), holds the coordinates. The result has the shape (n, 1 + 2 k).
+    ``leading``, shape (n, k), holds the k coordinates of n points. Coordinates beyond ±5 are first
+    replaced by ±5. The result has the shape (n, 1 + 2 k).
     """
     near = np.clip(leading, -_FARTHEST, _FARTHEST)
     return np.concatenate([np.ones((len(near), 1)), near, near**2], axis=1)
@@ -126,7 +129,8 @@ class _Polynomials:
     mean: Array  # weighted means of the k coordinates, shape (k,)
     sd: Array  # weighted standard deviations of the k coordinates, shape (k,)
     skewness: Array  # weighted skewness of the k coordinates, shape (k,)
-    # standard deviations of the polynomials of degree two before scaling, shape (k,)
+    # standard deviations of the polynomials of degree two before they are scaled to a standard
+    # deviation of one, shape (k,)
     square_sd: Array
     # values of the polynomial of degree one in each coordinate, at n points, shape (n, k)
     linear: Array

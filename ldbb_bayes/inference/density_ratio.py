@@ -73,7 +73,7 @@ _STANDARD_ERRORS = 3.5
 
 
 class LogValues(NamedTuple):
-    """Logarithm of a density at k nodes (points), and its numerical error [nat], shapes (k,).
+    """Logarithm of a density at k nodes (points) and its numerical error [nat], each of shape (k,).
 
     The density may also contain noise: random errors of mean zero that are independent between
     nodes. Noise is not part of ``error``. It adds to the scatter of the ratios, from which the

@@ -389,7 +389,8 @@ def _check_posterior(
     bound
         Model applied to the campaign.
     phi
-        The n posterior draws of the h hyper-parameters, shape (n, h); lengths are in mm.
+        The n posterior draws of the h hyper-parameters, shape (n, h); those that are lengths are in
+        mm.
     beta
         The n posterior draws of the p parameters, shape (n, p), in internal units (mm, N, rad).
     log_prob_truncation
@@ -411,8 +412,8 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
     """Yield a warning for each hyper-parameter with a median above the 99.9 % prior quantile.
 
     Only hyper-parameters (scales of the noise and of other effects) that are lengths are examined.
-    ``phi``, shape (n, h), holds n posterior draws of all h hyper-parameters; lengths are in mm.
-    ``bound`` is the model, applied to its campaign.
+    ``phi``, shape (n, h), holds n posterior draws of all h hyper-parameters; those that are lengths
+    are in mm. ``bound`` is the model, applied to its campaign.
     """
     prior = bound.hyper_prior
     limits = prior.quantile(np.full(phi.shape[1], _EXPECTED_HYPER))

@@ -22,15 +22,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# The rejection sampler proposes 256 draws at a time. If n draws are requested, the sampler gives up
-# after n / 256 (rounded up) times this number of attempts.
+# The rejection sampler proposes draws in blocks of 256. If at most 256 draws are requested, it
+# gives up after this number of blocks; if more draws are requested, this number is larger in
+# proportion.
 _MOST_ROUNDS = 50
 # If the posterior probability that no compliance is negative is below this value, too many draws
 # would be lost by rejecting draws with negative compliances. The parameters are then drawn from a
 # density that is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# For each value of the hyper-parameters, several draws of the parameters are made. Their number is
-# chosen so that, on average, this number of them has no negative compliance.
+# For each value of the hyper-parameters, several draws of the parameters are made. Enough draws are
+# made to expect this number of draws without negative compliances.
 _EXPECTED_INSIDE = 4.0
 # Height of the envelope in rejection sampling, which accepts a draw with the probability posterior
 # density / envelope. The envelope is the density from which draws are proposed, scaled to the

@@ -48,7 +48,7 @@ class LeastSquares(Result):
     #: If the readings do not determine all parameters, or if the number of readings is not larger
     #: than the number of parameters, all estimates and all u are NaN.
     table: ByRow
-    #: root-mean-square residual over all readings and of each test [µm], and fitness of each test
+    #: root-mean-square residual over all readings and for each test [µm], and fitness of each test
     #: [%] (Eq. 34-35 of the paper)
     quality: FitQuality
     #: predicted readings of each test [µm], in the order of the test's readings; the keys are the

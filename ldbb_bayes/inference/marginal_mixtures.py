@@ -120,7 +120,7 @@ def marginal_mixtures(posterior: xr.DataTree) -> MarginalMixtures:
 
 
 def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
-    """Return the mixtures that represent the densities of p parameters in draws of one model.
+    """Return the mixtures that the draws of one of the averaged models give for p parameters.
 
     ``draws`` holds the indices of the draws of ``model`` that are used, each of which gives one
     component. Parameters that the model lacks are zero, with a standard deviation of zero.

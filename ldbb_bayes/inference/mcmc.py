@@ -45,8 +45,8 @@ _DOUBLINGS_STORED = 2
 # between the points of two other walkers. In this share of such moves, the factor is one, so that
 # walkers can jump between modes.
 _JUMP_SHARE = 0.1
-# Share of the walkers' moves that propose independent points, if there is a source of such points.
-# The points are drawn from a density similar to the posterior.
+# Fraction of the moves that propose a point independent of the walker's present point, if there is
+# a source of such points. The points are drawn from a density similar to the posterior.
 _REDRAW_SHARE = 0.9
 # Largest number of draws kept from each ensemble of walkers, unless the required effective sample
 # size needs more.

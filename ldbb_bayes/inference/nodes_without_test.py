@@ -33,8 +33,8 @@ __all__ = ["NodesWithoutTest"]
 # If a test is left out, the values of its noise factor are replaced by random draws from the prior.
 # This is the seed of these draws.
 _SEED = 0
-# A Gaussian is fitted to the logarithm of a noise factor. If its standard deviation is below this
-# value, it is replaced by this value.
+# A Gaussian is fitted to the logarithm of a noise factor. This is its smallest standard deviation;
+# a smaller one is replaced by this value.
 _LEAST_SD = 1e-6
 
 

@@ -53,7 +53,7 @@ __all__ = [
     "to_units",
 ]
 
-# Groups of arrays that a posterior must have, as a DataTree of xarray and as a file.
+# Groups that a file must contain to be read as a posterior.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 # Dimensions of those arrays in a posterior's tree that do not hold random draws. The keys are the
 # names of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one entry
@@ -477,10 +477,10 @@ def draws_of(
     """Return posterior draws of the p parameters and of the h hyper-parameters.
 
     Parameters are compliances, their changes with force, and geometric errors, in mm, N and rad;
-    hyper-parameters are the scales of the noise and of other effects, with lengths in mm. The draws
-    of all chains are joined. The results have the shapes (draws, p) and (draws, h). If ``size`` is
-    not None, at most that many draws are returned, evenly spaced. ``bound`` is the posterior's
-    model applied to its campaign.
+    hyper-parameters are the scales of the noise and of other effects, and those that are lengths
+    are in mm. The draws of all chains are joined. The results have the shapes (draws, p) and
+    (draws, h). If ``size`` is not None, at most that many draws are returned, evenly spaced.
+    ``bound`` is the posterior's model applied to its campaign.
     """
     group = posterior["posterior"].dataset
     beta = _stack_draws(group, bound.names)

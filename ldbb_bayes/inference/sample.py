@@ -70,8 +70,8 @@ class SampledDraws(NamedTuple):
     #: posterior draws of the p parameters (compliances, their changes with force, geometric errors)
     #: in mm, N and rad, shape (chains, draws, p)
     beta: Array
-    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; lengths
-    #: in mm), shape (chains, draws, h)
+    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; scales
+    #: that are lengths are in mm), shape (chains, draws, h)
     phi: Array
 
 
@@ -81,8 +81,8 @@ class IndependentDraws(NamedTuple):
     #: posterior draws of the p parameters (compliances, their changes with force, geometric errors)
     #: in mm, N and rad, shape (size, p)
     beta: Array
-    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; lengths
-    #: in mm), shape (size, h)
+    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; scales
+    #: that are lengths are in mm), shape (size, h)
     phi: Array
     #: whether the draws are thinned from a run of emcee; if False, the draws are independent
     by_emcee: bool
@@ -208,7 +208,7 @@ class FittedModel(NamedTuple):
     and no DataTree is needed, not building it saves time.
     """
 
-    draws: ModelDraws  #: model applied to its campaign, with the draws of all chains, joined
+    draws: ModelDraws  #: model applied to its campaign, with the joined draws of all chains
     #: arrays of the posterior, as `groups_of` returns them
     groups: Mapping[str, Mapping[str, Array]]
     fit: Fit

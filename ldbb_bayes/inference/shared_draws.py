@@ -33,7 +33,8 @@ _REPEATS = 20
 class SharedDraws(NamedTuple):
     """Random draws of the hyper-parameters, the parameters and the nuisances that tests share."""
 
-    #: hyper-parameters (scales of the noise and of other effects), shape (n, h); lengths in mm
+    #: hyper-parameters (scales of the noise and of other effects), shape (n, h); scales that are
+    #: lengths are in mm
     phi: Array
     beta: Array  #: parameters in mm, N and rad, shape (n, p)
     #: coefficients of the nuisances (effects that are modelled but not of interest) that tests
