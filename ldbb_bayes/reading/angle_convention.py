@@ -103,7 +103,7 @@ class _Words(NamedTuple):
 
     zero: str  # axis at which angles begin, such as +Y; empty if it is not stated
     sense: str  # CW or CCW; empty if it is not stated
-    source: str  # place of the words, such as "line 3"
+    source: str  # text that says where the words are, such as "line 3"
 
 
 def angle_convention(recording: Recording, plane: str) -> AngleConvention:
@@ -295,7 +295,7 @@ def _is_mixed(text: str) -> bool:
 def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> _Words:
     """Return the axis and the sense of angles that a text states.
 
-    ``text`` is a header, a line or a name, and ``source`` its place in words, such as "line 3".
+    ``text`` is a header, a line or a name, and ``source`` tells where it is, such as "line 3".
     ``is_header`` states whether the text is the header of the column of angles; a minus sign in
     this header means clockwise. Raise an error if the text is about angles, but ambiguous.
     """
@@ -362,9 +362,9 @@ def _zero_in(text: str) -> str:
 def _check_reversed(recording: Recording, source: str, text: str, is_header: bool) -> None:
     """Raise an error if a text says that angles are reversed, but not in which sense they run.
 
-    ``source`` is the place of the text in words, such as "line 3". ``is_header`` states whether the
-    text is the header of the column of angles. Any other text causes the error only if it has a
-    word for angles. No error is raised if the user states the sense or the sign of angles.
+    ``source`` tells where the text is, such as "line 3". ``is_header`` states whether the text is
+    the header of the column of angles. Any other text causes the error only if it has a word for
+    angles. No error is raised if the user states the sense or the sign of angles.
     """
     layout = recording.layout
     if layout.angle_sense is not None or layout.angle_sign is not None:
@@ -397,8 +397,8 @@ def _check_no_axis(recording: Recording, source: str, text: str) -> None:
 
     The text is ambiguous if it names a direction such as north instead of an axis, or if it names
     exactly one axis. This function is called only for texts without a word such as "from", which
-    would show that angles begin at the named axis. ``source`` is the place of the text in words,
-    such as "line 3".
+    would show that angles begin at the named axis. ``source`` tells where the text is, such as
+    "line 3".
     """
     if not any(words.search(text) for words in (_ANGLE, _ZERO_DEGREES, _COMPASS)):
         return

@@ -43,7 +43,7 @@ def name_plane_column(
     stated_plane: str | None,
     log: AssumptionLog,
 ) -> Heading:
-    """Return a heading in which the column of planes has the header ``plane``.
+    """Return the heading of a table, with the header ``plane`` for its column of planes.
 
     A column without a role is the column of planes if every cell names a plane and the header has a
     word for plane, as in ``PlaneName``. The use of this column is noted. If the user states the

@@ -115,9 +115,9 @@ def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> No
 
 
 def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> float | Array:
-    """Return the size of the unit that a source states, in the unit that this package uses.
+    """Return the factor from the unit that a source states to the unit that this package uses.
 
-    The size is one number, such as 1000 for readings in mm, because the package uses µm. It is an
+    The factor is one number, such as 1000 for readings in mm, because the package uses µm. It is an
     array of shape (n,) if the unit changes from row to row.
     """
     sizes = {}

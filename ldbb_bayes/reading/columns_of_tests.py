@@ -1,6 +1,7 @@
 """Columns that may name the test of each row, or hold the readings of a further test.
 
-They are looked for only after a table gave fewer tests than the user expects; messages name them.
+Error messages name such columns as advice if the rows of one test have different directions of
+travel, or if the user states more forces or pressures than a table has tests.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["advice_on_tests", "cells_of", "columns_of_further_readings", "columns_that_part"]
 
-# Fewest rows of a test. A column with fewer rows for each of its words does not name tests.
+# Smallest number of rows of a test. If a column names tests, each name must be in at least this
+# number of rows.
 _FEWEST_ROWS = 9
 # Smallest share of numbers among the cells of a column of readings.
 _SHARE_OF_NUMBERS = 0.8
@@ -29,7 +31,8 @@ def columns_that_part(
 ) -> list[str]:
     """Return the headers of the columns that may name the test of each row.
 
-    Each word of such a column stands in one block of rows that is long enough for a test.
+    All rows with the same word in such a column are successive, and there are enough of them for a
+    test.
 
     Parameters
     ----------
@@ -59,9 +62,10 @@ def columns_that_part(
 
 
 def columns_of_further_readings(recording: Recording) -> list[str]:
-    """Return the headers of the unused columns that hold different numbers in the rows of a test.
+    """Return the headers of the unused columns that may hold the readings of further tests.
 
-    A few numbers may be missing.
+    In the rows of a test, such a column holds at least nine different numbers. At most a fifth of
+    its cells may lack a number.
     """
     headers = []
     for column, header in enumerate(recording.heading.headers):
@@ -75,10 +79,10 @@ def columns_of_further_readings(recording: Recording) -> list[str]:
 
 
 def advice_on_tests(recordings: Sequence[Recording], n_stated: int) -> str:
-    """Return the advice for a list of forces that has more numbers than there are tests.
+    """Return the advice for a user who states more forces or pressures than there are tests.
 
-    ``n_stated`` is the number of forces. The advice names the columns that may hold the readings of
-    further tests, or that may name the test of each row; it is empty if there are none.
+    ``n_stated`` is the number of stated values. The advice names the columns that may hold the
+    readings of further tests, or that may name the test of each row; it is empty if there are none.
     """
     n_tests, remainder = divmod(n_stated, len(recordings))
     if remainder or n_tests < 2 or any(recording.label for recording in recordings):
@@ -106,9 +110,10 @@ def cells_of(recording: Recording, column: int) -> list[str]:
 
 
 def _stand_in_blocks(words: Sequence[str]) -> bool:
-    """Return whether each word stands in one block of successive rows, long enough for a test.
+    """Return whether all rows with the same word are successive and are enough for a test.
 
-    There must be several words, and none may be missing.
+    ``words`` holds the word in each row. There must be at least two different words, and no empty
+    word.
     """
     n_blocks = 1
     for word, next_word in pairwise(words):

@@ -102,7 +102,7 @@ class Heading:
 
 
 class _HeaderRows(NamedTuple):
-    """Rows above the numbers of a table that state names and units of the columns."""
+    """Names and units of the columns of a table, from the rows above its numbers."""
 
     line: int  # line number of the header in the file; 0 without a header
     start: int  # index of the first header row among the sheet's rows

@@ -321,7 +321,7 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
 
 
 def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
-    """Raise an error for a line that states a force law, or an ambiguous line about the mount.
+    """Raise an error for a line with a force law, or an ambiguous line about the ball's mount.
 
     A line with a force law is accepted if an option states the force law. A line about the mount is
     accepted if an option states whether readings contain the deflection of the mount. ``campaign``

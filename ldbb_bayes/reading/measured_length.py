@@ -116,7 +116,7 @@ def _leaves_open(text: str) -> bool:
 def _states_diameter(words: str) -> bool:
     """Return whether a text has a number that may be the value of the diameter that it names.
 
-    Such a number stands behind the word for diameter, directly before it, or before a unit of
+    Such a number stands after the word for diameter, directly before it, or before a unit of
     length. In ``table 3: diameter deviation``, the number is not the value of a diameter.
     """
     match = _DIAMETER.search(words) or _LONG_WORD.search(words)

@@ -35,7 +35,7 @@ _FEWEST_READINGS = 9
 
 @dataclass
 class OverviewLines:
-    """Contents of sheets without a table of readings: lines on all tests, and cells on one test."""
+    """Texts in sheets without a table of readings: lines about all tests, cells about one test."""
 
     #: place (line number and sheet) and text of each line that applies to all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)

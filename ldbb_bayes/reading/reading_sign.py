@@ -372,7 +372,7 @@ def _kinds_of_words(text: str) -> list[str]:
 
 
 def _has_sign_and_length(words: list[str]) -> bool:
-    """Return whether ``words`` include both a kind of sign and a kind of bar length."""
+    """Return whether ``words`` include positive or negative, and also shorter or longer."""
     has_sign = "positive" in words or "negative" in words
     has_length = "shorter" in words or "longer" in words
     return has_sign and has_length

@@ -306,7 +306,8 @@ def _advice(recording: Recording, usual_advice: str) -> str:
 def _advice_on_directions(recording: Recording) -> str:
     """Return the advice of a message on rows of one test that differ in direction.
 
-    If a column tells rows of different directions apart, it may name the tests.
+    If another column may name the tests, and all rows with the same name have the same direction,
+    the advice is to state that this column names the tests.
     """
     if "test" not in recording.layout.columns:
         column = recording.heading.roles["direction"]

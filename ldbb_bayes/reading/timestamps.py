@@ -121,7 +121,7 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
 
 
 def without_stamps(text: str) -> str:
-    """Return a text with a blank in place of each date, time of day, or both."""
+    """Return a text with a blank in place of each timestamp (a date, a time of day, or both)."""
     return _STAMP.sub(" ", text)
 
 

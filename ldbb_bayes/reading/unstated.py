@@ -120,9 +120,10 @@ def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutsid
     """Yield the lines and cells outside the table of a test.
 
     Lines above the table, and lines of sheets without a table, count as used if they state a field
-    of a test or campaign, or the direction of travel. Of lines below the table, only the direction
-    counts; other uses are known from notes that cite the line. Cells beside the table count as not
-    used. ``last_line`` is the number of the last line of the table.
+    of a test or campaign, or the direction of travel. A line below the table counts as used if it
+    states the direction of travel; whether it was used otherwise is known from notes that cite it.
+    Cells beside the table count as not used. ``last_line`` is the number of the last line of the
+    table.
     """
     for line, text in (*recording.heading.lines_above, *recording.lines_of_all_tests):
         fields = set(statements_in([(line, text)])) - _CITED_WHERE_USED
