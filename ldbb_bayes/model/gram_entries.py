@@ -33,9 +33,9 @@ _DENSE_SHARE = 0.35
 # matrix uses at least this number of nonzero entries. With fewer entries, the function calls for
 # dense products take longer than the sparse product.
 _FEWEST_DENSE = 500
-# Number of columns of the precision matrix whose entries are computed by one product with a dense
-# matrix. A smaller number would need more function calls. With a larger number, more entries above
-# the diagonal would be computed, which are not needed.
+# Number of columns of the precision matrix whose entries are computed together, by one product with
+# a dense matrix. With fewer columns, more function calls would be needed. With more columns, more
+# entries above the diagonal would be computed, although these entries are not needed.
 _COLUMNS_AT_ONCE = 4
 
 
@@ -200,8 +200,8 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     calls = -(-columns // _COLUMNS_AT_ONCE)
     if len(products) < max(_DENSE_SHARE * needed * most_kinds, _FEWEST_DENSE * calls):
         return []
-    # If a group of columns has fewer than ``most_kinds`` kinds of rows, its array is padded with
-    # zeros.
+    # A group of columns may have fewer than ``most_kinds`` kinds of rows. The elements of the
+    # arrays that are then not needed for this group are zero.
     group_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
     rank = np.cumsum(has_kind, axis=1) - 1
     group_kinds[group, rank[group, kind]] = kind

@@ -635,7 +635,7 @@ _REDUCED_READINGS: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDic
 
 
 class _KnownEstimate(NamedTuple):
-    """Estimates of the parameters of a campaign's machine, obtained with one model."""
+    """Estimated parameters of a machine, and the model with which they were estimated."""
 
     model: HybridModel
     estimate: MachineEstimate
@@ -738,8 +738,9 @@ class BoundModel(Shown):
         """Return the conditions of all tests, completed with estimates of the machine's parameters.
 
         The module `linearisation` explains which effects on the readings depend on these estimates.
-        The parameters are estimated from the pilot campaign if there is one, and otherwise from
-        ``reduced``, the reduced readings of all tests.
+        If the campaign is a plan that was designed from another campaign (its pilot), the
+        parameters are estimated from the pilot. Otherwise they are estimated from ``reduced``, the
+        reduced readings of all tests.
         """
         setting = self._with_circles(
             setting_of(
@@ -757,7 +758,8 @@ class BoundModel(Shown):
 
         ``setting`` describes the conditions before completion. A noise factor λ is a
         hyper-parameter that multiplies the noise of one circle. Circles have noise factors only if
-        the model has the term `CircleScale`, and the campaign or its pilot has at least four tests.
+        the model has the term `CircleScale`, and the campaign has at least four tests. For a plan,
+        it is sufficient if the campaign from which the plan was designed (its pilot) has four.
         """
         count = len(self.campaign.tests)
         if self.pilot is not None:
@@ -809,9 +811,9 @@ class BoundModel(Shown):
     def _estimate_of_pilot(self, pilot: Campaign) -> MachineEstimate:
         """Return the compliances and geometric errors estimated from a pilot campaign.
 
-        Compliances that the model has for this campaign but not for the pilot get the values
-        assumed for a plan. Geometric errors that the model has for this campaign but not for the
-        pilot are zero.
+        The pilot is the campaign from which this plan was designed. Compliances that the model has
+        for the plan but not for the pilot get the values that are assumed if there are no readings.
+        Geometric errors that the model has for the plan but not for the pilot are zero.
         """
         bound = BoundModel(self.model, pilot)
         of_pilot = bound.estimate
@@ -828,7 +830,7 @@ class BoundModel(Shown):
         return MachineEstimate(np.array(compliances), np.array(sd), np.array(geometric))
 
     def _physical_rows(self, reference_force_N: float) -> Array:
-        """Return the matrix A of the region A β ≥ 0 of physical parameters, shape (rows, p).
+        """Return the matrix A of the conditions A β ≥ 0 on the parameters β, shape (rows, p).
 
         β are the p parameters of interest. A β holds the compliances C(F) that must not be
         negative, at tested forces F. The elements of A for slopes are powers of F − F0, where F0 is
@@ -1118,10 +1120,11 @@ class BoundModel(Shown):
         raise self._impossible_prior()
 
     def _impossible_prior(self) -> InputError:
-        """Return the error for a prior under which nearly all machines have a negative compliance.
+        """Return the exception for a prior that gives nearly all machines a negative compliance.
 
-        The message names the compliance with the lowest ratio of prior mean to prior sd. If no
-        prior mean is negative, the message names the setting ``slope_scale`` instead.
+        Its message names the compliance with the lowest ratio of prior mean to prior sd. If the
+        prior mean of this compliance is not negative, the message names the setting ``slope_scale``
+        instead.
         """
         constrained = np.flatnonzero(self.truncation.rows.any(axis=0))
         ratio = self.prior_mean[constrained] / self.prior_sd[constrained]

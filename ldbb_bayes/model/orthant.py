@@ -84,8 +84,8 @@ _OWEN_ERROR = 1e-15
 # P(u ≥ 0) is bounded by P(u₁ ≥ 0, u₂ ≥ 0) for the two constraints that are most likely to fail. The
 # bound is used only if it is at least this number, because smaller bounds are too inaccurate.
 _LEAST_PAIR = 1e-9
-# If the correlation of u_i and u_j differs from 1 or −1 by less than this number, the computed value
-# of P(u_i ≥ 0, u_j ≥ 0) is too inaccurate and is not used.
+# If the correlation of u_i and u_j differs from 1 or −1 by less than this number, the computed
+# value of P(u_i ≥ 0, u_j ≥ 0) is too inaccurate and is not used.
 _LEAST_DIFFERENCE = 1e-6
 # P(u ≥ 0) is first bounded by the probability that the tightest constraint (the constraint that is
 # most likely to fail) holds. If the relative error of this bound is at most this number, bounds

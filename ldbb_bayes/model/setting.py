@@ -93,13 +93,15 @@ class Setting:
     #: direction of travel along each test's circle, shape (tests,): +1 for clockwise, −1 for
     #: counterclockwise; +1 also if no direction is given for the test
     travel: Array
-    #: time of each test minus the mean time of the campaign, or of its pilot campaign [h], shape
-    #: (tests,). If the time is missing for at least one test, all times are derived from the order
-    #: in which the tests are listed. The values are NaN if this order is not the order in which the
-    #: tests were run, or if all tests have the same time.
+    #: time of each test minus the mean time of the campaign [h], shape (tests,). For a plan, the
+    #: mean time of the campaign from which it was designed (its pilot) is subtracted. If the time
+    #: is missing for at least one test, all times are derived from the order in which the tests are
+    #: listed. The values are NaN if this order is not the order in which the tests were run, or if
+    #: all tests have the same time.
     time_h: Array
-    #: temperature of each test minus the mean temperature of the campaign, or of its pilot campaign
-    #: [K], shape (tests,); NaN if unknown
+    #: temperature of each test minus the mean temperature of the campaign [K], shape (tests,); NaN
+    #: if unknown. For a plan, the mean temperature of the campaign from which it was designed (its
+    #: pilot) is subtracted
     temperature_K: Array
     #: Fourier coefficients of the components X, Y, Z of the unit vector along the bar, as functions
     #: of the angle on the circle, shape (tests, 25, 3)
@@ -488,11 +490,11 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     that the order was random, all values are NaN instead. All values are also NaN if all tests have
     the same time.
 
-    If a pilot campaign is given and times are given for all its tests, the mean time of the pilot
-    is subtracted, and tests without times are assumed to be at this mean. If times are missing in
-    both campaigns, and the first tests of the plan have the names of the pilot's tests, the times
-    of these tests follow from their order in the pilot. All further tests are assumed to be at the
-    mean.
+    A plan may have a ``pilot``, the campaign from which it was designed. If times are given for all
+    tests of the pilot, their mean is subtracted, and tests of the plan without times are assumed to
+    be at this mean. If times are missing in both campaigns, and the first tests of the plan have
+    the names of the pilot's tests, the times of these tests follow from their order in the pilot.
+    All further tests are assumed to be at the mean.
     """
     stated_s = _recorded("time_s", campaign)
     relative_s = np.zeros(len(stated_s))
@@ -525,7 +527,10 @@ def _listed_s(campaign: Campaign) -> Array:
 
 
 def _begins_with(campaign: Campaign, pilot: Campaign) -> bool:
-    """Return whether the first tests of a campaign have the names of the pilot's tests."""
+    """Return whether the first tests of a campaign have the names of the tests of its pilot.
+
+    The pilot is the campaign from which a plan was designed.
+    """
     names = [test.name for test in campaign.tests]
     pilot_names = [test.name for test in pilot.tests]
     return names[: len(pilot_names)] == pilot_names
@@ -538,11 +543,11 @@ def _relative_to_mean(
 ) -> Array:
     """Return a quantity of every test minus the mean of this quantity, shape (tests,).
 
-    ``field`` is the name of the field of a test, such as temperature_C. If a pilot campaign is
-    given, the mean over the tests of the pilot is subtracted, and tests without a value are assumed
-    to be at this mean. Otherwise the mean over the tests of the campaign is subtracted, and tests
-    without a value get NaN. All values are NaN if there is no value from which the mean can be
-    computed.
+    ``field`` is the name of the field of a test, such as temperature_C. If a ``pilot`` is given
+    (the campaign from which a plan was designed), the mean over its tests is subtracted, and tests
+    without a value are assumed to be at this mean. Otherwise the mean over the tests of the
+    campaign is subtracted, and tests without a value get NaN. All values are NaN if there is no
+    value from which the mean can be computed.
     """
     values = _recorded(field, campaign)
     reference = _recorded(field, pilot or campaign)

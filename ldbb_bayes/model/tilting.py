@@ -32,9 +32,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_distance_multipliers"]
 
-# The search for the saddle point of the log importance weight ends when the gradient, divided by
-# the magnitude of its terms, is at most this number. The number also serves as an upper bound of
-# the rounding errors of log probabilities.
+# The saddle point of the log importance weight is found as the minimum of a convex function. The
+# search ends when the relative magnitude of the gradient (`_ConvexFunction.error`) is at most this
+# number. The number also serves as an upper bound of the rounding errors of log probabilities.
 ROUNDING = 1e-10
 # Largest number of steps of Newton's method for the saddle point of the log importance weight.
 _ITERATIONS = 60
@@ -73,11 +73,12 @@ class Proposal(NamedTuple):
 
 
 class _Interval(NamedTuple):
-    """Probability that a standard normal variable is in an interval, with data for random draws.
+    """Probability that a standard normal variable is in an interval from ``low`` to ``high``.
 
-    The interval is from ``low`` to ``high``, either of which may be infinite. Its probability is
-    computed as the difference of two tail probabilities. To keep rounding errors small, left tails
-    are used if the centre of the interval is negative, and right tails otherwise.
+    Both limits may be infinite. The probability is computed as the difference of two tail
+    probabilities, which are also used to draw the variable at random in the interval. To keep
+    rounding errors small, left tails are used if the centre of the interval is negative, and right
+    tails otherwise.
     """
 
     #: Logarithm of the probability of the interval from ``low`` to ``high``, ln (Φ(high) − Φ(low)),
@@ -119,15 +120,17 @@ class _ConvexFunction(NamedTuple):
     #: normal variable, for the d ratios of each of w sets of constraints, shape (w, d). The
     #: derivative is between 0 and 1.
     slope: Array
-    #: Largest absolute element of ``gradient``, divided by the magnitude of the gradient's terms,
-    #: for each of w sets of constraints, shape (w,).
+    #: Relative magnitude of the gradient for each of w sets of constraints, shape (w,). Each
+    #: element of ``gradient`` is a sum. Its absolute value is divided by 1 plus the absolute values
+    #: of the summands; the largest of these ratios is stored.
     error: Array
 
 
 class _Edges(NamedTuple):
-    """Lower limits (edges) of the shifted normal variables: result of the search for saddle points.
+    """Result of the search for the saddle points of the log importance weights.
 
-    ``edge``, shape (w, d), holds the limits of the d variables for each of w sets of constraints.
+    Each saddle point is described by the lower limits (edges) of the d shifted normal variables.
+    ``edge``, shape (w, d), holds the limits for each of w sets of constraints.
     ``solved``, shape (w,), states whether the search succeeded. ``value``, shape (w,), is the value
     of `_ConvexFunction` at these limits.
     """
@@ -288,12 +291,12 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 
 
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
-    """Return log tail probabilities of random points of a standard normal variable in an interval.
+    """Return log tail probabilities, from which a normal variable is drawn in an interval.
 
-    The tail of a point is to the left of the point if ``interval.direction`` is −1, and to the
-    right if it is 1. The tail probability is uniformly distributed between the tail probabilities
-    of the two ends of the interval. It is computed from the random numbers ``uniform``, which are
-    between 0 and 1.
+    The variable is standard normal before it is restricted to the interval. Its tail is to its left
+    if ``interval.direction`` is −1, and to its right if it is 1. The tail probability is uniformly
+    distributed between the tail probabilities of the two ends of the interval. It is computed from
+    the random numbers ``uniform``, which are between 0 and 1.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:
