@@ -261,8 +261,9 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     ``log_density``, shape (w, tests), is the log density of the readings of each test given all
     other tests, at w draws of the hyper-parameters (scales of the noise and of other effects). If a
     test is left out, the inverses of its w densities are the importance weights of the draws. If
-    the Pareto shape k̂ of these weights is above 0.4, the densities are tempered: they are raised to
-    a power below one, and scaled so that their harmonic mean over the draws is the exact density.
+    the Pareto shape k̂ of these weights is above 0.4, the densities are tempered: they are raised
+    to a power below one, and then scaled so that their harmonic mean over the draws equals the
+    predictive density of the readings of the test, which is computed exactly from two evidences.
     ``bound`` is the model, applied to its campaign.
     """
     large_k_by_test = {}

@@ -5,10 +5,11 @@ hyper-parameters, the scales of the noise and of other effects. y are the readin
 effects that are modelled but not of interest, are integrated out.
 
 The log density is ln p(y | β, φ) + ln p(β) + ln p(φ); the log evidence ln p(y) is not subtracted.
-These three densities are normalised. β has the prior N(m, S), with mean m of shape (p,) and
-covariance S of shape (p, p). Truncation restricts β to compliances that are not negative: A β ≥ 0,
-with A of shape (rows, p). φ has its own prior, independent of β. The integral of the product of the
-three densities over x = (β, φ) is therefore the evidence; `log_evidence` returns its logarithm.
+The three densities in this sum are normalised. β has the prior N(m, S), with mean m of shape (p,)
+and covariance S of shape (p, p). Truncation restricts β to compliances A β that are not negative; A
+has the shape (rows, p). φ has its own prior, independent of β. Because the three densities are
+normalised, the integral of their product over x = (β, φ) is the evidence; `log_evidence` returns
+its logarithm.
 """
 
 from __future__ import annotations
@@ -140,8 +141,8 @@ class LogDensity(Shown):
         The coordinates are the parameters, then the hyper-parameters. The value for a parameter is
         its prior standard deviation. The value for a hyper-parameter that is a length is the scale
         of its prior; for any other hyper-parameter, the value is one. For an optimiser, use the
-        spread of the points from `initial` instead, which is the typical magnitude under the
-        posterior.
+        standard deviations of the points from `initial` instead, because these points scatter as
+        under the posterior.
         """
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])

@@ -75,9 +75,9 @@ _STANDARD_ERRORS = 3.5
 class LogValues(NamedTuple):
     """Logarithm of a density at k nodes (points) and its numerical error [nat], each of shape (k,).
 
-    The density may also contain noise: random errors of mean zero that are independent between
-    nodes. Noise is not part of ``error``. It adds to the scatter of the ratios, from which the
-    error of their mean is computed.
+    The values of the density may also have noise: random errors of mean zero that are independent
+    between nodes. Noise is not part of ``error``. It adds to the scatter of the ratios, from which
+    the error of their mean is computed.
     """
 
     log_density: Array

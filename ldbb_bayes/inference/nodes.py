@@ -253,12 +253,12 @@ class HyperPosterior:
         the logarithm of the integral of the density [nat], which is the log evidence. If the nodes
         do not reach this tolerance, their ``error`` is larger.
 
-        If ``truncated`` of this object is True, the density contains the probability, given φ, that
-        no compliance is negative. First, nodes for the density that allows negative compliances are
-        computed, and their weights are multiplied by this probability. If these nodes miss the
-        tolerance, a second set of nodes is computed, for the density that contains an upper bound
-        of the probability. In the weights of this set, the bound is then replaced by the
-        probability. The set with the smaller error is returned.
+        If ``truncated`` of this object is True, the density includes, as a factor, the probability,
+        given φ, that no compliance is negative. First, nodes for the density that allows negative
+        compliances are computed, and their weights are multiplied by this probability. If these
+        nodes miss the tolerance, a second set of nodes is computed, for a density with an upper
+        bound of the probability as its factor. In the weights of this set, the bound is then
+        replaced by the probability. The set with the smaller error is returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -275,9 +275,9 @@ class HyperPosterior:
     def _integral(self, tolerance: float) -> Integral:
         """Return the integral of the smooth posterior density, computed once for each tolerance.
 
-        If the posterior density contains the probability that no compliance is negative, the smooth
-        density contains an upper bound of this probability instead. ``tolerance`` is the error
-        allowed in the log integral [nat].
+        The posterior density may include, as a factor, the probability that no compliance is
+        negative. In the smooth density, this factor is replaced by an upper bound of the
+        probability. ``tolerance`` is the error allowed in the log integral [nat].
         """
         if tolerance not in self._integrals:
             self._integrals[tolerance] = self._integrate(tolerance)
@@ -303,7 +303,7 @@ class HyperPosterior:
         *,
         bounded: bool = False,
     ) -> Nodes:
-        """Return nodes whose weights contain the probability that no compliance is negative.
+        """Return nodes with weights multiplied by the probability that no compliance is negative.
 
         Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other
         effects). P(T | y, φ) is the probability, given the readings y and φ, of the condition T
@@ -318,8 +318,8 @@ class HyperPosterior:
         tolerance : float
             Error allowed in the log integral [nat].
         bounded : bool
-            Whether the density in ``integral`` contains an upper bound of P(T | y, φ). The bound is
-            then replaced by P(T | y, φ).
+            Whether the density in ``integral`` includes an upper bound of P(T | y, φ) as a factor.
+            The bound is then replaced by P(T | y, φ).
         """
         noise = np.zeros(len(integral.free))
 
@@ -417,8 +417,9 @@ class HyperPosterior:
         """Weighted random values of the hyper-parameters, drawn from a mixture.
 
         The mixture is fitted to the posterior density, and further values can be drawn from it. The
-        weights represent the posterior density. If this density contains the probability that no
-        compliance is negative (``truncated``), the probability is replaced by an upper bound.
+        weights represent the posterior density. If this density includes, as a factor, the
+        probability that no compliance is negative (``truncated``), the probability is replaced by
+        an upper bound.
         """
         sample = importance_sample(
             self._smooth_of_scores,
@@ -445,8 +446,8 @@ class HyperPosterior:
         """Coarse nodes of the posterior density: weighted values of the hyper-parameters.
 
         The error allowed in the log integral from coarse nodes is 0.2 nat. If the posterior density
-        contains the probability that no compliance is negative (``truncated``), this probability is
-        replaced by its upper bound.
+        includes, as a factor, the probability that no compliance is negative (``truncated``), this
+        probability is replaced by its upper bound.
         """
         return self._integrate(_COARSE_TOLERANCE, step=_COARSE_STEP)
 
@@ -455,8 +456,9 @@ class HyperPosterior:
         """Coarse nodes of the posterior density, with exact weights.
 
         Nodes are weighted values of the hyper-parameters; the values are the same as in `coarse`.
-        If the posterior density contains the probability that no compliance is negative
-        (``truncated``), the weights contain the probability itself, not its upper bound.
+        If the posterior density includes, as a factor, the probability that no compliance is
+        negative (``truncated``), the weights are computed with the probability itself, not its
+        upper bound.
         """
         return self._replace_bound(self.coarse)
 
@@ -464,17 +466,18 @@ class HyperPosterior:
     def sample_nodes(self) -> Integral:
         """Values of the hyper-parameters from `proposal`, with exact weights.
 
-        If the posterior density contains the probability that no compliance is negative
-        (``truncated``), the weights contain the probability itself, not its upper bound. Otherwise
-        the weights are the same as in `proposal`.
+        If the posterior density includes, as a factor, the probability that no compliance is
+        negative (``truncated``), the weights are computed with the probability itself, not its
+        upper bound. Otherwise the weights are the same as in `proposal`.
         """
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
-        """Return an integral with the exact probability that no compliance is negative.
+        """Return an integral with the exact probability in place of its upper bound.
 
-        The weights of ``integral`` contain an upper bound of this probability, which is replaced by
-        the probability itself. If the posterior density does not contain the probability
+        The probability is that of the condition that no compliance is negative. The weights of
+        ``integral`` are computed with an upper bound of this probability, which is replaced by the
+        probability itself. If the probability is not a factor of the posterior density
         (``truncated`` is False), the integral is returned unchanged.
         """
         if not self.truncated:
@@ -560,12 +563,12 @@ class HyperPosterior:
         """Return gradient and Hessian of the smooth log density at a point, shapes (h,) and (h, h).
 
         ``point``, shape (h,), holds the normal scores of the h hyper-parameters. The log density is
-        the log posterior density of these scores. If this density contains the probability that no
-        compliance is negative, the smooth log density contains an upper bound of the probability
-        instead. Among the hyper-parameters are the noise factors of the circles; the noise factors
-        of two circles hardly depend on each other. Unless ``exact`` is True, mixed second
-        derivatives with respect to two noise factors are not computed, so that the work grows in
-        proportion to the number of circles.
+        the log posterior density of these scores. If this density includes, as a factor, the
+        probability that no compliance is negative, the smooth log density is computed with an upper
+        bound of the probability instead. Among the hyper-parameters are the noise factors of the
+        circles; the noise factors of two circles hardly depend on each other. Unless ``exact`` is
+        True, mixed second derivatives with respect to two noise factors are not computed, so that
+        the work grows in proportion to the number of circles.
         """
         of_circle = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)

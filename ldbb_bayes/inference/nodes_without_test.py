@@ -146,8 +146,8 @@ class NodesWithoutTest:
 
         The nodes of ``integral`` are values of the hyper-parameters. One of the hyper-parameters is
         the noise factor of the test that is left out. In ``integral``, the prior of this noise
-        factor is replaced by the Gaussian density ``factor``; in the result, the density contains
-        the prior again. The weights of the nodes and the value of the integral do not change.
+        factor is replaced by the Gaussian density ``factor``; in the result, the prior is a factor
+        of the density again. The weights of the nodes and the value of the integral do not change.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))
