@@ -159,7 +159,7 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
 
 
 def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
-    """Return whether a line may state the axis or the sense of angles in words not understood.
+    """Return whether a line about the axis or the sense of angles is not understood.
 
     The axis is the one at which angles begin. The sense is clockwise or counter-clockwise.
     """

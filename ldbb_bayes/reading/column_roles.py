@@ -310,7 +310,7 @@ def count_numbers(cells: Sequence[str]) -> int:
 class ColumnRoles:
     """Columns of a table by their roles, such as angle, reading or time."""
 
-    #: index (from 0) of the column that has each role, such as angle
+    #: index (from 0) of each column with a role; the keys are the roles, such as angle
     columns: dict[str, int] = field(default_factory=dict)
     #: indices of all columns of readings, from 0; if there are several, each is a separate test
     readings: list[int] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""Angles of a test's readings: computation from times, averages over laps, direction of travel.
+"""Functions that compute angles from times, average laps, and find the direction of travel.
 
 A lap is one turn of the bar. The readings of one test in a file may cover several laps.
 """

@@ -38,7 +38,8 @@ _WHOLE_PERCENT = 100.0
 _SAME_RADIUS = 1e-3
 # Two starts of a circle agree if they differ by at most this [deg].
 _SAME_START_DEG = 0.01
-# A coordinate of the start outside the plane of the test is zero up to this fraction of the radius.
+# The start of a circle lies in the plane of the test if its coordinate along the third axis,
+# divided by the radius, is at most this value.
 _IN_PLANE = 1e-6
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60

@@ -64,7 +64,9 @@ def mount_state(statement: str) -> str:
 
 
 def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> None:
-    """Raise an `InputError` if a line on the mount's deflection in the readings is ambiguous.
+    """Raise an `InputError` if it is unclear whether readings contain the mount's deflection.
+
+    Lines about the deflection of the work ball's mount are checked.
 
     Parameters
     ----------

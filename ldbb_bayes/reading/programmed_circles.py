@@ -67,7 +67,7 @@ class ProgrammedArc(NamedTuple):
     """Arc that is programmed by a block of G-code, or by a block for a Heidenhain control."""
 
     line: int | str  #: number of the line
-    text: str  #: the block
+    text: str  #: text of the block
     direction: str  #: CW for G2 and DR-, CCW for G3 and DR+
     radius_mm: float | None  #: radius; None if the blocks do not state it
     #: start of the arc relative to its centre [mm]; the keys are the axes X, Y and Z; it may be
@@ -81,7 +81,7 @@ class ProgrammedArc(NamedTuple):
 class _Programme:
     """State of a programme after the blocks that have been read."""
 
-    #: millimetres in one unit of length
+    #: one unit of length of the programme (millimetre or inch) [mm]
     unit_mm: float
     #: whether centres are counted from the zero point of the programme, not from the arc's start
     has_absolute_centres: bool
@@ -126,7 +126,10 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
 
 
 def _read_block(programme: _Programme, line: int | str, text: str) -> ProgrammedArc | None:
-    """Return the arc that a block describes, or None, and store what applies to later blocks."""
+    """Return the arc that a block describes; None if it describes no arc.
+
+    The feed, the end of the motion and the pole are stored in ``programme`` for later blocks.
+    """
     path = _ARC.search(text) or _ARC_AROUND_POLE.search(text)
     is_motion = path is not None or _STRAIGHT.search(text) is not None
     if is_motion:

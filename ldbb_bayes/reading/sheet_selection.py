@@ -117,7 +117,7 @@ def note_left_out(left_out: Sequence[Sheet], lists: Collection[str], log: Assump
     left_out
         Sheets without a table of readings.
     lists
-        Names, in messages, of those sheets that list tests, with one test in each row.
+        File and name of each sheet that lists tests, with one test in each row.
     log
         Log to which the notes are added.
     """
@@ -286,7 +286,10 @@ def _is_complete(heading: Heading) -> bool:
 
 
 def _holds_readings(table: HeadedSheet, layout: Layout) -> bool:
-    """Return whether a table has readings and angles or times, in the columns the user states."""
+    """Return whether a table has a column of readings, and a column of angles or times.
+
+    If the user states columns, these columns must hold angles and readings.
+    """
     return _is_complete(table.heading) and _fits_stated_columns(table, layout)
 
 

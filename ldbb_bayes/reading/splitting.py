@@ -389,8 +389,9 @@ def _lines_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int 
 def _add_statements_below(statements: dict[str, list[LineStatement]], lines: Lines) -> None:
     """Add to ``statements`` what lines below a table state about the readings.
 
-    These are the length that the readings measure, and whether they contain the deflection of the
-    mount. Other statements of these lines may be results, and are not added.
+    These lines may state whether the readings measure the radius or the diameter, and whether they
+    contain the deflection of the mount. Other statements of these lines may be results, and are not
+    added.
     """
     statements_of_lines = statements_in(lines)
     for key in _STATED_BELOW:

@@ -50,7 +50,7 @@ _FACTOR_IN_LIST = r"(?<![\w.\-–])(?<!\d,)(?P<factor>(?:1\s?/\s?)?\d+(?:[.,]\d+
 # Regular expression for one unit, with or without a factor, in the part of a line that states
 # units.
 _UNIT = re.compile(rf"(?:{_FACTOR_IN_LIST})?(?P<unit>[^\s\d;,|:=()\[\]/][^\s;,|:=()\[\]/]*)")
-# Regular expression for the signs between the units of a list, such as "deg / mm".
+# Regular expression for the marks between the units of a list, such as "deg / mm".
 _BETWEEN_UNITS = re.compile(r"[\s;,|/()\[\]\-–#%]*")
 # Regular expression for the number of a revision, as in "rev 2"; "rev" is then not a unit of angle.
 _REVISION = re.compile(_WORDS["revision"], re.IGNORECASE)
@@ -255,7 +255,7 @@ def _units_of_list(text: str) -> dict[str, str]:
 
 
 def _lists_units(text: str) -> bool:
-    """Return whether a text consists of at least two units with signs between them.
+    """Return whether a text consists of at least two units and the marks between them.
 
     The German word Grad may stand for the unit of angles.
     """

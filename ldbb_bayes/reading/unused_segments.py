@@ -1,4 +1,4 @@
-"""Segments of a line outside a table from which nothing was taken, although the line was used.
+"""Unused segments of a line outside a table, if another segment of the line was used.
 
 In ``Force 238 N; e = L0 - L``, the first segment states the force, and the second is not used.
 """
@@ -29,9 +29,10 @@ _EQUATION = re.compile(r"[^\W\d]\w*\s*=\s*[+\-−(]*[^\W\d]")
 
 
 def unused_segments(text: str, reasons: str) -> str:
-    """Return the segments of a line from which nothing was taken, divided by semicolons.
+    """Return the unused segments of a line, divided by semicolons.
 
-    Centres of circles are left out, because another note shows them.
+    A segment is unused if nothing was taken from it. Centres of circles are left out, because
+    another note shows them.
 
     Parameters
     ----------
