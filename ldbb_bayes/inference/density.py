@@ -141,8 +141,8 @@ class LogDensity(Shown):
         The coordinates are the parameters, then the hyper-parameters. The value for a parameter is
         its prior standard deviation. The value for a hyper-parameter that is a length is the scale
         of its prior; for any other hyper-parameter, the value is one. For an optimiser, use the
-        standard deviations of the points from `initial` instead, because these points scatter as
-        under the posterior.
+        standard deviations of the points from `initial` instead, because these points scatter about
+        as much as the posterior.
         """
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
