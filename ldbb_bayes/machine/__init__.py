@@ -1,4 +1,4 @@
-"""Model of the machine: kinematic chain, exact readings, and readings per unit of a parameter."""
+"""Model of the machine: kinematic chain, readings, and effects of parameters on them."""
 
 import lazy_loader
 

@@ -75,8 +75,8 @@ class Circle(Shown):
     """
 
     radius_mm: float = 150.0  #: nominal distance between the balls [mm]
-    #: position (X, Y, Z) of the work ball [mm]; the coordinate perpendicular to the plane of the
-    #: circle affects only the lever arms
+    #: position (X, Y, Z) of the work ball [mm]. The coordinate perpendicular to the plane of the
+    #: circle changes the readings only through the lever arms from the joints to the balls.
     centre_mm: Sequence[float] = (0.0, 0.0, 0.0)
     plane: str = "XY"  #: plane of the circle; angles are measured from the plane's first axis
 
@@ -113,8 +113,8 @@ class Joint:
 
     axis: str  #: name of the linear axis: X, Y or Z
     branch: Branch  #: what the axis carries: ``tool`` or ``workpiece``
-    #: position (X, Y, Z) of the joint's frame with all axes at zero [mm]. The origin is the point
-    #: where, with all axes at zero, the centres of the two balls coincide.
+    #: position (X, Y, Z) of the joint's frame with all axes at zero [mm]. The origin is the centre
+    #: of the tool ball with all axes at zero.
     frame_mm: Sequence[float]
 
     @property
@@ -165,9 +165,8 @@ class Machine(Shown):
     #: planes of the circular tests: one or more of XY, YZ and ZX
     planes: str | Sequence[str] = ("XY",)
     #: position (X, Y, Z) of the frame of each joint with all axes at zero [mm]; the keys are the
-    #: letters of the joints' axes. The origin is the point where, with all axes at zero, the
-    #: centres of the two balls coincide. The frame of a joint that is not listed here is at this
-    #: point, as in the paper.
+    #: letters of the joints' axes. The origin is the centre of the tool ball with all axes at zero.
+    #: The frame of a joint that is not listed here is at this point, as in the paper.
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:

@@ -1,4 +1,7 @@
-"""Exact forward model of a circular test, with homogeneous transforms (Eq. 1-14 of the paper)."""
+"""Exact model of the readings of a circular test, with homogeneous transforms.
+
+The equations are Eq. 1-14 of the paper, the article on which the model is based.
+"""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
 """Linear effects of compliances and geometric errors on readings; identifiable compliances.
 
-A unit force along the bar, whose direction is B̂, loads joint k with the wrench g_k, shape (6,):
-three forces and three moments about the joint's frame. The wrench is g_k = J_kᵀ B̂ =
-(B̂, lever × B̂), where the lever is the vector from this frame to the ball, and J_k is the Jacobian
-of the joint. A compliance C_ijk is the displacement or rotation i caused by the force or moment j
-at joint k. This compliance changes the reading by g_k,i · g_k,j per unit force and per unit of the
-compliance (Eq. 20 of the paper). An error motion e of joint k, with three displacements and three
-rotations about the same frame, changes the reading by g_k · e if the joint carries the tool, and by
-−g_k · e if it carries the workpiece (Eq. 16-23). If all levers lie in the plane of the circle, this
-is the paper's planar model.
+A unit force along the bar, whose direction is B̂, causes three forces and three moments at joint k,
+about the origin of its frame. They form the wrench g_k, shape (6,). With the Jacobian J_k of the
+joint and the lever, which is the vector from the frame to the ball, the wrench is g_k = J_kᵀ B̂ =
+(B̂, lever × B̂). A compliance C_ijk is the displacement or rotation i caused by the force or moment
+j at joint k. This compliance changes the reading by g_k,i · g_k,j per unit force and per unit of
+the compliance (Eq. 20 of the paper, the article on which the model is based). An error motion e of
+joint k, with three displacements and three rotations about the same frame, changes the reading by
+g_k · e if the joint carries the tool, and by −g_k · e if it carries the workpiece (Eq. 16-23). If
+all levers lie in the plane of the circle, this is the paper's planar model.
 
 Circular tests cannot identify all compliances (Table 2 of the paper). Some compliances never change
 a reading (null columns). Others change the readings in proportion to each other (proportional
@@ -55,14 +55,15 @@ _ANGLES = 64
 # A column holds the readings per unit of a compliance. Two columns count as proportional if the
 # cosine of the angle between them differs from ±1 by at most this number.
 _PARALLEL = 1e-10
-# A compliance is treated as having no effect if the norm of its column (the readings per unit of
-# the compliance) is smaller than this fraction of the largest norm of any compliance's column.
+# Each compliance has a column, which holds the readings per unit of the compliance. If the norm of
+# a column is smaller than this fraction of the largest norm of all columns, the compliance is
+# treated as having no effect.
 _NULL_SHARE = 1e-10
-# Relative limit below which a number counts as a rounding error. It is used twice. A compliance
-# that is not kept is expressed as a linear combination of kept compliances; a coefficient of this
-# combination is ignored if the corresponding part of the effect on the readings is below this
-# fraction of the compliance's total effect. A matrix counts as positive semi-definite if its
-# smallest eigenvalue is above minus this fraction of its largest absolute element.
+# Fraction below which rounding errors are ignored, in two cases. If the effect of a compliance on
+# the readings is expressed by the effects of kept compliances, parts below this fraction of the
+# whole effect are ignored. If the smallest eigenvalue of a matrix is negative, but its absolute
+# value is below this fraction of the largest element of the matrix, the matrix counts as positive
+# semi-definite.
 _ROUNDING_WEIGHT = 1e-7
 # A column holds the readings per unit of a compliance, scaled to length one. A column counts as
 # linearly independent of other columns if its component orthogonal to them is longer than this
@@ -82,10 +83,11 @@ class ErrorBearer(NamedTuple):
 def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
     """Return the reading per unit force and per unit of each planar compliance, at n angles.
 
-    This matrix is the wrench Jacobian of the paper. It has the shape (n, 18) for one plane, and its
-    elements have the unit 1, mm or mm². The columns are in the order of `wrench_names`. ``circle``
-    is the nominal circle on ``machine``. ``angle_rad``, shape (n,), holds the angles of the bar,
-    measured from the first axis of the plane [rad].
+    A planar compliance relates a displacement or rotation in a tested plane to a force or moment in
+    the same plane. The result is the wrench Jacobian of the paper. It has the shape (n, 18) for one
+    plane, and its elements have the unit 1, mm or mm². The columns are in the order of
+    `wrench_names`. ``circle`` is the nominal circle on ``machine``. ``angle_rad``, shape (n,),
+    holds the angles of the bar, measured from the first axis of the plane [rad].
     """
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
@@ -202,9 +204,9 @@ class Kept:
     #: compliance on the reading divided by the effect of the kept compliance; the unit of a weight
     #: is a power of mm.
     weights: tuple[tuple[float, ...], ...]
-    #: for each kept compliance, the weights of those further compliances that also contribute to
-    #: its estimated value. The effect of such a further compliance on the readings is a linear
-    #: combination of the effects of several kept compliances.
+    #: for each kept compliance, further compliances that change its estimated value, and the
+    #: weights with which they do so. The effect of such a further compliance on the readings is a
+    #: linear combination of the effects of several kept compliances.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
     #: for each kept compliance, whether negative values are physically impossible; a deflection in
     #: the direction of its load, for example, cannot be negative
@@ -226,14 +228,15 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     """Return the compliances that circular tests can separate, and the set that each represents.
 
     The compliances and sets (Table 2 of the paper) are computed numerically from the readings per
-    unit compliance. The function examines the planar compliances of every tested plane, and all
-    other compliances of the joints that change a reading. Compliances that change readings in
-    proportion to each other form a set. The following rules choose the compliance that represents a
-    set, in the order of their importance. For the paper's machine, the rules give the paper's
-    choice:
+    unit compliance. The function examines the planar compliances of every tested plane (motion and
+    load in the plane), and all other compliances of the joints that change a reading. Compliances
+    that change readings in proportion to each other form a set. The following rules choose the
+    compliance that represents a set, in the order of their importance. For the paper's machine, the
+    rules give the paper's choice:
 
     1. prefer a compliance that is not a translation caused by a moment;
-    2. prefer the compliance with the fewest rotary components;
+    2. prefer a displacement caused by a force to a rotation caused by a force, and the latter to a
+       rotation caused by a moment;
     3. prefer a compliance at the joint whose axis is the direction of the deflection;
     4. of rotations, prefer a compliance at a joint whose axis lies in the plane of the rotation;
     5. choose the first compliance in alphabetical order.
@@ -488,9 +491,15 @@ def hybrid_jacobian(
     degree: int = 0,
     reference_force_N: float = 0.0,
 ) -> pd.DataFrame:
-    """Return the reading per unit of every parameter of the linear hybrid model.
+    """Return the reading per unit of every parameter of the model, for one circle.
 
-    The table is the matrix J_H of Eq. 28; with the reference force F0 = 0, it is also J_H of Eq.
+    The parameters are compliances, their slopes and geometric errors. The table is the matrix J_H
+    of Eq. 28 of the paper; with the reference force F0 = 0, it is also J_H of Eq. 33. The column of
+    a compliance is F j_C, where j_C is the reading per unit force and compliance. A slope of degree
+    k is a change of the compliance with force; its column is F (F − F0)^k j_C. The compliances are
+    those that this circle alone can separate. Columns are named like the parameters in the results
+    of a fit: first compliances such as C_XXX, then slopes such as C_XXX_1, then geometric errors
+    such as E_XX1.
     33. The column of a compliance is F j_C, where j_C is the reading per unit force and compliance.
     The column of a slope of degree k, which is a change of the compliance with force, is F
     (F − F0)^k j_C. The compliances are those that this circle alone can separate. Columns are named

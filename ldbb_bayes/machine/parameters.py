@@ -1,4 +1,7 @@
-"""Names, kinds and meaning of compliances and geometric errors, as the paper defines them."""
+"""Names, kinds and meaning of compliances and geometric errors.
+
+The definitions are those of the paper, the article on which the model is based.
+"""
 
 from __future__ import annotations
 

@@ -103,7 +103,8 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
     ------
     InputError
         If Dask is not installed, if no scheduler answers, if worker processes cannot start, or if a
-        worker has several threads or other versions of the libraries.
+        worker has several threads or versions of the libraries that differ from those of this
+        process.
     """
     refuse_to_nest()
     try:
@@ -196,11 +197,11 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
-    """Raise an `InputError` for Dask workers with several threads or other library versions.
+    """Raise an `InputError` if a Dask worker has several threads or differing library versions.
 
-    Such workers would fail, or their results would differ from those of this process. If the
-    scheduler has no workers yet, give a warning. ``client`` is Dask's connection to the scheduler,
-    and ``scheduler`` its address, used in messages.
+    A worker with versions that differ from those of this process would fail or give other results.
+    If the scheduler has no workers yet, give a warning. ``client`` is Dask's connection to the
+    scheduler, and ``scheduler`` its address, used in messages.
     """
     versions_by_worker = client.run(partial(versions, python=True), on_error="return")
     if not versions_by_worker:

@@ -47,10 +47,13 @@ class Lost:
 
 @dataclass(frozen=True)
 class _Attempt(Generic[T]):
-    """Attempt to run a job; it is followed by a second one if the worker process dies."""
+    """One attempt to run a job.
+
+    A second attempt is made if the worker process dies during the first.
+    """
 
     index: int  # index of the job, from 0
-    job: T  # argument with which the function is called
+    job: T  # the job: the argument of the call that is made
     is_last: bool  # whether this is the second attempt
 
 
