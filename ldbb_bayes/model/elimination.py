@@ -111,9 +111,9 @@ class Front(NamedTuple):
     columns that are eliminated later. The field ``border`` holds the indices of these m columns.
     """
 
-    #: Rows of the workspace that hold the entries of this front's columns. The workspace is the
-    #: array in which the entries of P are overwritten by those of its Cholesky factor L. A group of
-    #: s columns that changes m later columns has s (s + m + 1) entries.
+    #: Rows of the workspace that hold the entries of all columns of these groups. The workspace is
+    #: the array in which the entries of P are overwritten by those of its Cholesky factor L. A
+    #: group of s columns that changes m later columns has s (s + m + 1) entries.
     entries: slice
     #: Number of groups of columns, number s of columns in a group, and number s + m + 1 of entries
     #: of a column: s entries for the columns of the group, m for the later columns that the group
@@ -156,7 +156,8 @@ class Front(NamedTuple):
     def solve(self, workspace: Array, solution: Array) -> None:
         """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for the columns of this front.
 
-        P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
+        A front consists of groups of columns that are eliminated together. P = Aᵀ D⁻¹ A = L Lᵀ,
+        with the design matrix A, the noise covariance D and the readings r.
         ``workspace``, shape (entries, w), holds the entries of L for w values of the
         hyper-parameters. ``solution``, shape (columns of A, w), is changed in place. When the
         method is called, it must hold L⁻¹ Aᵀ D⁻¹ r in the rows of this front's columns, and the
@@ -211,8 +212,8 @@ class EliminationPlan:
             for family in families:
                 for group in family.groups:
                     start = self._place_group(group, start)
-        #: Number of rows of the workspace: one for each stored entry of P, and a last row that
-        #: receives products that are not needed.
+        #: Number of rows of the workspace: one for each stored entry of P, and a last row for the
+        #: changes of entries that are not stored.
         self.entries = start + 1
         self.fronts = [self._front(families, signs) for families in families_of_fronts]
         self.pivots = self.place[np.arange(size), np.arange(size)]
@@ -316,12 +317,15 @@ class Elimination:
 
     @property
     def fronts(self) -> list[Front]:
-        """Groups of columns that are eliminated together, in the order of their elimination."""
+        """Fronts, in the order in which they are eliminated.
+
+        A front consists of groups of columns that are eliminated at the same time.
+        """
         return self._plan.fronts
 
     @property
     def entries(self) -> int:
-        """Number of rows of the workspace, the array with the entries of P and then of L."""
+        """Number of rows of the workspace, the array in which the Cholesky factor is computed."""
         return self._plan.entries
 
     @property
@@ -399,6 +403,9 @@ class Elimination:
         self, workspace: Array, wanted: NDArray[np.intp], *, lower: Array, white_shift: Array
     ) -> None:
         """Copy the wanted columns of the Cholesky factors L into arrays that the caller provides.
+
+        The entries of L⁻¹ Aᵀ D⁻¹ r for these columns are copied too, where A is the design matrix,
+        D the noise covariance, and r are the readings.
 
         Parameters
         ----------

@@ -95,8 +95,8 @@ class GramEntries:
     Parameters
     ----------
     blocks
-        Blocks of entries. After the entries of all blocks, there is one last entry, which is always
-        zero.
+        Blocks into which the list of all scalar products is divided. The products are called
+        entries. After the last block, the list has one more entry, which is always zero.
     place
         Index, among all entries, of the scalar product of columns i and j, shape (columns, columns
         + 1). The last column is for products with the readings. The index is used only if column i

@@ -647,17 +647,17 @@ class _KnownEstimate(NamedTuple):
 _ESTIMATES: WeakKeyDictionary[Campaign, list[_KnownEstimate]] = WeakKeyDictionary()
 # Largest number of estimates of the machine's parameters that the cache holds for one campaign.
 _KEPT_ESTIMATES = 64
-# Cache of the models that were most recently bound to whole campaigns, the newest last. A bound
-# model can be shared, because a model in the cache is never changed.
+# Cache of bound models: models that were applied to a whole campaign, the newest last. Several
+# analyses can use the same bound model, because a model in the cache is never changed.
 _BOUND_MODELS: list[BoundModel] = []
-# Largest number of models bound to campaigns that the cache holds. An average over models with
-# constant and linear compliance uses sixteen bound models, and a fit of the same campaign may use
-# further bound models.
+# Largest number of bound models (models applied to a campaign) that the cache holds. An average
+# over models with constant and linear compliance uses sixteen bound models, and a fit of the same
+# campaign may use further bound models.
 _KEPT_BOUND_MODELS = 24
 
 
 class BoundModel(Shown):
-    """The model of one campaign: ρ = H β + nuisances + ε, with numerical columns and priors.
+    """The model of one campaign: ρ = H β + nuisances + ε, with priors for this campaign.
 
     ρ are the readings, β the p parameters of interest (compliances, slopes and geometric errors), H
     the readings per unit of each parameter, and ε white noise. Nuisances are effects that are

@@ -79,7 +79,10 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice that selects this batch's hyper-parameter values from the caller's array."""
+        """Slice that selects the values of this batch from the values that the caller gave.
+
+        The values are those of the hyper-parameters.
+        """
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property
@@ -321,9 +324,10 @@ class StructuredGaussian:
         beta: Array | None,
         batch_size: int,
     ) -> Iterator[_Batch]:
-        """Yield, for batches of values of φ, the quantities that elimination needs (`_Batch`).
+        """Yield batches of values of the hyper-parameters φ, one `_Batch` after the other.
 
-        φ are the hyper-parameters, which are the scales of the noise and of nuisances.
+        φ are the scales of the noise and of nuisances. A batch also holds quantities that depend on
+        φ, such as the noise variances, from which the log density of the readings is computed.
 
         Parameters
         ----------

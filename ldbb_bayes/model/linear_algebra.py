@@ -1,4 +1,4 @@
-"""Minimum-norm least squares, square roots of singular covariance matrices, sparse storage."""
+"""Functions for least squares, square roots of covariance matrices, and sparse matrices."""
 
 from __future__ import annotations
 

@@ -85,7 +85,10 @@ class _Node(NamedTuple):
         return self.columns.bit_count(), self.border.bit_count()
 
     def into(self, parent: _Node) -> _Node:
-        """Return a node that combines the columns of this node and of its ``parent``."""
+        """Return a node with the columns of this node and of its ``parent``.
+
+        A node is a set of columns that are eliminated together.
+        """
         border = (self.border | parent.border) & ~parent.columns
         return _Node(self.columns | parent.columns, border)
 
@@ -256,9 +259,10 @@ def _cost(shape: tuple[int, int], copies: int) -> float:
     """
     columns = shape[0]
     border = shape[1]
-    # The s columns of a set are numbered k = 0 … s − 1. For column k, k products are subtracted
-    # from each of its s + border + 1 − k entries on and below the diagonal. ``places`` is the sum
-    # of k over all columns, and ``squares`` is the sum of k².
+    # The s columns of a set are numbered k = 0 … s − 1, and eliminating them changes ``border``
+    # later columns. Column k has s + border + 1 − k entries on and below the diagonal, and each of
+    # them needs k multiplications. ``places`` is the sum of k over all columns, and ``squares`` the
+    # sum of k².
     places = columns * (columns - 1) // 2
     squares = columns * (columns - 1) * (2 * columns - 1) // 6
     multiplications = places * (columns + border + 1) - squares

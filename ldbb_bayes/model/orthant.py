@@ -478,9 +478,9 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Constraints on all vectors, and shifted densities from which the vectors are drawn.
+        """Constraints on the w random vectors, and shifted densities from which they are drawn.
 
-        Constraints that are certain to hold for all vectors of the batch are left out.
+        Constraints that are certain to hold for all w vectors are left out.
         """
         rows = _uncertain_rows(self._mean, self._spread)
         mean = self._mean[:, rows]

@@ -24,8 +24,8 @@ __all__ = ["NearUniform", "Reduced", "reduce_readings"]
 # Largest number of readings of a test that one QR decomposition reduces; it limits the memory used.
 _CHUNK = 8192
 # Departures of a circle from uniformly spaced angles (`NearUniform.departure`, without unit) are
-# neglected if their absolute value is at most this number. They then change a log density by less
-# than 1e-6.
+# neglected if their absolute value is at most this number. They then change the log density of the
+# readings by less than 1e-6.
 _LEAST_DEPARTURE = 1e-6
 # A test counts as an arc instead of a full circle if more than this number of its 25 departures
 # from uniformly spaced angles (`NearUniform.departure`) are significant.

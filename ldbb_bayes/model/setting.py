@@ -48,7 +48,8 @@ _SAME_TIME_H = 1e-9
 # Fourier coefficients of powers |u|^a of a component u of the bar's direction are set to zero if
 # their absolute value is at most this number, because they are then rounding errors.
 _POWER_ROUNDING = 1e-12
-# Largest number of results that the cache for powers of components of the bar's direction holds.
+# Largest number of results that the cache of `_power_of_cosine` holds. A result is a power |u|^a of
+# a component u of the bar's direction.
 _KEPT_POWERS = 256
 # Fourier coefficients of rotated harmonics cos n(θ − ψ), sin n(θ − ψ) are set to zero if their
 # absolute value is below this number, because they are then rounding errors.

@@ -65,7 +65,8 @@ class Proposal(NamedTuple):
     """Random draws from the shifted (tilted) density, and their log importance weights.
 
     There are s draws of d coordinates for each of w sets of constraints: ``x`` has the shape (d, s,
-    w). ``log_weight``, shape (s, w), is ln (exact density / shifted density), up to a constant.
+    w). ``log_weight``, shape (s, w), is ln (f(x) / g(x)), up to a constant. f is the density of x
+    given the constraints, and g is the shifted density.
     """
 
     log_weight: Array
@@ -226,7 +227,8 @@ class Tilted(NamedTuple):
     def log_weight(self, x: Array) -> Array:
         """Return the log importance weights of s points for w sets of constraints, shape (s, w).
 
-        A log weight is ln (exact density / shifted density), up to a constant. The points ``x`` are
+        A log weight is ln (f(x) / g(x)), up to a constant. f is the density of x given the
+        constraints, and g is the shifted density from which x is drawn. The points ``x`` are
         vectors of d elements, shape (d, s, w).
         """
         log_mass = np.zeros(x.shape[1:])

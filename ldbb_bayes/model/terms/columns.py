@@ -41,10 +41,11 @@ Law = Literal["half-normal", "decay", "circle"]
 class Scale(NamedTuple):
     """Hyper-parameter of the model, with its prior.
 
-    Most hyper-parameters are prior sds of coefficients or of noise [mm], and have a half-normal
-    prior. Two kinds, named in the field ``law``, have no unit: ``decay`` is the exponent p (the
-    prior sd of a form error of order n is proportional to n^(−p)), and ``circle`` is the factor λ
-    that multiplies the noise of one circle; λ² has the inverse gamma prior InvGamma(3/2, 3/2).
+    The field ``law`` names the kind of the hyper-parameter. Most hyper-parameters are prior sds of
+    coefficients or of noise [mm], and have a half-normal prior (``half-normal``). The two other
+    kinds have no unit. ``decay`` is the exponent p: the prior sd of a form error of order n is
+    proportional to n^(−p). ``circle`` is the factor λ that multiplies the noise of one circle; λ²
+    has the inverse gamma prior InvGamma(3/2, 3/2).
 
     Examples
     --------
@@ -89,11 +90,11 @@ class Source(NamedTuple):
 
     @property
     def names(self) -> tuple[Hyper, ...]:
-        """Names of the hyper-parameters on which the product depends."""
+        """Names of the hyper-parameters whose product multiplies the prior sd."""
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
-        """Return the value of the product for given hyper-parameters.
+        """Return the factor by which the prior sd is multiplied, for given hyper-parameters.
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of one shape;
         lengths are in mm. The result is a number or an array of the same shape.
