@@ -36,7 +36,8 @@ _ENCODINGS = (
     "euc_jp",
     "cp850",
 )
-# Largest number of lines that are examined. Only lines with letters outside ASCII are examined.
+# Largest number of lines from which the encoding is determined. Only lines with letters outside
+# ASCII are counted.
 _LINES_EXAMINED = 50
 # The guess of the library charset_normalizer is used only for a text with at least this number of
 # bytes outside ASCII.

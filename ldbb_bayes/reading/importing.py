@@ -230,9 +230,10 @@ def _select_tables(
 
 
 def _sheets_of_file(path: Path, layout: Layout, is_only_file: bool) -> list[Sheet]:
-    """Return the sheets of a file. For one of several files, errors advise leaving it out.
+    """Return the sheets of a file.
 
-    The error for an empty file advises this in any case.
+    If several files are imported, an error message advises leaving this file out. The message for
+    an empty file always gives this advice.
     """
     try:
         return read_sheets(

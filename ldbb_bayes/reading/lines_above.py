@@ -174,7 +174,7 @@ _BAR_AND_NUMBER = re.compile(
 # Regular expression for words for the ball bar. Their part "ball" must not be mistaken for a word
 # for another quantity.
 _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
-# Fields of the loads of a test.
+# Fields that state the load of a test: its force and its pressure.
 _LOADS = ("force_N", "pressure_bar")
 # Fields of a test that a line states by one number, and never by a list of numbers.
 _FIELDS_OF_ONE_NUMBER = ("force_N", "pressure_bar", "radius_mm")

@@ -47,7 +47,7 @@ _FEWEST_ROWS = 9
 class _Shown:
     """Rows of numbers that are shown below each other, and the lines above them."""
 
-    above: list[Row]  # lines above the numbers, as one cell each
+    above: list[Row]  # lines above the numbers; each is a row of one cell
     numbers: list[Row]  # rows of numbers; empty for the lines below the last display
 
 
@@ -55,9 +55,10 @@ class _Shown:
 class _Display:
     """Display of a matrix: its lines, header and numbers."""
 
-    lines: list[Row] = field(default_factory=list)  # lines above the header, as one cell each
+    # lines above the header; each is a row of one cell
+    lines: list[Row] = field(default_factory=list)
     header: list[Row] = field(default_factory=list)  # row with the names of all columns, if any
-    numbers: list[Row] = field(default_factory=list)  # rows of numbers, with the factor
+    numbers: list[Row] = field(default_factory=list)  # rows of numbers, multiplied by the factor
     factor: str = ""  # factor as written; empty if there is none
     factor_line: int = 0  # number of the line with the factor; 0 if there is none
 

@@ -388,7 +388,8 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     if n_laps >= _MORE_THAN_A_TURN and not is_sense_stated:
         rises = float(np.median(np.diff(recording.numbers["angle"]))) > 0.0
         other_sense = "CCW"
-        if rises == (run == "CCW"):  # the angles were taken to be counted counter-clockwise
+        # the conversion assumed that the file counts angles counter-clockwise
+        if rises == (run == "CCW"):
             other_sense = "CW"
         raise InputError(
             f"direction must agree with the angles, got {trace.direction} and angles that run {run}"

@@ -341,9 +341,11 @@ def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection 
 
 
 def _unread_in(text: str) -> str:
-    """Return a text or its first segment that may state a direction, but is not understood.
+    """Return the part of a text that may state a direction of travel, but is not understood.
 
-    The result is empty if there is none.
+    The part is the whole text, or its first segment of this kind if the text also names the
+    direction of something else. The result is empty if there is no such part, or if the text is
+    about angles.
     """
     if _is_about_angles(text):
         return ""

@@ -87,11 +87,11 @@ def _states_angles(layout: Layout) -> bool:
 
 
 def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> None:
-    """Add a note on each text above, below or beside the tables from which nothing was taken.
+    """Add a note on each unused text above, below or beside the tables.
 
-    ``recordings`` are the tests in the files. Of a text that states a field of a test or campaign,
-    and of a line that another note on the same file cites, the note shows only the segments from
-    which nothing was taken.
+    A text is unused if nothing was taken from it. Of a text that states a field of a test or
+    campaign, and of a line that another note on the same file cites, the note shows only the unused
+    segments. ``recordings`` are the tests in the files.
     """
     last_lines: dict[Sheet, int] = {}
     for recording in recordings:
