@@ -608,9 +608,10 @@ def _stated(unit: str, draws: Array, prob: float, only_lower_limit: bool = False
 
 
 def _share_within(deviation: Array, expanded: float) -> float:
-    """Return the share of draws that differ from the mean by at most ``expanded``.
+    """Return the share of posterior draws within the mean plus or minus the expanded uncertainty.
 
-    ``deviation``, shape (draws,), are the differences between the draws and their mean.
+    ``deviation``, shape (draws,), holds the draws minus their mean, and ``expanded`` is the
+    expanded uncertainty.
     """
     return float(np.mean(np.abs(deviation) <= expanded))
 

@@ -77,8 +77,8 @@ class GumComparison(Result):
     high: float  #: upper endpoint of the equal-tailed interval of the posterior distribution
     error: float  #: numerical error of ``low`` and ``high``: twice the larger standard error
     tolerance: float  #: numerical tolerance δ; it follows from ``GumValidation.digits`` and ``sd``
-    #: largest number of significant digits, 0 to 2, for which the two intervals agree within the
-    #: numerical tolerance; ``sd`` is the standard uncertainty that is rounded to these digits
+    #: largest number of significant digits of ``sd``, from 0 to 2, for which the two intervals
+    #: agree within the numerical tolerance
     digits: int
 
     @property

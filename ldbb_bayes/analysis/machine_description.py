@@ -260,8 +260,8 @@ def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[
 
     Planes in which the parameter changes no reading are left out. For each plane, ``jacobians``
     holds the change of the reading per unit of each parameter, shape (radii, angles, parameters).
-    ``column`` is the index of the parameter. ``degree`` is the number of factors cos θ and sin θ in
-    those terms of the formula that do not contain the radius.
+    ``column`` is the index of the parameter. ``degree`` is ``_COMPLIANCE_DEGREE`` for a compliance
+    and ``_GEOMETRIC_DEGREE`` for a geometric error.
     """
     formulas = {}
     for plane, jacobian in jacobians.items():
@@ -277,8 +277,8 @@ def _monomials(values: Array, degree: int) -> list[_Monomial]:
     The formula contains the radius R, c = cos θ and s = sin θ, for the angle θ of the circle.
 
     ``values``, shape (radii, angles), are the sampled values at the radii ``_RADII_MM`` and the
-    angles ``_ANGLES_RAD``. ``degree`` is the number of factors c and s in those terms that do not
-    contain R.
+    angles ``_ANGLES_RAD``. ``degree`` is the number of factors c and s in a term without R: 2 for
+    c², c s and s². Each factor R adds one factor c or s.
     """
     by_radius_power = np.linalg.solve(np.vander(_RADII_MM, increasing=True), values)
     threshold = _ROUNDING * max(np.abs(values).max(), 1.0)

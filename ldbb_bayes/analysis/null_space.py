@@ -71,8 +71,9 @@ class NullSpace:
         the values of the m coefficients in a combination that changes no reading. The pivot is the
         index of the coefficient that has the value one and whose effect the other coefficients
         cancel. The search begins with combinations of parameters alone. Combinations of one
-        nuisance with parameters that are not pivots follow, and then all other combinations. A
-        nuisance is left out if its effect alone changes no reading noticeably.
+        nuisance coefficient with those parameters that have not become pivots follow, and then all
+        other combinations. A nuisance coefficient is left out if its effect alone changes no
+        reading noticeably.
         """
         columns = np.arange(len(self.largest))
         is_parameter = columns < self.parameters

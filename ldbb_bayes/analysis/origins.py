@@ -141,11 +141,12 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object, ...] | None:
     """Return the three values that determine the prior sd of a coefficient.
 
-    The result is (number, sources, stated):
+    The result holds three values:
 
-    - ``number`` is the prior sd, or a factor of it if there are ``sources``;
-    - ``sources`` states which hyper-parameters the number is multiplied by;
-    - ``stated`` is the part of the prior sd that is not multiplied by hyper-parameters, because the
+    - the prior sd, or a factor of it if the prior sd is proportional to hyper-parameters;
+    - the hyper-parameters by which this factor is multiplied;
+    - the part of the prior sd that is not multiplied by hyper-parameters, because the user or a
+      certificate states it.
       user or a certificate states it.
 
     Return None if the term has no coefficient of this name.
@@ -226,10 +227,10 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
 
 
 def _noises_of(bound: BoundModel) -> Mapping[str, tuple[Columns | BasisNoise, ...]]:
-    """Return, for each model term, the columns of coefficients that differ from test to test.
+    """Return the columns of all coefficients that have a separate value in each test.
 
-    A column is the change of the readings per unit of a coefficient. A coefficient that has a
-    separate value in each test acts as noise. The keys are class names of model terms.
+    Such coefficients act as noise. A column is the change of the readings per unit of a
+    coefficient. The keys of the result are class names of model terms.
     """
     noises = {}
     for kind, columns in bound.columns_of.items():

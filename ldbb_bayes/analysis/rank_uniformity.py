@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Number of bisections in the search for the probability of the binomial intervals; the error of
-# this probability is then below 1e-12.
+# Number of bisections in the search for the probability that a number of ranks is outside its
+# binomial interval; the error of this probability is then below 1e-12.
 _BISECTIONS = 40
 
 
@@ -65,11 +65,11 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     more_than = bdtrc(counts, replicates, level)
 
     def pointwise_intervals(excluded: float) -> tuple[Array, Array]:
-        """Return lower and upper limits of the number of ranks up to each k, shape (draws,) each.
+        """Return limits of the number of ranks that are at most k, shape (draws,) each.
 
-        For each k = 0 … draws − 1, the number of ranks that are at most k has a binomial
-        distribution, if the ranks are uniform. The probability that this number is outside its
-        limits is at most ``excluded``.
+        The result holds the lower and the upper limits for k = 0 … draws − 1. If the ranks are
+        uniform, the number of ranks that are at most k has a binomial distribution. The probability
+        that this number is outside its limits is at most ``excluded``.
         """
         lower = (at_most < 0.5 * excluded).sum(axis=0)
         upper = (more_than > 0.5 * excluded).sum(axis=0)

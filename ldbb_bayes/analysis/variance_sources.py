@@ -107,10 +107,11 @@ class ModelVariance:
     def errors(self) -> dict[tuple[str, Origin], Array]:
         """Return the covariance of the q quantities that each source causes, shape (q, q).
 
-        A source is a model term, the reading noise or the prior of a parameter. Its covariance
-        describes the errors of the quantities that it causes together. A key consists of the name
-        of the term, noise or parameter, and the origin of the source. The covariances are scaled so
-        that the sum of their diagonals is ``sd``², the variances of the quantities.
+        A source is a model term, the reading noise or the prior of a parameter. A source causes
+        errors of several quantities at once, and its covariance describes these errors. A key
+        consists of the name of the term, noise or parameter, and the origin of the source. The
+        covariances are scaled so that the sum of their diagonals is ``sd``², the variances of the
+        quantities.
         """
         drawn = self.sd / np.sqrt(np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1))
         scale = np.outer(drawn, drawn)

@@ -42,8 +42,9 @@ __all__ = [
 # computed; ``_CURVE_POINTS`` is the number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
-# Number of parameter draws at each value of the hyper-parameters. If there would then be fewer than
-# ``_FEWEST_NODES`` values of the hyper-parameters for a model, fewer draws are made at each value.
+# Number of draws of the parameters at each value of the hyper-parameters. Fewer draws are made at
+# each value if a model would otherwise have fewer than ``_FEWEST_NODES`` values of the
+# hyper-parameters.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
 # A subset of slopes states which compliances change with force. If at most ``_ALL_SUBSETS`` subsets

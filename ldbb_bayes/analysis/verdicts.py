@@ -167,7 +167,7 @@ class ParameterIdentifiability(Result):
     remedy: Remedy | None
     #: ``remedy`` together with a second remedy, if the parameter is still confounded after
     #: ``remedy`` alone. None if ``remedy`` is None, if the parameter is no longer confounded after
-    #: it, or if no second remedy reduces the standard uncertainty by more than a further 10 %.
+    #: it, or if no second remedy reduces the remaining standard uncertainty by more than 10 %.
     paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter, composed of mm, N and rad
     prior_mean: Number  #: prior mean of the parameter; NaN for a flat prior
@@ -547,17 +547,17 @@ class JudgedQuantities(NamedTuple):
 def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """Return verdicts on a posterior's parameters and on its compliances' changes with force.
 
-    The verdicts are identified, prior-limited or confounded. The verdicts on the parameters are the
+    Each verdict is identified, prior-limited or confounded. The verdicts on the parameters are the
     same as in `judge_posterior`. The change of a compliance is its value at the largest force
     tested minus its value at the smallest. The verdict on a change is determined by the same rules,
-    from posterior draws of the change. The posterior may be an average over models. In this case,
-    the prior variance of a change is the unweighted mean of its prior variances under all models
-    that have posterior draws.
+    from posterior draws of the change. If the posterior is an average over models, the prior
+    variance of a change is the mean of its prior variances under the models, all with the same
+    weight; models without posterior draws are left out.
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
-    # Use the model that has all parameters, and therefore every change of a compliance with force.
-    # `curve_changes` states the parameters on which each change depends.
+    # ``bound`` is the model that has all parameters, and therefore every change of a compliance
+    # with force.
     phi = np.concatenate([model.phi for model in models]).mean(axis=0)
     all_changes = curve_changes(bound, information_of(bound, phi))
     variances = [_variance_of_model(model, all_changes) for model in models]
@@ -577,9 +577,10 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
 def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
     """Return the variances of all parameters, then of changes with force, under one model.
 
-    ``changes`` holds every change of a compliance with force that occurs in at least one of the
-    averaged models; the keys are names of compliances. If a change does not occur in this model,
-    its weights in the field ``ModelVariance.weights`` are zero.
+    ``model`` is one of several models whose results are averaged. ``changes`` holds the changes of
+    compliances with force that occur in any of these models; the keys are names of compliances. If
+    a change does not occur in ``model``, its weights in the field ``ModelVariance.weights`` are
+    zero.
     """
     bound = model.bound
     information = information_of(bound, model.phi.mean(axis=0))

@@ -440,18 +440,19 @@ class _TableOrder(NamedTuple):
     """Sort key for the order of compliances in Table 1 of the paper."""
 
     rotations: int  # number of rotary components of the compliance: 0, 1 or 2
-    # position of the compliance's displacement or rotation in the order of Table 1 of the paper
+    # position of the displacement or rotation (i of C_ijk) in Table 1 of the paper
     twist: int
-    wrench: int  # position of the compliance's force or moment in the order of Table 1 of the paper
-    joint: int  # position of the compliance's joint in the order of Table 1 of the paper
+    wrench: int  # position of the force or moment (j of C_ijk) in Table 1 of the paper
+    joint: int  # position of the joint (k of C_ijk) in Table 1 of the paper
 
 
 def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
     """Return the sort key of a compliance for the order of Table 1 of the paper.
 
     ``name`` is the name of the compliance and ``machine`` the machine that has the compliance.
-    Translations caused by forces come first, then rotations caused by forces, then rotations caused
-    by moments. Joints are in the order in which the names of the tested planes list the axes.
+    Displacements caused by forces come first, then displacements caused by moments and rotations
+    caused by forces, and last rotations caused by moments. Joints are in the order in which the
+    names of the tested planes list the axes.
     """
     joints = [joint.axis for joint in machine.joints]
     rigid = [axis for axis in LINEAR if axis not in joints]

@@ -139,7 +139,7 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
 
 
 class _DaskExecutor(Executor):
-    """Executor of threads, each of which waits for the result of one job in a Dask worker."""
+    """Executor whose threads send jobs to Dask workers; each thread waits for one job at a time."""
 
     def __init__(self, client: Any) -> None:
         self._client = client

@@ -107,7 +107,7 @@ class _Answer(NamedTuple):
 
 
 class _ProcessPool(Executor):
-    """Executor of threads, each of which sends its jobs to one worker process."""
+    """Executor with one thread for each worker process; the thread sends jobs to this process."""
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
