@@ -84,18 +84,18 @@ class Update(NamedTuple):
     1, and for j from ``first`` to m.
     """
 
-    #: Slice of the list of all groups of columns that are eliminated together. The slice selects
-    #: the groups to which this update applies. Groups that change the same later columns are
-    #: adjacent in the list.
+    #: Slice that selects groups of columns from the list of the groups that are eliminated at the
+    #: same time. This object describes the changes caused by the selected groups. Groups that
+    #: change the same columns are adjacent in the list.
     groups: slice
-    #: Number of different sets of later columns that the groups change. Each set is called a border
-    #: and has m columns. No column belongs to two of these sets.
+    #: Number of different sets of columns that change when the groups are eliminated. Each set is
+    #: called a border and has m columns. No column belongs to two of these sets.
     borders: int
-    #: Smallest i of the entries P_ij that this update changes. i is the number, from 0, of one of
-    #: the m later columns.
+    #: Smallest i of the changed entries P_ij. i is the number, from 0, of one of the m columns that
+    #: change when a group of columns is eliminated.
     first: int
-    #: One more than the largest i of the entries P_ij that this update changes. i is the number,
-    #: from 0, of one of the m later columns.
+    #: One more than the largest i of the changed entries P_ij. i is the number, from 0, of one of
+    #: the m columns that change when a group of columns is eliminated.
     stop: int
     #: Rows of the workspace (the array with the entries of P) that hold the changed entries P_ij,
     #: shape (borders, stop − first, m + 1 − first), where m is the number of later columns that a
@@ -157,11 +157,11 @@ class Front(NamedTuple):
         """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for the columns of this front.
 
         A front consists of groups of columns that are eliminated together. P = Aᵀ D⁻¹ A = L Lᵀ,
-        with the design matrix A, the noise covariance D and the readings r.
-        ``workspace``, shape (entries, w), holds the entries of L for w values of the
-        hyper-parameters. ``solution``, shape (columns of A, w), is changed in place. When the
-        method is called, it must hold L⁻¹ Aᵀ D⁻¹ r in the rows of this front's columns, and the
-        coefficients in the rows of all columns that are eliminated after this front.
+        with the design matrix A, the noise covariance D and the readings r. ``workspace``, shape
+        (entries, w), holds the entries of L for w values of the hyper-parameters. ``solution``,
+        shape (columns of A, w), is changed in place. When the method is called, it must hold
+        L⁻¹ Aᵀ D⁻¹ r in the rows of this front's columns, and the coefficients in the rows of all
+        columns that are eliminated after this front.
         """
         columns = self.shape[1]
         matrix = workspace[self.entries].reshape(*self.shape, workspace.shape[1])

@@ -141,8 +141,8 @@ class HybridModel(Result):
     reference_force_N: float | None = None
     #: name of the preset from which the model was made: default, first or paper
     preset: Preset = "default"
-    #: names of the parameters of interest that are fixed at zero, such as C_XYX_1; unknown names
-    #: are refused when the model is bound to a campaign
+    #: names of the parameters of interest that are fixed at zero, such as C_XYX_1; names that a
+    #: campaign does not have are refused when the model is applied to it
     fixed: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -642,8 +642,8 @@ class _KnownEstimate(NamedTuple):
 
 
 # Cache of estimated machine parameters. For each campaign, it holds one estimate for each model,
-# the newest last. An estimate always uses all tests of the campaign, even if the bound model leaves
-# tests out.
+# the newest last. An estimate always uses all tests of the campaign, even if the model is applied
+# to only some of the tests.
 _ESTIMATES: WeakKeyDictionary[Campaign, list[_KnownEstimate]] = WeakKeyDictionary()
 # Largest number of estimates of the machine's parameters that the cache holds for one campaign.
 _KEPT_ESTIMATES = 64

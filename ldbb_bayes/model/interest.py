@@ -45,8 +45,8 @@ class Parameter:
     #: prior is flat
     prior_sd: float
     group: Group
-    #: power of F − F0 (force minus reference force) that multiplies a slope; 0 for compliances and
-    #: geometric errors
+    #: exponent k of the factor (F − F0)^k by which a slope is multiplied (force minus reference
+    #: force); 0 for compliances and geometric errors
     degree: int = 0
     #: mean of the parameter's prior, in internal units (mm, N, rad); zero if the prior is flat
     prior_mean: float = 0.0

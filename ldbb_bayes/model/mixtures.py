@@ -85,10 +85,10 @@ def _mixture_quantile(
     sd: Array,
     level: float,
 ) -> Array:
-    """Return the quantile at one probability of n mixtures of k Gaussians, shape (n,).
+    """Return one quantile of each of n mixtures of k Gaussians, shape (n,).
 
-    ``level`` is the probability. ``weight``, ``mean`` and ``sd`` are the weights, means and
-    standard deviations of the Gaussians, each of shape (k, n).
+    ``level`` is the probability of the quantile. ``weight``, ``mean`` and ``sd`` are the weights,
+    means and standard deviations of the Gaussians, each of shape (k, n).
     """
     component_quantiles = mean + ndtri(level) * sd
     low = component_quantiles.min(axis=0)

@@ -130,11 +130,10 @@ class _Rotated(NamedTuple):
     """Matrices of one test after its m reduced readings are multiplied by a matrix Q.
 
     Reduced readings are the at most 25 numbers that replace the readings of the test. Q is chosen
-    so that the covariance of all noise in the test becomes diagonal. ``rotation`` is Q,
-    shape (m, m). ``factor`` is Q R, where R, shape (m, 25), turns the test's 25 Fourier
-    coefficients into its reduced readings. ``noise_sd`` holds one array of shape (m,) for each
-    noise term: the sd of the noise in each of the m rows, divided by the hyper-parameter that
-    scales this noise.
+    so that the covariance of all noise in the test becomes diagonal. ``rotation`` is Q, shape (m,
+    m). ``factor`` is Q R, where R, shape (m, 25), turns the test's 25 Fourier coefficients into its
+    reduced readings. ``noise_sd`` holds one array of shape (m,) for each noise term: the sd of the
+    noise in each of the m rows, divided by the hyper-parameter that scales this noise.
     """
 
     rotation: Array
@@ -221,9 +220,9 @@ def observation_equations(
     first = len(rows.variance) - len(private_signs)
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
-    # The rows of circles with nearly uniform angles were multiplied by a matrix with the log
-    # determinant −½ Σ ln(1 + departure) (see `NearUniform` for ``departure``). This log determinant
-    # is added to the log density as a constant.
+    # If all circles have nearly uniform angles, the reduced readings of each test were multiplied
+    # by a matrix with the log determinant −½ Σ ln(1 + departure) (see `NearUniform` for
+    # ``departure``). This log determinant is added to the log density as a constant.
     if all_uniform:
         for r, test in enumerate(near_uniform):
             log_constants[r] -= 0.5 * np.log1p(test.departure).sum()
@@ -382,7 +381,7 @@ def _stack_values(terms: Sequence[Columns], tests: int) -> Array:
 
 
 def _concatenate(blocks: Sequence[Rows]) -> Rows:
-    """Return one set of observation equations with the rows of all ``blocks``, in their order."""
+    """Return several sets of observation equations (``blocks``) as one set, in the same order."""
     return Rows(
         columns=np.concatenate([block.columns for block in blocks]),
         interest=np.concatenate([block.interest for block in blocks]),

@@ -53,7 +53,7 @@ class Truncation:
 
     @property
     def active(self) -> bool:
-        """Whether there is any constraint, that is, whether A has rows."""
+        """Whether there is any constraint, that is, whether the matrix of constraints has rows."""
         return len(self.rows) > 0
 
     def holds(self, beta: Array) -> Array:
@@ -88,8 +88,8 @@ class Truncation:
         p = self.rows.shape[1]
         bounds = np.empty((p, 2))
         for j in range(p):
-            # Put the parameter with the index j first, because _support bounds the first
-            # coordinate.
+            # Put the parameter with the index j first, because `_support` computes limits for the
+            # first coordinate only.
             reordered = [j, *(k for k in range(p) if k != j)]
             bounds[j] = _support(self.rows[:, reordered], np.zeros(len(self.rows)))
         return bounds

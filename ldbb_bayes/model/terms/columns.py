@@ -21,12 +21,12 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# Lists of the model's coefficients state the nuisance term of each coefficient by the name of its
-# class. For parameters of interest, which belong to no nuisance term, they state this word.
+# The coefficients of a model are listed with the class name of the nuisance term to which each of
+# them belongs. Parameters of interest belong to no nuisance term and are listed with this word.
 OWN = "Parameters"
-# Lists of the model's sources of noise state the nuisance term of each source by the name of its
-# class. For the white noise of the readings, which belongs to no nuisance term, they state this
-# word.
+# The sources of noise of a model are listed with the class name of the nuisance term to which each
+# of them belongs. The white noise of the readings belongs to no nuisance term and is listed with
+# this word.
 NOISE = "ReadingNoise"
 # Reference order for the scale τ of the balls' form errors and the scale ω of the machine's errors
 # of higher orders. For harmonics cos nθ, sin nθ of this order n, prior sds follow from the scales
