@@ -23,6 +23,7 @@ from ldbb_bayes.reading.words import (
     UNITS,
     WORDS,
     comparable,
+    unit_in_shares,
     unit_named,
 )
 
@@ -69,6 +70,8 @@ _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 # Regular expression for a header in which the program R has replaced brackets by dots, such as
 # ``force..lbf.``.
 _DOTS_FOR_BRACKETS = re.compile(r"(?P<name>.*?\w)\.\.(?P<unit>[^\W\d_]+)\.")
+# Regular expression for a header of words with dots between them, as the program R writes them.
+_DOTS_FOR_BLANKS = re.compile(r"[^\W\d_]+(?:\.[^\W\d_]+)+\.?")
 # Regular expression for a word which shows that the next word is not a unit, such as "of" in "Angle
 # of turn".
 _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
@@ -114,14 +117,25 @@ def unit_of(header: str) -> Header:
 
 
 def _unit_between_dots(header: str) -> Header | None:
-    """Return name and unit of a header in which the program R has replaced brackets by dots.
+    """Return name and unit of a header in which the program R has put dots for other characters.
 
-    An example is ``force..lbf.`` for ``force [lbf]``. Return None for any other header.
+    Examples are ``force..lbf.`` for ``force [lbf]``, and ``deviation.thousandths.of.an.inch``.
+    Return None for any other header.
     """
-    match = _DOTS_FOR_BRACKETS.fullmatch(header.strip()[:LONGEST_NAME])
-    if match is None or not unit_named(match["unit"]):
+    header = header.strip()[:LONGEST_NAME]
+    match = _DOTS_FOR_BRACKETS.fullmatch(header)
+    if match is not None and unit_named(match["unit"]):
+        return Header(match["name"].replace(".", " "), unit_named(match["unit"]))
+    if _DOTS_FOR_BLANKS.fullmatch(header) is None:
         return None
-    return Header(match["name"].replace(".", " "), unit_named(match["unit"]))
+    words = header.strip(".").split(".")
+    for k in range(1, len(words)):
+        unit = " ".join(words[k:])
+        if _BEFORE_NO_UNIT.fullmatch(words[k - 1]):
+            continue
+        if unit_named(unit) or unit_in_shares(unit):
+            return Header(" ".join(words[:k]), unit_named(unit) or unit)
+    return None
 
 
 def _contradicts(word: str, unit: str) -> bool:
@@ -190,6 +204,8 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
     if is_german_angle and len(texts) == 1 and comparable(texts[0]) == "grad":
         # In German, Grad means degree; in other languages a grad is a hundredth of a right angle.
         return "deg"
+    if len(texts) == 1 and unit_in_shares(texts[0]):
+        return texts[0]
     units = {unit_named(text) for text in texts} - {""}
     if len(units) == 1 and not is_scaled:
         return units.pop()

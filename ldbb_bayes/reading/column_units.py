@@ -16,15 +16,13 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.sexagesimal import SECONDS_UNIT, names_sexagesimal
 from ldbb_bayes.reading.unit_lines import COUNT
-from ldbb_bayes.reading.words import UNITS, WORDS, comparable, scaled_unit, size_of_unit
+from ldbb_bayes.reading.words import SHARE, UNITS, comparable, scaled_unit, size_of_unit
 from ldbb_bayes.results import Array
 
 __all__ = ["is_unit_stated", "unit_size"]
 
 # Word that messages show as the unit of a row that has no unit.
 _NO_UNIT = "none"
-# Regular expression for a word for a fraction of a unit, such as tenths.
-_SHARE = re.compile(rf"(?<!\w)(?:{WORDS['unit_lines']['share']})(?!\w)", re.IGNORECASE)
 # An error message shows at most this number of characters of a unit from a file.
 _UNIT_SHOWN = 40
 
@@ -136,7 +134,7 @@ def _size_in(recording: Recording, role: str, unit: str, source: str) -> float:
     size = size_of_unit(role, unit)
     if size is None:
         cure = _option(role)
-        if role == "reading" and _SHARE.search(unit):
+        if role == "reading" and SHARE.search(unit):
             cure += " ('0.1 mil' for tenths of a thou, which are 0.0001 inch; '0.01 mm' for"
             cure += " hundredths of a millimetre)"
         elif role == "angle" and names_sexagesimal(unit):

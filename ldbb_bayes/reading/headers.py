@@ -159,7 +159,7 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
 def _unit_of_reading(header: str) -> str:
     """Return the unit of readings from a header such as 36 N [mm], which may also state a load."""
     without_load = LOAD_IN_NAME.sub("", header[:LONGEST_TEXT])
-    return unit_of(f"reading {without_load}").unit
+    return unit_of(without_load).unit or unit_of(f"reading {without_load}").unit
 
 
 def _no_header(sheet: Sheet, block: int) -> _HeaderRows:

@@ -30,6 +30,7 @@ from ldbb_bayes.reading.reading_sign import sign_of_readings
 from ldbb_bayes.reading.recording import AssumedUnit, Recording, option_for
 from ldbb_bayes.reading.stated_values import quantity_of
 from ldbb_bayes.reading.travel_direction import unread_direction
+from ldbb_bayes.reading.words import UNITS
 from ldbb_bayes.results import Array
 
 __all__ = ["Trace", "trace_of"]
@@ -50,6 +51,9 @@ _MICROMETRES = AssumedUnit("um", "")
 # Fewest readings in one turn of a test whose table has times instead of angles. If a turn has
 # fewer, the times are probably in another unit than was assumed.
 _FEWEST_READINGS_OF_TURN = 9
+# Fewest angles in one turn of a test with several turns. If a turn has fewer, the angles are
+# probably in another unit.
+_FEWEST_ANGLES_OF_TURN = 4
 # A test whose angles cover more than this number of turns holds several laps, or a run-in and
 # run-out in addition to its circle.
 _MORE_THAN_A_TURN = 1.02
@@ -149,9 +153,27 @@ def _angles_of_column(recording: Recording) -> Array:
         )
     assumed = recording.assumed_units.get("angle", _DEGREES)
     size = unit_size(recording, "angle", assumed.unit, assumed.reason)
+    _check_unit_of_angles(recording, raw * size)
     convention = angle_convention(recording, _plane_of(recording))
     angle = convention.sign * (raw * size - convention.offset_deg)
     return np.unwrap(angle, period=TURN_DEG)
+
+
+def _check_unit_of_angles(recording: Recording, angle_deg: Array) -> None:
+    """Raise an error if angles turn so far from reading to reading that their unit must be wrong.
+
+    ``angle_deg`` are the angles of all readings, shape (n,) [deg].
+    """
+    n_turns = float(np.ptp(angle_deg)) / TURN_DEG
+    n_readings = len(angle_deg)
+    if n_turns > _MORE_THAN_A_TURN and n_readings < _FEWEST_ANGLES_OF_TURN * n_turns:
+        raise OpenQuestionError(
+            f"{recording.place}: a turn must have {_FEWEST_ANGLES_OF_TURN} angles or more, got"
+            f" {n_readings} in {n_turns:.4g} turns. Say in which unit the angles are:"
+            " --angle-unit.",
+            "angle_unit",
+            list(UNITS["angle"]),
+        )
 
 
 def _plane_of(recording: Recording) -> str:

@@ -11,10 +11,12 @@ from ldbb_bayes.reading.words import (
     LONGEST_NAME,
     LONGEST_TEXT,
     ROLES,
+    SHARE,
     UNITS,
     WORDS,
     comparable,
     scaled_unit,
+    shares_mentioned,
     size_of_unit,
     unit_named,
 )
@@ -56,8 +58,9 @@ _BETWEEN_UNITS = re.compile(r"[\s;,|/()\[\]\-–#%]*")
 _REVISION = re.compile(_WORDS["revision"], re.IGNORECASE)
 # Largest factor of a unit of angle in a list. A larger number, as in 360 deg, is a range.
 _LARGEST_ANGLE_FACTOR = 10.0
-# Regular expression for a word for a fraction of a unit, such as thousandths.
-_SHARE = re.compile(rf"(?<!\w)(?:{_WORDS['share']})(?!\w)", re.IGNORECASE)
+# Regular expression for words, such as "resolution", for properties of an instrument that may be
+# stated as a fraction of a unit.
+_PROPERTY = re.compile(rf"(?<!\w)(?:{_WORDS['property']})(?!\w)", re.IGNORECASE)
 # Regular expression for a line that is nothing but a label and a unit, such as "Units - mm".
 _BARE_LINE = re.compile(
     rf"\W*(?:(?:{_WORDS['filling']})\s)*(?:{_WORDS['label']})\s*[-–(\[]?\s*"
@@ -74,6 +77,8 @@ _UNIT_ALONE = re.compile(
 # Regular expression for the word "in" beside a sign, as in "+ = in". The word then means inward and
 # not inches.
 _SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*", re.IGNORECASE)
+# Regular expression for the signs between two pairs of a quantity and its unit.
+_BETWEEN_PAIRS = re.compile(r"[;,|\t](?!\d)|\s{2,}(?=[^\W\d]+\s*[:=])")
 # Regular expression for a pair of a quantity and its unit, such as "Angle: deg".
 _PAIR = re.compile(r"\s*(?P<label>[^:=]+)[:=](?P<unit>[^:=]+)")
 # Regular expression for a factor of ten in front of a unit, such as 10, 0.1 or 1/100. A quantity
@@ -201,7 +206,7 @@ def _units_of_pairs(text: str) -> dict[str, str]:
     one of the pairs states a value, as in ``Angle: deg; Deviation: 5 µm``.
     """
     units: dict[str, str] = {}
-    pairs = re.split(r"[;,|\t](?!\d)", text.strip(" ;,|\t"))
+    pairs = _BETWEEN_PAIRS.split(text.strip(" ;,|\t"))
     for pair in pairs:
         match = _PAIR.fullmatch(pair)
         if match is None or _OTHER.search(match["label"]):
@@ -221,8 +226,9 @@ def _units_of_pairs(text: str) -> dict[str, str]:
 def _unit_of_pair(role: str, label: str, text: str) -> str:
     """Return the unit of a quantity; empty if the text is a value or no unit of the quantity.
 
-    Only a unit of readings may have a factor, which must be a power of ten. ``role`` is the role of
-    a column that holds the quantity, and ``label`` the quantity as the line names it.
+    Only a unit of readings or angles may have a factor, which must be a power of ten, and less than
+    one for angles. ``role`` is the role of a column that holds the quantity, and ``label`` the
+    quantity as the line names it.
     """
     if comparable(text) == "grad" and "winkel" in comparable(label):
         return "deg"  # in German, Grad means degree
@@ -230,9 +236,16 @@ def _unit_of_pair(role: str, label: str, text: str) -> str:
     if not unit or unit.split()[-1] not in UNITS[role]:
         return ""
     has_number = re.match(r"\W*\d", text) is not None
-    if has_number and (role != "reading" or not _FACTOR_OF_TEN.match(text)):
+    if has_number and not _may_be_factor(role, text):
         return ""
     return unit
+
+
+def _may_be_factor(role: str, text: str) -> bool:
+    """Return whether a text begins with a number that may be the factor of a unit of ``role``."""
+    if _FACTOR_OF_TEN.match(text) is None:
+        return False
+    return role == "reading" or (role == "angle" and re.match(r"1\s?/|0[.,]", text) is not None)
 
 
 def _units_of_list(text: str) -> dict[str, str]:
@@ -316,7 +329,7 @@ def _has_unread_factor(text: str) -> bool:
 
     Examples are x 10 µm, µm/10 and thousandths of a mm.
     """
-    if _SHARE.search(text) or _FACTOR_BEHIND.search(text):
+    if SHARE.search(text) or _FACTOR_BEHIND.search(text):
         return True
     return _FACTOR.match(text) is not None and not scaled_unit(text)
 
@@ -470,6 +483,9 @@ def unit_mentioned(text: str) -> str:
     with_factor = _UNREAD_FACTOR.search(words)
     if with_factor is not None and unit_named(with_factor[0].split()[-1]) in UNITS["reading"]:
         return with_factor[0]
+    shares = shares_mentioned(words)
+    if shares and not _PROPERTY.search(words):
+        return shares
     for match in _MENTIONED.finditer(words):
         unit = unit_named(match["unit"])
         is_word = comparable(match["unit"]) in _ALSO_WORDS or len(match["unit"]) < 2

@@ -10,11 +10,13 @@ import re
 
 from ldbb_bayes.reading.words import (
     LONGEST_TEXT,
+    SHARE,
     UNITS,
     WORDS,
     comparable,
     scaled_unit,
     size_of_unit,
+    unit_in_shares,
     unit_named,
 )
 
@@ -30,6 +32,8 @@ _STATED_IN = {
     )
     for role, words in {"reading": "readings_in", "angle": "angles_in"}.items()
 }
+# Regular expression for the beginning of a line such as "Readings: tenths of a micron".
+_ANNOUNCED = re.compile(rf"\W*{_WORDS['readings_in']}\s*[:=;|\t]\s*(?P<unit>[^;|\t(\[.,]+)", re.I)
 # Regular expression for the words after "in", and for a remark in brackets after these words.
 _PHRASE = re.compile(
     r"(?P<phrase>(?:[^;|\t()\[\].,]|[.,](?=\d))*)(?:[(\[](?P<remark>[^)\]]*)[)\]])?(?P<behind>.*)"
@@ -52,9 +56,7 @@ _FRACTION = re.compile(
     r"(?<![\w.,/])(?P<fraction>0[.,]0*1|1\s?/\s?10+)\s?(?P<unit>[^\W\d_]+|\")(?![\w/])"
 )
 # Regular expression for a word for a fraction of a unit, such as thousandths, or for one count.
-_SHARE_OR_COUNT = re.compile(
-    rf"(?<!\w)(?:{_WORDS['share']}|{_WORDS['count']})(?!\w)", re.IGNORECASE
-)
+_SHARE_OR_COUNT = re.compile(rf"{SHARE.pattern}|(?<!\w)(?:{_WORDS['count']})(?!\w)", re.IGNORECASE)
 # Regular expression for units of readings that are not units of length, such as V.
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 # Regular expression for words for other quantities, such as the radius.
@@ -74,6 +76,9 @@ def units_in_sentences(text: str) -> dict[str, str]:
     bracketed = _IN_BRACKETS.match(text)
     if bracketed is not None and _is_of_role(scaled_unit(bracketed["unit"]), "reading"):
         stated["reading_unit"] = scaled_unit(bracketed["unit"])
+    announced = _ANNOUNCED.match(text)
+    if announced is not None and _is_unit_in_words(announced["unit"]):
+        stated["reading_unit"] = announced["unit"].strip()
     for role, pattern in _STATED_IN.items():
         match = pattern.search(text)
         if match is None:
@@ -89,6 +94,14 @@ def units_in_sentences(text: str) -> dict[str, str]:
         if unit:
             stated[f"{role}_unit"] = unit
     return stated
+
+
+def _is_unit_in_words(text: str) -> bool:
+    """Return whether a text is a unit of readings without a number, or a fraction in words."""
+    is_plain = unit_named(text.strip()) in UNITS["reading"]
+    # A word such as "tenths" alone leads to an error later, because it does not say of which unit.
+    is_share_alone = _SHARE_OR_COUNT.fullmatch(text.strip()) is not None
+    return is_plain or is_share_alone or _is_of_role(unit_in_shares(text), "reading")
 
 
 def _is_of_role(unit: str, role: str) -> bool:

@@ -18,11 +18,14 @@ __all__ = [
     "LONGEST_TEXT",
     "OTHER_QUANTITY",
     "ROLES",
+    "SHARE",
     "UNITS",
     "WORDS",
     "comparable",
     "scaled_unit",
+    "shares_mentioned",
     "size_of_unit",
+    "unit_in_shares",
     "unit_named",
 ]
 
@@ -39,6 +42,8 @@ _LONGEST_UNIT = 40
 _SCALED_UNIT = re.compile(
     r"(?P<inverse>1/)?(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
 )
+
+_SHARE_SIZES = {"tenth": 0.1, "hundredth": 0.01, "thousandth": 0.001, "ten_thousandth": 0.0001}
 
 # Content of ``words.toml``: words and units that files of readings use.
 WORDS: Mapping[str, Any] = tomllib.loads(
@@ -63,6 +68,21 @@ ROLES: Mapping[str, Sequence[str]] = _role_words()
 # Regular expression for words for other quantities, such as a maximum or an ambient pressure, which
 # must not be mistaken for the load or the radius of a test.
 OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
+
+
+# Regular expression for a word for a fraction of a unit, such as tenths.
+SHARE = re.compile(
+    rf"(?<!\w)(?:{'|'.join(WORDS['shares'][share] for share in _SHARE_SIZES)})(?!\w)", re.IGNORECASE
+)
+# Regular expressions for a fraction of a unit in words, such as "tenths of a micron".
+_UNIT_IN_SHARES = {
+    share: re.compile(
+        rf"(?<!\w)(?:{WORDS['shares'][share]})\s*(?:{WORDS['shares']['between']})*"
+        r"(?P<unit>[^\W\d_]+)(?!\w)",
+        re.IGNORECASE,
+    )
+    for share in _SHARE_SIZES
+}
 
 
 def comparable(text: str) -> str:
@@ -137,19 +157,46 @@ def scaled_unit(text: str) -> str:
     return f"{factor:.12g} {unit}"
 
 
+def unit_in_shares(text: str) -> str:
+    """Return a unit that a text states by a word for a fraction of it.
+
+    The result is ``0.1 um`` for ``tenths of a micron``, and an empty text if ``text`` is anything
+    else.
+    """
+    for share, pattern in _UNIT_IN_SHARES.items():
+        match = pattern.fullmatch(text.strip(" ."))
+        if match is not None and unit_named(match["unit"]):
+            return f"{_SHARE_SIZES[share]:g} {unit_named(match['unit'])}"
+    return ""
+
+
+def shares_mentioned(text: str) -> str:
+    """Return the words for a fraction of a unit of readings in a text: ``tenths of a micron``.
+
+    The result is an empty text if there are none.
+    """
+    for pattern in _UNIT_IN_SHARES.values():
+        match = pattern.search(text)
+        if match is not None and unit_named(match["unit"]) in UNITS["reading"]:
+            return match[0]
+    return ""
+
+
 def size_of_unit(role: str, unit: str) -> float | None:
     """Return the size of a unit in the unit that this package uses for a role.
 
     For readings the package uses µm, so that the size of ``mm`` is 1000. The unit may have a
-    factor: the size of ``0.1 um`` is 0.1. Return None for a unit that is unknown for this role.
+    factor, as a number or as a word: the size of ``0.1 um`` and of ``tenths of a micron`` is 0.1.
+    Return None for a unit that is unknown for this role.
 
     Parameters
     ----------
     role
         Role of a column, such as reading.
     unit
-        Unit as `scaled_unit` returns it.
+        Unit as `scaled_unit` returns it, or with a word for a fraction of a unit.
     """
+    unit = unit_in_shares(unit) or unit
     factor, _, name = unit.rpartition(" ")
     if name not in UNITS[role] or scaled_unit(unit) != unit:
         return None

@@ -381,13 +381,6 @@ def unit_cases() -> dict[str, FieldCase]:
         refusal="got 'x 10 um' in line 1. Correct the header, or give --unit",
         step=("--unit", "10 um"),
     )
-    cases["line_with_share"] = FieldCase(
-        kind,
-        "a line 'Unit: thousandths of a mm'",
-        texts(NO_UNIT, above="Unit: thousandths of a mm"),
-        refusal="got 'thousandths of a mm' in line 1. Correct the header, or give --unit",
-        step=("--unit", "um"),
-    )
     cases["row_of_units_for_readings"] = FieldCase(
         kind,
         "a row of units below the header, empty below the angle in gon",

@@ -129,7 +129,7 @@ def sexagesimal_cases() -> dict[str, FieldCase]:
 def share_cases() -> dict[str, FieldCase]:
     """Return readings in tenths, which are 0.0001 inch in shops of the United States."""
     cases = {}
-    for number, unit in enumerate(("tenths", "Tenths of a thou", "tenth")):
+    for number, unit in enumerate(("tenths", "tenth")):
         cases[f"tenths_{number}"] = FieldCase(
             "units that are shares",
             f"readings in {unit}",
