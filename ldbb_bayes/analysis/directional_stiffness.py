@@ -168,8 +168,8 @@ class PrincipalAxis(Result):
     #: components along X, Y and Z of a unit vector along the axis; the opposite vector is
     #: equivalent
     direction: tuple[float, float, float]
-    #: half angle [°] of a cone about ``direction`` that contains the true axis with the probability
-    #: ``DirectionalStiffness.prob``
+    #: half angle [°] of a cone about ``direction``. The true axis lies inside the cone with the
+    #: probability ``DirectionalStiffness.prob``.
     cone_deg: float
     is_determined: bool  #: whether the half angle ``cone_deg`` is below 45°
 
@@ -218,7 +218,7 @@ class DirectionalStiffness(Result):
         is_determined. Directions are in degrees. If three planes were tested, there are also rows
         of principal stiffnesses, with the plane XYZ. Columns x, y and z then hold the components of
         a unit vector along the axis. Column cone_deg holds the half angle of a cone about this
-        vector that contains the true axis with the probability ``prob``.
+        vector; the true axis lies inside the cone with the probability ``prob``.
         """
         rows = []
         for plane in self.planes:

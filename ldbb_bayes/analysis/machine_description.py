@@ -277,8 +277,9 @@ def _monomials(values: Array, degree: int) -> list[_Monomial]:
     The formula contains the radius R, c = cos θ and s = sin θ, for the angle θ of the circle.
 
     ``values``, shape (radii, angles), are the sampled values at the radii ``_RADII_MM`` and the
-    angles ``_ANGLES_RAD``. ``degree`` is the number of factors c and s in a term without R: 2 for
-    c², c s and s². Each factor R adds one factor c or s.
+    angles ``_ANGLES_RAD``. ``degree`` is the number of factors c and s in each term without R; it
+    is 2, for example, if these terms are c², c s and s². Terms with R have one more factor c or s
+    for each factor R.
     """
     by_radius_power = np.linalg.solve(np.vander(_RADII_MM, increasing=True), values)
     threshold = _ROUNDING * max(np.abs(values).max(), 1.0)
