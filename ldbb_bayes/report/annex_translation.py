@@ -114,7 +114,7 @@ class AnnexTranslation:
     Parameters
     ----------
     words
-        Texts of the sheets of the report's certificate, in the language of the translation.
+        Texts of the sheets of the test certificate, in the language of the translation.
     catalogue
         The translations of English texts.
     kept
@@ -335,14 +335,14 @@ def has_english(text: str) -> bool:
 
 
 def annex_translation(words: Words, kept: frozenset[str]) -> AnnexTranslation | None:
-    """Return the translation of a report's annex into the language of the report's certificate.
+    """Return the translation of a report's annex into the language of the test certificate.
 
     The annex consists of the sections of the report that follow the certificate.
 
     Parameters
     ----------
     words
-        Texts of the report's certificate, in its language.
+        Texts of the test certificate, in its language.
     kept
         Texts that are not translated, such as names of tests.
 

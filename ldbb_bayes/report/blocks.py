@@ -1,4 +1,4 @@
-"""Building blocks of the report's certificate, for both the HTML page and the PDF file."""
+"""Building blocks of the test certificate, for both the HTML page and the PDF file."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ldbb_bayes.results import Table
 
 __all__ = ["Banner", "Block", "Fields", "Items", "Pair", "PictureRow", "ReportSheet"]
 
-# A figure needs the full width of a sheet of the report's certificate if the figure's width is more
+# A figure needs the full width of a sheet of the test certificate if the figure's width is more
 # than this value times its height.
 _WIDE = 1.6
 
 
 @dataclass(frozen=True)
 class Fields:
-    """Form fields on a sheet of the report's certificate, each with a name and its text.
+    """Form fields on a sheet of the test certificate, each with a name and its text.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Fields:
 
 @dataclass(frozen=True)
 class Banner:
-    """Banner of the report's certificate: one sentence on whether the results can be used.
+    """Banner of the test certificate: one sentence on whether the results can be used.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Banner:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A figure on a sheet of the report's certificate, with a list beside or below the figure.
+    """A figure on a sheet of the test certificate, with a list beside or below the figure.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Items:
-    """A heading on a sheet of the report's certificate, with a list of sentences below it.
+    """A heading on a sheet of the test certificate, with a list of sentences below it.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Items:
 
 @dataclass(frozen=True, eq=False)
 class PictureRow:
-    """Figures on a sheet of the report's certificate, side by side or one below the other.
+    """Figures on a sheet of the test certificate, side by side or one below the other.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ Block: TypeAlias = str | Fields | Banner | Items | Table | Pair | PictureRow | P
 
 @dataclass(frozen=True)
 class ReportSheet:
-    """One sheet of the report's certificate. The sheet fills one page of A4.
+    """One sheet of the test certificate. The sheet fills one page of A4.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ class Findings:
         Function that returns a design of the next tests, or a string that states why there is no
         design.
     averaged
-        Posterior averaged over models. If it is present, the sheets of the report's certificate
+        Posterior averaged over models. If it is present, the sheets of the test certificate
         state its estimates. None if no average was computed.
     tolerances
         Tolerances; the keys are names of quantities. Default: the tolerances of the campaign.
@@ -77,7 +77,7 @@ class Findings:
 
     @property
     def numbers(self) -> xr.DataTree:
-        """Posterior from which the estimates on the report's certificate are computed.
+        """Posterior from which the estimates on the test certificate are computed.
 
         This is the averaged posterior if an average over models was computed, and otherwise the
         posterior of the fit.
@@ -128,7 +128,7 @@ class Findings:
 
     @cached_property
     def judged(self) -> JudgedQuantities:
-        """Verdicts on the quantities that the report's certificate states.
+        """Verdicts on the quantities that the test certificate states.
 
         A verdict states how far the readings determine a quantity. If the estimates on the
         certificate are averages over models, the verdicts are averages, too.
@@ -137,7 +137,7 @@ class Findings:
 
     @property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
-        """Verdicts on how far the readings determine the parameters on the report's certificate.
+        """Verdicts on how far the readings determine the parameters on the test certificate.
 
         The keys are the names of the parameters.
         """
@@ -163,7 +163,7 @@ class Findings:
 
     @cached_property
     def budgets(self) -> Mapping[str, Budget]:
-        """Uncertainty budgets of the parameters that the report's certificate states.
+        """Uncertainty budgets of the parameters that the test certificate states.
 
         The keys are the names of the parameters.
         """

@@ -128,7 +128,7 @@ def _results(findings: Findings) -> pd.DataFrame:
 
 
 def _changes(findings: Findings) -> pd.DataFrame:
-    """Return a table of changes of compliances with force, as the report's certificate states them.
+    """Return a table of changes of compliances with force, as the test certificate states them.
 
     The table has one row for each compliance.
     """
@@ -159,7 +159,7 @@ def _stiffness(findings: Findings, force_N: float | None) -> pd.DataFrame:
     """Return a table of the stiffness by direction, with a row for each plane, force and quantity.
 
     The forces are the smallest force tested, the reference force, the largest force tested, and
-    ``force_N``, the force at which the report's certificate states stiffness [N].
+    ``force_N``, the force at which the test certificate states stiffness [N].
     """
     numbers = findings.numbers
     table = stiffness(numbers, prob=findings.prob).table()
@@ -206,7 +206,7 @@ def _gum_validation(findings: Findings) -> pd.DataFrame:
 
 
 def _averaged(findings: Findings) -> pd.DataFrame:
-    """Return a table of the estimates on the report's certificate, which are averages over models.
+    """Return a table of the estimates on the test certificate, which are averages over models.
 
     The table has no slopes (coefficients of the change of compliance with force). In some of the
     averaged models, a slope is exactly zero. The mean and U of a slope therefore do not describe

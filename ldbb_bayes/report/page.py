@@ -88,7 +88,7 @@ class Document(Shown):
 
     @property
     def state(self) -> str:
-        """Sentence of the report's certificate that states whether the results can be used."""
+        """Sentence of the test certificate that states whether the results can be used."""
         banners = [block for block in self._blocks() if isinstance(block, Banner)]
         return banners[0].sentence
 

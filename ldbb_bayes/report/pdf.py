@@ -1,4 +1,4 @@
-"""Conversion of the report's certificate to a PDF of A4 pages, with the library fpdf2.
+"""Conversion of the test certificate to a PDF of A4 pages, with the library fpdf2.
 
 Lengths are in millimetres, font sizes in points, and grey levels from 0 (black) to 255 (white).
 """

@@ -1,4 +1,4 @@
-"""First sentences on sheet 1 of the report's certificate. They state the results of a fit plainly.
+"""First sentences on sheet 1 of the test certificate. They state the results of a fit plainly.
 
 The sentences describe the machine under load, at most three findings, and the step that would help
 most. A finding is something on the machine to inspect or to repair, and is stated with its
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["Finding", "FindingKind", "best_step", "findings_of", "plain_words"]
 
 _MOST_FINDINGS = 3  # largest number of findings that the certificate names
-# Sheet 1 of the report's certificate names a finding if the probability of the finding is at least
+# Sheet 1 of the test certificate names a finding if the probability of the finding is at least
 # this value.
 _LIKELY = 0.9
 _N_PER_UM_OF_N_PER_MM = 1e-3  # factor from N/mm to N/µm
@@ -58,12 +58,12 @@ class Finding:
 
 
 def plain_words(numbers: SheetNumbers) -> Items:
-    """Return the first sentences on sheet 1 of the report's certificate, in plain words.
+    """Return the first sentences on sheet 1 of the test certificate, in plain words.
 
     Parameters
     ----------
     numbers
-        Quantities that the report's certificate states.
+        Quantities that the test certificate states.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def findings_of(numbers: SheetNumbers) -> tuple[Finding, ...]:
     Parameters
     ----------
     numbers
-        Quantities that the report's certificate states.
+        Quantities that the test certificate states.
 
     Returns
     -------
@@ -295,7 +295,7 @@ def best_step(numbers: SheetNumbers) -> str:
     Parameters
     ----------
     numbers
-        Quantities that the report's certificate states.
+        Quantities that the test certificate states.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Form fields of the report's certificate: the machine, the tests, and the assumptions."""
+"""Form fields of the test certificate: the machine, the tests, and the assumptions."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ __all__ = ["assumption_fields", "campaign_fields", "identity_fields", "shorten"]
 _LONGEST_ENTRY = 70  # largest number of characters of the text in a form field
 _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place")
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
-# Entries of the campaign that state the machine and the date. Both sheets of the report's
+# Entries of the campaign that state the machine and the date. Both sheets of the test
 # certificate show these entries.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# Sheet 1 of the report's certificate states the source from which the order of the tests is known.
+# Sheet 1 of the test certificate states the source from which the order of the tests is known.
 # The keys of this dictionary are the possible sources, such as the start times of the tests. Each
 # value is the key under which the catalogue of words holds the text on the source.
 _ORDER_ENTRIES = {
@@ -38,7 +38,7 @@ _ORDER_ENTRIES = {
     TimeSource.NO_DRIFT: "entries.no_drift",
 }
 # Model term that describes the errors of each part of the instrument; the keys are the parts. The
-# report's certificate states the uncertainty of each part in a separate form field. Its list of
+# test certificate states the uncertainty of each part in a separate form field. Its list of
 # other assumed effects therefore leaves these model terms out.
 _TERM_OF_PIECE = {
     "bar": BarLength.__name__,
@@ -61,7 +61,7 @@ def shorten(text: str) -> str:
 
 
 def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
-    """Yield the form fields on sheet 1 of the report's certificate, such as the operator's name.
+    """Yield the form fields on sheet 1 of the test certificate, such as the operator's name.
 
     If the campaign does not state the content of a field, the text of the field is empty.
 
@@ -70,7 +70,7 @@ def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str
     findings
         All results of a fit that a report shows.
     words
-        Texts of the report's certificate, in its language.
+        Texts of the test certificate, in its language.
 
     Yields
     ------
@@ -95,7 +95,7 @@ def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], 
     findings
         All results of a fit that a report shows.
     words
-        Texts of the report's certificate, in its language.
+        Texts of the test certificate, in its language.
 
     Returns
     -------
@@ -171,7 +171,7 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
     Parameters
     ----------
     numbers
-        Quantities that the report's certificate states.
+        Quantities that the test certificate states.
 
     Yields
     ------

@@ -18,7 +18,7 @@ __all__ = ["InstrumentPiece", "instrument_pieces"]
 
 _LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
 # For each part of the instrument, the name of the error whose uncertainty the sheets of the
-# report's certificate state. The keys are the parts of the instrument.
+# test certificate state. The keys are the parts of the instrument.
 _UNCERTAINTY_OF_PIECE = {
     "bar": "bar_length",
     "work": "work_form_2",
@@ -53,7 +53,7 @@ def instrument_pieces(findings: Findings, words: Words) -> list[InstrumentPiece]
     findings
         All results of a fit that a report shows.
     words
-        Texts of the report's certificate, in its language.
+        Texts of the test certificate, in its language.
 
     Returns
     -------

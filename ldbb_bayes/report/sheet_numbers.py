@@ -1,4 +1,4 @@
-"""Quantities that the report's certificate states, with a remark on how far each is determined.
+"""Quantities that the test certificate states, with a remark on how far each is determined.
 
 Compliances and circular deviations are stated at one force. A quantity is confounded with another
 parameter or effect if both change the readings in the same way. The other parameter or effect is
@@ -46,7 +46,7 @@ __all__ = ["SheetNumbers", "remark"]
 # A remark states that a compliance increases with force if the probability of an increase is at
 # least this value. The same limit applies to a decrease.
 _SURE = 0.95
-# The report's certificate states only a lower limit of the stiffness 1 / C if the lower end of the
+# The test certificate states only a lower limit of the stiffness 1 / C if the lower end of the
 # credible interval of the compliance C is below this fraction of the median of C.
 _HARDLY_POSITIVE = 0.2
 _ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # A is a rotation about X, B about Y, and C about Z
@@ -55,14 +55,14 @@ _SHEET_1_KINDS = ("squareness",)
 
 @dataclass(frozen=True, eq=False)
 class SheetNumbers:
-    """All quantities that the sheets of the report's certificate state.
+    """All quantities that the sheets of the test certificate state.
 
     Parameters
     ----------
     findings
         All results of the fit that the report shows.
     words
-        Texts of the report's certificate, in its language.
+        Texts of the test certificate, in its language.
     force_N
         Force at which compliances and circular deviations are stated [N].
     """
@@ -84,7 +84,7 @@ class SheetNumbers:
     def slopes(self) -> dict[str, StatedQuantity]:
         """Slopes, that is, coefficients of the change of compliances with force.
 
-        The keys are the names of the slopes. The report's certificate states only those slopes that
+        The keys are the names of the slopes. The test certificate states only those slopes that
         have tolerances.
         """
         return {name: stated for name, stated in self._stated.items() if is_slope(name)}
@@ -205,7 +205,7 @@ class SheetNumbers:
         return {name: interval_numbers(draws, prob) for name, draws in self._draws.items()}
 
     def _quantity_words(self, name: Any, degree: int) -> str:
-        """Return the name of a parameter in words, in the language of the report's certificate.
+        """Return the name of a parameter in words, in the language of the test certificate.
 
         ``name`` is an object whose attributes are the parts of the name of a compliance or
         geometric error, such as the axis. ``degree`` is 0 for the name of the parameter itself, 1
@@ -280,7 +280,7 @@ class SheetNumbers:
 
     @cached_property
     def further(self) -> dict[str, StatedQuantity]:
-        """Squareness errors that are stated on sheet 1 of the report's certificate.
+        """Squareness errors that are stated on sheet 1 of the test certificate.
 
         The keys are the labels of the errors.
         """
@@ -342,7 +342,7 @@ class SheetNumbers:
         has_several_planes = table["plane"].nunique() > 1
         hangs_on = self._partners_of_geometry()
         suffix = "_no_load" if force_N == 0.0 else ""
-        # Deviations at no load have their own symbol, so that no symbol on the report's certificate
+        # Deviations at no load have their own symbol, so that no symbol on the test certificate
         # has two values.
         mark = "_0" if force_N == 0.0 else ""
         stated = {}
@@ -425,7 +425,7 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
     Parameters
     ----------
     quantity
-        Quantity that the report's certificate states.
+        Quantity that the test certificate states.
     words
         Texts of the certificate in its language.
 

@@ -20,7 +20,7 @@ _MOST_REASONS = 2  # largest number of reasons that the banner states
 # If a reason in the banner names at most this many quantities, it states their names in words. If a
 # reason names more quantities, it states their symbols.
 _MOST_IN_WORDS = 2
-# largest number of undetermined quantities that the report's certificate lists
+# largest number of undetermined quantities that the test certificate lists
 _MOST_UNDETERMINED = 12
 
 

@@ -1,4 +1,4 @@
-"""The two sheets of the report's certificate, which report.html and report.pdf both show."""
+"""The two sheets of the test certificate, which report.html and report.pdf both show."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ __all__ = ["sheets"]
 def sheets(
     findings: Findings, *, language: str = "en", force_N: float | None = None
 ) -> tuple[ReportSheet, ...]:
-    """Return the two sheets of the report's certificate. Sheet 2 has all results.
+    """Return the two sheets of the test certificate. Sheet 2 has all results.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _picture(key: str, subject: Any, caption: str, words: Words, **options: Any) -> Picture:
-    """Return a figure in the language of the report's certificate, with its decimal mark.
+    """Return a figure in the language of the test certificate, with its decimal mark.
 
     ``key`` is the name of the figure, ``subject`` the result that it shows, and ``caption`` its
     caption. ``words`` holds the texts of the certificate. ``options`` are passed to the function
@@ -248,7 +248,7 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     Each effect is a model term, such as the mount. A verdict states how far the readings determine
     a parameter. The verdict names the effects that the parameter is confounded with, and the effect
     that contributes most to the parameter's variance. Each explanation is a text in the language of
-    the report's certificate.
+    the test certificate.
     """
     words = numbers.words
     partners: dict[str, None] = {}
@@ -312,7 +312,7 @@ def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuan
 def _table(
     numbers: SheetNumbers, caption: str, keys: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> Table:
-    """Return a table whose column headings are in the language of the report's certificate.
+    """Return a table whose column headings are in the language of the test certificate.
 
     ``keys`` are the keys of the headings in the catalogue of words, such as ``value``. ``rows``
     holds the texts of the cells.

@@ -1,4 +1,4 @@
-"""One quantity that the sheets of the report's certificate state, with its uncertainty."""
+"""One quantity that the sheets of the test certificate state, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ValueAndU:
 
 @dataclass(frozen=True)
 class StatedQuantity:
-    """One quantity that the sheets of the report's certificate state.
+    """One quantity that the sheets of the test certificate state.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Stiffness by direction for the report's certificate, with the directions in words."""
+"""Stiffness by direction for the test certificate, with the directions in words."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _N_PER_UM = 1e-3  # factor from N/mm to N/µm
 
 
 def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str, StatedQuantity]:
-    """Return the stiffness by direction as the report's certificate states it.
+    """Return the stiffness by direction as the test certificate states it.
 
     The quantities of each plane are the least and the greatest stiffness and their ratio. If only
     one plane was tested, the principal axis and the difference of the direct compliances are added.
@@ -34,7 +34,7 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
     result
         Stiffness by direction at one force.
     words
-        Texts of the report's certificate, in its language.
+        Texts of the test certificate, in its language.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Texts of the report's certificate in several languages.
+"""Texts of the test certificate in several languages.
 
 The texts are read from the files templates/words_<language>.toml.
 """
@@ -25,7 +25,7 @@ _TEMPLATES = files("ldbb_bayes.report") / "templates"
 
 @dataclass(frozen=True)
 class Words:
-    """Texts of the report's certificate in one language.
+    """Texts of the test certificate in one language.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Words:
         return self("percent", value=f"{sign}{shown:.0f}")
 
     def term(self, name: str) -> str:
-        """Return the name of a model term or parameter in the language of the report's certificate.
+        """Return the name of a model term or parameter in the language of the test certificate.
 
         ``name`` is the class name of the model term, such as ``BarLength``, or the name of the
         parameter. The names of terms that a user has defined are not translated.
@@ -98,7 +98,7 @@ def languages() -> tuple[str, ...]:
 
 @cache
 def words_of(language: str) -> Words:
-    """Return the texts of the report's certificate in the language ``language``.
+    """Return the texts of the test certificate in the language ``language``.
 
     Parameters
     ----------

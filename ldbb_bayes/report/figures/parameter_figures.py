@@ -30,7 +30,7 @@ from ldbb_bayes.units import display_name, display_unit, inside_name, is_slope, 
 __all__ = ["WORDS", "compliance_against_force", "corner", "forest"]
 
 _CATALOGUE = files("ldbb_bayes.report") / "templates" / "words_en.toml"
-#: English texts in the figures on the sheets of the report's certificate; the keys are the names of
+#: English texts in the figures on the sheets of the test certificate; the keys are the names of
 #: the texts.
 WORDS: Mapping[str, str] = MappingProxyType(
     tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"]

@@ -43,7 +43,7 @@ _LABEL_GROUND = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad"
 # of a row of two or three polar panels [inch]; the keys are the numbers of panels.
 _HEIGHT = 3.0
 _ROW_HEIGHTS = {2: 3.2, 3: 2.5}
-# Width and height of a compact figure of one plane [inch]. A sheet of the report's certificate
+# Width and height of a compact figure of one plane [inch]. A sheet of the test certificate
 # shows this figure beside another figure.
 _COMPACT_SIZE = (3.4, 3.7)
 # Relative widths of the polar panel and of the panel at its right, which shows the same curves
