@@ -464,9 +464,9 @@ def _contribution(
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
     """Return the type of evaluation, standard uncertainty and unit of one source of uncertainty.
 
-    The source is a kind of reading noise, or the priors of the parameters; ``term`` is its name in
-    the budget. The type of evaluation is A or B of the GUM. ``phi`` are the hyper-parameters by
-    name, with lengths in mm.
+    ``term`` names the source in the budget. The source is either noise of the readings, such as
+    white noise, or the priors of all parameters together. The type of evaluation is A or B, as in
+    the GUM. ``phi`` are the hyper-parameters by name, with lengths in mm.
     """
     if term == NOISE:
         return _NoiseSource("A", phi["sigma"], "mm")
@@ -490,9 +490,10 @@ def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _No
 def _heaviest_term(contributions: Sequence[Contribution]) -> str:
     """Return the model term with the largest share of a parameter's variance.
 
-    If sources that are not measured in this campaign (stated or assumed) cause more than half of
-    the variance, only these sources are compared, because more circles would not reduce their
-    uncertainty. ``contributions`` are the lines of the parameter's budget.
+    Some sources have a standard uncertainty that is not determined by the readings, but stated by a
+    certificate or by the user, or assumed. If these sources cause more than half of the variance,
+    only they are compared, because more circles would not reduce their uncertainty.
+    ``contributions`` are the lines of the parameter's budget.
     """
     shares: dict[str, float] = {}
     not_measured: dict[str, float] = {}

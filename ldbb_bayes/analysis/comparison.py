@@ -335,11 +335,13 @@ class Comparison(Result):
         return assumed.best - self.discrepancy_sensitivity[0].best
 
     def turning(self) -> list[Assumed]:
-        """Return the assumptions under which the log Bayes factor has the opposite sign.
+        """Return the assumptions that change the sign of the log Bayes factor.
 
-        The sign is compared with that of `headline`, the log Bayes factor of the second model over
-        the first. The assumptions are about the random differences between circles; white noise
-        alone is left out. The assumption with the largest log evidence comes first.
+        The assumptions are about the random differences between circles. Under the assumption in
+        the models, the log Bayes factor of the second model over the first is `headline`; under the
+        returned assumptions, it has the opposite sign. The assumption that white noise is the only
+        random difference is never returned. The assumption with the largest log evidence comes
+        first.
         """
         opposite_sign = -np.sign(self.headline[0])
         turning = []

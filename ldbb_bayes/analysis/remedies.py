@@ -10,9 +10,9 @@ A change of a plan that adds circles adds up to as many circles as the plan has.
 would also decrease if all readings were taken twice under the same conditions. Circles in another
 order, in the other direction of travel, with turned balls or at another radius are therefore a
 remedy only if they reduce the uncertainty more than taking all readings twice does. More circles
-under the same conditions are recommended only if sources that the readings measure, such as scatter
-between readings and circles, cause most of the variance. An effect whose standard uncertainty is
-assumed is the same in every circle, and does not average out.
+under the same conditions are recommended only if most of the variance comes from scatter whose
+standard deviation the readings determine, such as the scatter between readings and between circles.
+Other effects are modelled as the same in every circle, and do not average out.
 """
 
 from __future__ import annotations

@@ -304,8 +304,8 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     number = int(sliders["circles"])
     equally_spaced = _equally_spaced_tests(space, sliders)
     if min(number, len(levels)) < candidates.search.levels:
-        # Linear compliance needs tests at two forces. If only one circle or one force is possible,
-        # there is nothing to choose.
+        # A model with linear compliance needs tests at two different forces. The search cannot meet
+        # this condition if there is only one circle, or only one possible force.
         return equally_spaced
     counts = _best_counts(candidates, number)
     repeated = np.repeat(np.arange(len(counts)), counts)

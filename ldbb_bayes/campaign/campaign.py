@@ -174,7 +174,7 @@ class CampaignFields(Shown):
 class Campaign(CampaignFields):
     """Circular tests of one machine: a campaign with readings, or a plan without readings.
 
-    ``lb.Plan`` is another name of the same class. If no radius, plane or centre is given for a
+    ``lb.Plan`` is another name for the same class. If no radius, plane or centre is given for a
     test, the campaign's value is used. If only the force or only the pressure of a test is given,
     the missing quantity is computed with the campaign's force law, which expresses the force as a
     linear function of the pressure. Tests without a name are named after their force.

@@ -76,7 +76,8 @@ class Option:
     the command calls. This function then uses its own default.
     """
 
-    #: type of the value that Typer (the library that reads the command line) reads, or a `Kind`
+    #: type as which Typer, the library that reads the command line, reads the value of the option;
+    #: or a `Kind`, which also converts the value
     kind: Any
     help: str  #: help text of the option
     default: Any  #: value used if the option is not typed; for None, no value is passed on

@@ -90,7 +90,7 @@ def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
 def _bound_of_model(
     largest: BoundModel, places: NDArray[np.intp], rivals: Sequence[str]
 ) -> BoundModel:
-    """Return one of several averaged models, applied to the campaign.
+    """Return one of the models over which results are averaged, for the readings of a campaign.
 
     ``largest`` is the model with the parameters of all averaged models. ``places`` holds, for each
     parameter of the returned model, its index among the parameters of ``largest``. ``rivals`` are

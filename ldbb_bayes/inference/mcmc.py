@@ -346,7 +346,8 @@ class _Ensemble:
 def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
     """Return the kinds of moves that emcee's walkers make, each with its share of all moves.
 
-    Moves to independent points are included if there is a source ``redraw`` of such points.
+    ``redraw`` is the source of points that do not depend on the positions of the walkers. Moves to
+    such points are included unless ``redraw`` is None.
     """
     moves = [
         (emcee.moves.DEMove(), 1.0 - _JUMP_SHARE),

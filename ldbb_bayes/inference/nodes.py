@@ -104,8 +104,8 @@ _NODES_SHARE = 0.7
 # nodes is multiplied by ``_PICKED_GROWTH``.
 _FEWEST_PICKED = 256
 _PICKED_GROWTH = 4
-# Error allowed in the logarithm of the posterior probability that no compliance is negative [nat],
-# where a rough value suffices.
+# Error allowed in the logarithm of the posterior probability that no compliance is negative [nat].
+# It applies only to the rough value of this probability (`coarse_probability`).
 _PROBABILITY_TOLERANCE = 0.02
 # Limits that keep the logarithm of a mean finite. For each of many values of the hyper-parameters
 # there is a probability that no compliance is negative, and these probabilities are averaged.

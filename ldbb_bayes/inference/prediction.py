@@ -313,14 +313,13 @@ def replicate_left_out(
 def _with_new_noise_factor(
     bound: BoundModel, phi: Array, r: int, rng: np.random.Generator
 ) -> Array:
-    """Return hyper-parameters with new draws of the noise factor λ of a test, shape (n, h).
+    """Return ``phi`` with new draws of the noise factor λ of a test, shape (n, h).
 
-    The test, with the index ``r``, is left out of the analysis. Without its readings, λ is
-    independent of all other unknowns and has its prior density. A new draw for every circle
-    represents the heavy tail of this density better than the few values of λ at the nodes (weighted
-    values of the hyper-parameters). ``phi``, shape (n, h), holds n draws of the h hyper-parameters;
-    all but λ are returned unchanged. If the model has no λ of this test, ``phi`` is returned.
-    ``bound`` is the model, applied to its campaign.
+    ``phi``, shape (n, h), holds n posterior draws of the h hyper-parameters from an analysis
+    without the readings of the test with the index ``r``. The posterior density of this test's λ is
+    then equal to its prior density, which has a heavy tail, and ``phi`` contains only few different
+    values of λ. New draws from the prior represent the tail better. All other hyper-parameters are
+    returned unchanged, and so is λ if the model ``bound`` has no noise factor for this test.
     """
     name = str(bound.setting.circle[r])
     if name not in bound.hyper_prior.names:

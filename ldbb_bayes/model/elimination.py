@@ -107,8 +107,8 @@ class Update(NamedTuple):
 class Front(NamedTuple):
     """Groups of columns of the design matrix A that are eliminated at the same time.
 
-    Each group has s columns. When a group is eliminated, entries of P = Aᵀ D⁻¹ A change in m
-    columns that are eliminated later. The field ``border`` holds the indices of these m columns.
+    Each group has s columns. The elimination of a group changes entries of P = Aᵀ D⁻¹ A in m other
+    columns, which are eliminated later; ``border`` holds the indices of these m columns.
     """
 
     #: Rows of the workspace that hold the entries of all columns of these groups. The workspace is

@@ -50,7 +50,7 @@ class EntryBlock(NamedTuple):
     #: Slice that selects the entries of this block from the array of all stored entries of P. A
     #: block consists of several groups of s columns, with n entries for each column.
     entries: slice
-    #: Number of groups of columns in this block, number s of columns in a group, and number n of
+    #: Number of groups in this block, number s of columns in a group, and number n of stored
     #: entries in a column.
     shape: tuple[int, int, int]
 

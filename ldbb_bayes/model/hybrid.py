@@ -754,12 +754,12 @@ class BoundModel(Shown):
         return linearise(setting, self.compliances, self.estimate)
 
     def _with_circles(self, setting: Setting) -> Setting:
-        """Return the conditions of all tests, completed with the names of the noise factors λ.
+        """Return ``setting`` with the names of the circles' noise factors λ added.
 
-        ``setting`` describes the conditions before completion. A noise factor λ is a
-        hyper-parameter that multiplies the noise of one circle. Circles have noise factors only if
-        the model has the term `CircleScale`, and the campaign has at least four tests. For a plan,
-        it is sufficient if the campaign from which the plan was designed (its pilot) has four.
+        ``setting`` describes the conditions of all tests. A noise factor λ is a hyper-parameter
+        that multiplies the noise of one circle. Circles have noise factors only if the model has
+        the term `CircleScale`, and the campaign has at least four tests. For a plan, it is also
+        sufficient that the campaign from which the plan was designed (its pilot) has four tests.
         """
         count = len(self.campaign.tests)
         if self.pilot is not None:

@@ -308,7 +308,7 @@ def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> No
 def _take_temperature(recording: Recording) -> None:
     """Set the temperature of a test from the first line above its table that states a temperature.
 
-    A temperature that the user or a column states is not changed.
+    Nothing is done if the user or a column of the table already states the temperature.
     """
     statements = recording.statements.get("temperature_C", ())
     if not statements or "temperature_C" in recording.stated:

@@ -21,7 +21,8 @@ _POSITION = re.compile(
 # Positions lie on a circle about the origin if their distances from the origin differ by less than
 # this fraction of the median distance.
 _LARGEST_SCATTER = 0.02
-# Smallest radius of a circle [mm].
+# Positions whose median distance from the origin is smaller than this radius [mm] are not taken as
+# a circle.
 _SMALLEST_RADIUS_MM = 20.0
 
 

@@ -528,10 +528,10 @@ def _several_candidates(
 
 
 def _units_of_angles(headers: Sequence[str], units: Sequence[str], is_log: bool) -> list[str]:
-    """Return the units of the columns, with an empty text for columns without angles of the bar.
+    """Return the unit of each column that may hold the angle of the bar, and "" for the others.
 
-    A column such as ``Tilt [deg]`` holds another angle. No column holds angles if ``is_log`` is
-    true, which means that the user states a column of times.
+    A column such as ``Tilt [deg]`` cannot hold the angle of the bar. If ``is_log`` is true, no
+    column can: the user has then stated a column of times, from which the angles are computed.
     """
     units_of_angles = []
     for header, unit in zip(headers, units, strict=False):

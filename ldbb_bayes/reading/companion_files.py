@@ -1,4 +1,4 @@
-"""Companion files: files among the measurements that hold no readings, such as a test report."""
+"""Companion files: files in a folder of measurements that hold no readings, such as a protocol."""
 
 from __future__ import annotations
 

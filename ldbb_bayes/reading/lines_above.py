@@ -70,7 +70,7 @@ class LineStatement:
 class _Quantity(NamedTuple):
     """Quantity, such as the radius, whose value a line above a table may state."""
 
-    field: str  #: field of a test or campaign that the quantity states, such as radius_mm
+    field: str  #: field of a test or campaign in which the value is stored, such as radius_mm
     words: str  #: regular expression for the words that name the quantity
     usual_unit: str  #: unit that is assumed if a line states none; empty if the line must state one
     #: permitted units, each with its size in the unit with which the name of the field ends
@@ -171,8 +171,8 @@ _BAR_AND_NUMBER = re.compile(
     r"(?![\d.,]|-\d)(?!\s?\w{3})",
     re.IGNORECASE,
 )
-# Regular expression for words for the ball bar. Their part "ball" must not be mistaken for a word
-# for another quantity.
+# Regular expression for words that mean the ball bar. It serves to remove these words from a line
+# before words for other balls are looked for.
 _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
 # Fields that state the load of a test: its force and its pressure.
 _LOADS = ("force_N", "pressure_bar")

@@ -253,9 +253,9 @@ def _line_of_command(line: int, content: str) -> list[Row]:
 
 
 def _with_values(lines: Sequence[Row]) -> list[Row]:
-    """Return lines in which a name and the number shown below it are one line: ``R0 = 150``.
+    """Join each name and the number in the line below it to one line, such as ``R0 = 150``.
 
-    Names without such a number are left out.
+    A name without a number below it is left out. Lines with other contents are kept.
     """
     joined: list[Row] = []
     name = ""

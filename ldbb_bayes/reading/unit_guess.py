@@ -228,7 +228,7 @@ def _unread_factor(recording: Recording, shown: str) -> OpenQuestionError:
 def _mentions_other(line: int | str, text: str, unit: str) -> bool:
     """Return whether a line mentions a unit of readings that differs from ``unit``.
 
-    The result is False for a line that states a value of any field.
+    The result is always False for a line that states a property of the test, such as its radius.
     """
     if statements_in([(line, text)]):
         return False

@@ -142,7 +142,7 @@ _ALSO_WORDS = ("in",)
 class _ListedUnit(NamedTuple):
     """Unit in a list such as ``deg / 0.1 µm``."""
 
-    name: str  # name that this package uses for the unit without its factor
+    name: str  # unit without its factor, in the spelling of this package, such as "um"
     with_factor: str  # the unit with its factor, such as "0.1 um"; the name if it has none
     is_also_word: bool  # whether the unit is also an ordinary word, such as "in"
 

@@ -158,9 +158,10 @@ def _agreed(unit: str, unit_of_remark: str, role: str) -> str:
 
 
 def _unknown_unit(phrase: str) -> str:
-    """Return a phrase that may be an unknown unit; empty for a phrase such as "the plane".
+    """Return ``phrase`` if it may be an unknown unit, and otherwise an empty text.
 
-    The phrase may be a unit if it is a single word, or if one of its words is a known unit.
+    A short phrase may be a unit if it is a single word, or if one of its words is a known unit.
+    For "the plane", for example, the result is empty.
     """
     words = phrase.split()
     names_unit = any(unit_named(word) for word in words)

@@ -219,10 +219,11 @@ class AnnexTranslation:
         return self._matched(text)
 
     def _matched(self, text: str, *, of_sentences: bool = False) -> str | None:
-        """Return the translation of a text if the whole text matches a key with placeholders.
+        """Return the translation of a text that is made from a pattern with placeholders.
 
         If ``of_sentences`` is true, a placeholder may stand for several sentences. Return None if
-        no key matches, or if the text for which a placeholder stands has no translation.
+        no pattern in the catalogue matches the whole text, or if the text for which a placeholder
+        stands has no translation.
         """
         for phrase in self.catalogue.phrases:
             match = phrase.pattern.fullmatch(text)

@@ -33,11 +33,11 @@ class _TranslatedFormatter(Formatter):
         return self._formatter.get_offset()
 
     def set_axis(self, axis: Any) -> None:
-        """Set the axis of the formatter whose labels are translated."""
+        """Pass the axis on to the formatter that makes the labels before translation."""
         self._formatter.set_axis(axis)
 
     def set_locs(self, locs: Any) -> None:
-        """Set the ticks of the formatter whose labels are translated."""
+        """Pass the tick positions on to the formatter that makes the labels before translation."""
         self._formatter.set_locs(locs)
 
 

@@ -17,8 +17,8 @@ from ldbb_bayes.units import display_unit, two_digits
 __all__ = ["InstrumentPiece", "instrument_pieces"]
 
 _LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
-# For each part of the instrument, the name of the error whose uncertainty the sheets of the
-# test certificate state. The keys are the parts of the instrument.
+# The test certificate states one standard uncertainty for each part of the instrument. The keys are
+# the parts; each value is the name of the error to which the uncertainty belongs.
 _UNCERTAINTY_OF_PIECE = {
     "bar": "bar_length",
     "work": "work_form_2",

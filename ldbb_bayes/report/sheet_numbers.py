@@ -84,8 +84,8 @@ class SheetNumbers:
     def slopes(self) -> dict[str, StatedQuantity]:
         """Slopes, that is, coefficients of the change of compliances with force.
 
-        The keys are the names of the slopes. The test certificate states only those slopes that
-        have tolerances.
+        The keys are the names of the slopes. Slopes without a tolerance are not shown on the test
+        certificate.
         """
         return {name: stated for name, stated in self._stated.items() if is_slope(name)}
 

@@ -111,11 +111,11 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _picture(key: str, subject: Any, caption: str, words: Words, **options: Any) -> Picture:
-    """Return a figure in the language of the test certificate, with its decimal mark.
+    """Return a figure with the texts and the decimal mark of one language.
 
     ``key`` is the name of the figure, ``subject`` the result that it shows, and ``caption`` its
-    caption. ``words`` holds the texts of the certificate. ``options`` are passed to the function
-    that draws the figure.
+    caption. ``words`` holds the texts in this language. ``options`` are passed to the function that
+    draws the figure.
     """
     drawn = picture(key, subject, caption, words=words.table["figures"], **options)
     translate_ticks(drawn.figure, words.number)

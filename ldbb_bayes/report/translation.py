@@ -74,7 +74,7 @@ class Words:
         return self("percent", value=f"{sign}{shown:.0f}")
 
     def term(self, name: str) -> str:
-        """Return the name of a model term or parameter in the language of the test certificate.
+        """Return the translated name of a model term or of a parameter.
 
         ``name`` is the class name of the model term, such as ``BarLength``, or the name of the
         parameter. The names of terms that a user has defined are not translated.

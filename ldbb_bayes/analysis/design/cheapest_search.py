@@ -65,7 +65,8 @@ class FoundCampaign:
 
     family: CampaignFamily
     tests: tuple[CircularTest, ...]
-    plan: Campaign  #: the tests in the order in which to run them, with the certificates
+    #: the tests in the order in which to run them, and the instrument with its certificates
+    plan: Campaign
     stated: StatedByMachines  #: uncertainties to expect on every possible machine
 
     def price(self, costs: Costs) -> float:
@@ -167,7 +168,7 @@ def find_cheapest(
     *,
     on_campaign: Callable[[], object],
 ) -> CheapestCampaigns:
-    """Return the cheapest campaigns that reach all goals, one of each family.
+    """Return the cheapest campaigns that reach all goals, one from each family.
 
     If fewer than ``number`` families reach the goals, further campaigns are added. They belong to
     the family of the cheapest campaign, but have more circles.
@@ -367,7 +368,8 @@ class _Search:
         """Return a campaign that meets the goals with fewer circles than ``campaign``, if possible.
 
         Circles are removed one by one as long as the campaign still meets the goals. ``progress``
-        is the progress of the search in the family of ``campaign``; it is updated after every full
+        records how far the search has come in the family of ``campaign``, that is, among the
+        campaigns with the same ball angles, radii and certificates. It is updated after every full
         forecast.
         """
         family = progress.family

@@ -219,12 +219,13 @@ class GoalDesign(Result):
         Returns
         -------
         Campaign
-            The plan, whose instrument has the certificates of the campaign.
+            The plan. Its instrument has the calibration certificates that the cheapest campaign
+            needs.
 
         Raises
         ------
         InputError
-            If no campaign was found, or the design was read from a file.
+            If the search found no campaign, or the design was read from a file.
         """
         return self.best.plan()
 

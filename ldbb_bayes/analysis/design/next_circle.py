@@ -332,7 +332,11 @@ def _tolerances_so_far(
 
 
 def _check_arguments(model: HybridModel, campaign: Campaign, confidence: float) -> None:
-    """Raise an `InputError` for a plan, flat priors, or a confidence out of range."""
+    """Check the arguments of the choice of the next circle.
+
+    Raise an `InputError` if the campaign has no readings, if the priors of the model are flat, or
+    if the confidence is not between 0.5 and 1.
+    """
     require(
         not campaign.is_plan,
         "campaign must have readings, got a plan. Run its first circles, or use design.",

@@ -82,10 +82,10 @@ class QuickForecast:
     def distance(self, counts: Array) -> float:
         """Return the distance of a campaign from the goals.
 
-        The distance is the mean over the hyper-parameters of the largest ln(u/u*) of all goals.
-        Here u is the standard uncertainty of a goal's parameter, and u* the largest standard
-        uncertainty that the goal permits. ``counts`` is the campaign's number of circles of every
-        candidate test, shape (candidates,).
+        For each goal, u is the standard uncertainty of its parameter, and u* the largest standard
+        uncertainty that the goal permits. The distance is the largest ln(u/u*) of all goals,
+        averaged over the values of the hyper-parameters. ``counts``, shape (candidates,), holds the
+        number of circles that the campaign has of every candidate test.
         """
         covariance = self._covariance(counts)
         return float(self._distance(self._of_goals(covariance)))

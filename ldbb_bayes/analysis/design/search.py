@@ -291,10 +291,11 @@ class Search:
         return ExactDesign(best, value, optimum, efficiency)
 
     def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
-        """Return the designs from which the search starts, as numbers of tests of each candidate.
+        """Return the designs from which the search starts, as arrays of shape (candidates,).
 
-        Each design has the shape (candidates,). The first design is rounded from the best fractions
-        of tests, ``share``, shape (candidates,). The other designs are random.
+        A design holds the number of tests of each candidate. ``share``, shape (candidates,), holds
+        the best fraction of all ``tests`` for each candidate. The first design is found by rounding
+        these fractions to whole tests; the other designs are random.
         """
         n = self.objective.candidates
         starts = [efficient_rounding(share, tests)]

@@ -33,8 +33,8 @@ _MAX_ROUNDS = 400
 _SOLVER_ITERATIONS = 40
 # Largest number of candidates that one round adds to those whose shares are optimized.
 _JOINING_CANDIDATES = 3
-# Number of candidates whose shares are optimized in the first round. These candidates are evenly
-# spread over the list of all candidates.
+# Number of candidate tests that take part in the first round of optimization. They are evenly
+# spread over the list of all candidate tests.
 _FIRST_CANDIDATES = 32
 # A share of the tests below this number is treated as zero.
 _ZERO_SHARE = 1e-10

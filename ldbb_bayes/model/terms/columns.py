@@ -272,7 +272,7 @@ class BasisNoise(Shown):
     array([0.    , 0.0005, 0.0005])
     """
 
-    #: name of the hyper-parameter (scale of the effect) that multiplies the sds of the noise
+    #: name of the hyper-parameter by which the standard deviations ``sd`` are multiplied
     hyper: Hyper
     #: sd of each of the 25 Fourier coefficients of the noise, divided by the hyper-parameter that
     #: scales it, shape (25,)

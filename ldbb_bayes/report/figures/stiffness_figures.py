@@ -46,8 +46,8 @@ _ROW_HEIGHTS = {2: 3.2, 3: 2.5}
 # Width and height of a compact figure of one plane [inch]. A sheet of the test certificate
 # shows this figure beside another figure.
 _COMPACT_SIZE = (3.4, 3.7)
-# Relative widths of the polar panel and of the panel at its right, which shows the same curves
-# against the angle.
+# Relative widths of two panels: the polar plot, and the plot of the same curves against the angle
+# to the right of it.
 _WIDTHS = (1.0, 1.7)
 _RINGS = 4  # largest number of rings
 _TICKS_DEG = np.arange(0, 361, 45)
