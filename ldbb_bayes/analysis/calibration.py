@@ -313,11 +313,11 @@ def rank_replicates(
     executor: Executor | None,
     progress: Callable[[int, int], None] | None,
 ) -> Validation:
-    """Return the ranks of true values in many simulated campaigns.
+    """Return the ranks of true values among posterior draws, for many simulated campaigns.
 
     ``rank_replicate`` takes the seed of one campaign and returns the ranks of the quantities
-    ``names``, or the reason why there are no ranks. The other arguments are the same as in
-    `calibrate`.
+    ``names``. If there are no ranks, it returns the reason as a string. The other arguments are the
+    same as in `calibrate`.
     """
     outcomes: dict[int, Ranks | str] = {}
     seeds = np.random.SeedSequence(seed).spawn(replicates)

@@ -191,7 +191,7 @@ class Directed(NamedTuple):
 
 
 def in_other_direction(plan: Campaign) -> Directed:
-    """Return the circles of a plan, and copies in the opposite direction; see `Directed`."""
+    """Return the circles of a plan, and copies of them that run in the opposite direction."""
     directions_of: dict[str, set[str | None]] = {}
     for test in plan.tests:
         directions_of.setdefault(str(test.plane), set()).add(test.direction)

@@ -105,13 +105,12 @@ class ModelVariance:
         return self._variance(self.information)
 
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Return the covariance of the q quantities that each source causes, shape (q, q).
+        """Return, for each source of variance, the covariance of the errors that it causes.
 
-        A source is a model term, the reading noise or the prior of a parameter. A source causes
-        errors of several quantities at once, and its covariance describes these errors. A key
-        consists of the name of the term, noise or parameter, and the origin of the source. The
-        covariances are scaled so that the sum of their diagonals is ``sd``², the variances of the
-        quantities.
+        A source is a model term, the reading noise or the prior of a parameter. The key of a source
+        consists of the name of the term, noise or parameter, and of the source's origin. A
+        covariance has the shape (q, q) for the errors of the q quantities. The covariances are
+        scaled so that the sum of their diagonals is ``sd``², the variances of the quantities.
         """
         drawn = self.sd / np.sqrt(np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1))
         scale = np.outer(drawn, drawn)

@@ -336,7 +336,9 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
 
 
 def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
-    """Return the campaign in the files of a session. The files are read as for the report.
+    """Return the campaign that the files of a session contain.
+
+    The files are read in the same way as for the report.
 
     Parameters
     ----------

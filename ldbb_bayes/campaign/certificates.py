@@ -363,10 +363,10 @@ def _error_of_length(
     """Return the amount by which a bar's readings are too large, and its uncertainty U, in µm.
 
     U is the expanded uncertainty (k = 2) of this amount. ``quantity`` is the certified quantity
-    that states the error of the bar's length. ``lengths`` holds lists of all quantities in units of
-    length; the keys state what the quantities are, such as ``nominal``. Raise an `InputError` if
-    ``quantity`` has no uncertainty. Also raise an `InputError` if ``quantity`` is an actual length,
-    and the nominal length from which it must be subtracted is not unique.
+    from which the error is computed. ``lengths`` holds all quantities of the certificate in units
+    of length, in lists by role, such as ``nominal``. Raise an `InputError` if ``quantity`` has no
+    uncertainty. Also raise an `InputError` if ``quantity`` is an actual length, and the nominal
+    length from which it must be subtracted is not unique.
     """
     value, U = quantity.numbers(_METRES_PER_MICROMETRE)
     if not U:

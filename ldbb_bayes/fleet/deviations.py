@@ -105,8 +105,8 @@ class Estimates(NamedTuple):
     matrix H = S Λ_c is the sensitivity.
     """
 
-    #: posterior covariance of the c parameters, given the errors of the instrument, from each of n
-    #: campaigns or machines alone, shape (n, c, c)
+    #: posterior covariances of the c parameters, shape (n, c, c), one from each of n campaigns or
+    #: machines alone. The errors of the instrument are taken as known.
     covariance: Array
     #: derivatives of the estimates from each of n campaigns or machines with respect to the q true
     #: parameters and instrument errors, shape (n, c, q)

@@ -112,7 +112,7 @@ def _unit_of(name: str) -> str:
 
 
 def stiffness_table(series: Mapping[str, Sequence[StiffnessOfVisit]]) -> Table:
-    """Return a table of the stiffness by direction, with the first and the newest campaign."""
+    """Return a table of the stiffness by direction in the first and in the newest campaign."""
     rows = []
     heads = ("quantity", "first", "newest")
     for name, visits in series.items():

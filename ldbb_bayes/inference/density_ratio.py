@@ -76,8 +76,8 @@ class LogValues(NamedTuple):
     """Logarithm of a density at k nodes (points) and its numerical error [nat], each of shape (k,).
 
     The values of the density may also have noise: random errors of mean zero that are independent
-    between nodes. Noise is not part of ``error``. It adds to the scatter of the ratios, from which
-    the error of their mean is computed.
+    between nodes. Noise is not part of ``error``. It adds to the scatter of the ratios of this
+    density to another density; the error of the mean ratio is computed from this scatter.
     """
 
     log_density: Array

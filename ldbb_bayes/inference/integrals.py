@@ -93,9 +93,9 @@ class Integral:
     #: logarithm of the volume that each of the n nodes represents, so that the integral is the sum
     #: of density times volume, shape (n,)
     log_volume: Array
-    #: index of the grid of a lattice, or of the randomised sequence of a sample, to which each of
-    #: the n nodes belongs, shape (n,). The nodes of a single grid or sequence give an estimate of
-    #: the integral.
+    #: index of the set to which each of the n nodes belongs, shape (n,). A set is a grid of a
+    #: lattice, or a randomised sequence of a sample. The nodes of each set alone give an estimate
+    #: of the integral.
     estimate: Index
     #: whether each of the n nodes is one of the outermost nodes of a lattice, beyond which the
     #: density was not evaluated, shape (n,)

@@ -375,12 +375,12 @@ def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array)
 def _best_freedom(
     side: int, square: Array, side_weights: Array, scale: Array, freedom: Array, freedoms: Array
 ) -> Array:
-    """Return the maximum-likelihood degrees of freedom of one side in each direction, shape (h,).
+    """Return the most likely degrees of freedom for one side of split Student-t distributions.
 
-    ``side`` is 0 for the lower and 1 for the upper side of split Student-t distributions.
-    ``freedoms`` holds the degrees of freedom that are tried. ``scale`` and ``freedom`` are the
-    present scales and degrees of freedom of both sides along each of h directions, shape (2, h).
-    ``square`` and ``side_weights`` are the same as in `_fit_scale`.
+    The result has the shape (h,), for one distribution along each of h directions. ``side`` is 0
+    for the lower and 1 for the upper side. ``freedoms`` holds the degrees of freedom that are
+    tried. ``scale`` and ``freedom`` are the present scales and degrees of freedom of both sides,
+    shape (2, h). ``square`` and ``side_weights`` are the same as in `_fit_scale`.
     """
     other_mass = _side_masses(scale, freedom)[1 - side]
     costs = []

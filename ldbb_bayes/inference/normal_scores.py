@@ -213,7 +213,7 @@ class NormalScores:
         return total
 
     def to_free(self, integral: Integral) -> Integral:
-        """Convert an integral over normal scores to an integral over unbounded coordinates."""
+        """Convert the nodes of an integral from normal scores to unbounded coordinates."""
         log_jacobian = self.log_jacobian(integral.free)
         proposal: ProposalDensity | None = None
         if integral.proposal is not None:

@@ -502,8 +502,9 @@ def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> 
 
     ``pattern`` holds one bit for each element of the design matrix; the bit is set if the element
     is not zero. ``shape`` is the shape of the matrix. ``last`` holds the indices of the columns
-    that are eliminated last, and ``signs`` the signs of the prior variances, both as the bytes of
-    an array. Results are kept in a cache.
+    that are eliminated last, and ``signs`` the signs ±1 of the prior variances, both as the bytes
+    of an array. A prior variance is negative if its coefficient removes noise from the readings
+    instead of adding noise. Results are kept in a cache.
     """
     bits = np.unpackbits(np.frombuffer(pattern, dtype=np.uint8), count=shape[0] * shape[1])
     is_not_zero = bits.reshape(shape).astype(bool)

@@ -160,9 +160,9 @@ def _sparse_gram(
     place_in_order = place[np.ix_(order, np.append(order, len(order)))]
     row, column = np.nonzero(table)
     element = table[row, column]
-    # The nonzero elements of the design matrix are listed row by row; the last element of a row is
-    # the reading. Each element except the reading is multiplied by itself and by all later elements
-    # of its row.
+    # ``table`` is the design matrix with the readings as last column. Its nonzero elements are
+    # listed row by row. Each element, except a reading, is multiplied by itself and by all later
+    # elements of its row.
     end_of_row = np.cumsum(np.bincount(row, minlength=len(table)))
     number = np.arange(len(row))
     factors = np.where(column < len(order), end_of_row[row] - number, 0)

@@ -59,7 +59,7 @@ class _SharedCoefficients(NamedTuple):
 
 
 class _StackedReadings(NamedTuple):
-    """Reduced readings of all tests, m ≤ 25 numbers for each test."""
+    """Readings of all tests; the readings of each test are reduced to m ≤ 25 numbers."""
 
     #: Matrices that convert the 25 Fourier coefficients of a test into its m reduced readings,
     #: shape (tests, m, 25).
@@ -69,7 +69,7 @@ class _StackedReadings(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ReferencePosterior:
-    """Posterior of a machine's parameters at fixed scales of the noise and of other effects."""
+    """Posterior of a machine's parameters for given values of the hyper-parameters."""
 
     #: parameters of interest: compliances, linear slopes (changes of compliances with force) and
     #: geometric errors, without quadratic slopes

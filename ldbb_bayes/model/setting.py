@@ -66,7 +66,7 @@ class GroupOfTests(NamedTuple):
     #: common.
     value: Any
     #: Text at the end of the names of coefficients that belong to the group, such as ``_XY`` for a
-    #: plane; empty if the campaign has only one plane, radius or set-up.
+    #: plane; empty if the group contains all tests of the campaign.
     suffix: str
     #: Whether each test of the campaign belongs to the group, shape (tests,).
     tests: NDArray[np.bool_]

@@ -547,8 +547,8 @@ def unused_columns(heading: Heading) -> list[int]:
 def _note_format(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
     """Add encoding, separator and header line to the log of assumptions.
 
-    Values that the layout states are not added. Usual values (utf-8, comma, line 1 or no header)
-    are stored for the layout, but they are not noted as assumptions.
+    Values that the user has stated in the layout are not added. Usual values (utf-8, comma, line 1
+    or no header) are stored, but they are not reported as assumptions.
     """
     if sheet.encoding and layout.encoding is None:
         log.keep(encoding=sheet.encoding)

@@ -162,7 +162,7 @@ _LETTER_AND_NUMBER = re.compile(
     r"(?<![\w.])(?:CR|[RrDØø](?:[_ ]?(?:nom\w*|soll|0(?=\W)))?)\s?[:=]?\s?"
     r"(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?(?![\w.,])"
 )
-# Regular expression for a word for the circle.
+# Regular expression for a word that means the radius or the diameter of a circle.
 _CIRCLE = re.compile(rf"(?<![^\W_])(?:{WORDS['circle']['named']})", re.IGNORECASE)
 # Regular expression for a word for the bar, followed by a number as large as a radius in mm (50 to
 # 999).

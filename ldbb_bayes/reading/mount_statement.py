@@ -34,7 +34,8 @@ _DEFLECTION = re.compile(_WORDS["deflection"], re.IGNORECASE)
 _IN_READINGS = re.compile(_WORDS["in_readings"], re.IGNORECASE)
 # Regular expression for words for raw readings.
 _RAW = re.compile(_WORDS["raw"], re.IGNORECASE)
-# Regular expression for further words, which do not change the meaning of a statement.
+# Regular expression for words, such as "the" and "readings", which do not change the meaning of a
+# statement about the mount.
 _BESIDE = re.compile(_WORDS["beside"], re.IGNORECASE)
 # An error message shows at most this number of characters of a line.
 _LINE_SHOWN = 80

@@ -54,7 +54,7 @@ def take_plane_option(campaign: dict[str, Any]) -> None:
     Parameters
     ----------
     campaign
-        Fields of the campaign that options state.
+        Fields of the campaign that the user has given as options.
 
     Raises
     ------

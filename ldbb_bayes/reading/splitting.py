@@ -59,7 +59,8 @@ _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 # Commas or points in the numbers of a column may be decimal marks or separate thousands. Columns
 # are checked for this only if at least this many of their numbers have a comma or a point.
 _FEWEST_MARKED = 5
-# Fields of a test or campaign that a column may state if it has no role (angle, reading, …).
+# A column without a role (such as angle or reading) may state the value of one of these fields of a
+# test.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
 # Regular expression for a number that may be a result. It does not match G2, G3 or a factor of −1.
 _RESULT = re.compile(r"(?<![^\W_])(?:\d\d|\d(?<![-−]1))")
@@ -80,7 +81,7 @@ FIELDS_OF_ALL_TESTS = {
 
 @dataclass(frozen=True)
 class _SheetColumns:
-    """Table of a sheet as columns of cells."""
+    """Table of a sheet, whose cells are stored column by column."""
 
     sheet: Sheet
     heading: Heading
@@ -369,7 +370,7 @@ def split_sheet(
 
 
 def _lines_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int | str, str]]:
-    """Return the number and the text of each line below a table, without results.
+    """Return the line number and the text of each line below a table, without numerical results.
 
     A segment of a line that holds a number is left out, because it may be a result of the test, as
     in ``Circularity CW: 12 µm``. ``lines_of_table`` are the numbers of the lines of the table.

@@ -131,7 +131,7 @@ def _find_separator(lines: Sequence[str]) -> str:
         return best_separator
     for separator in _SEPARATORS:
         if separator == " " and best_separator in _SURE and best_score > _SURE_SCORE:
-            continue  # blanks then probably stand inside cells, such as "100 N"
+            continue  # cells then probably contain blanks, as in "100 N"
         score = _separator_score(sample, separator)
         if score > best_score + _SCORE_MARGIN:
             best_separator = separator

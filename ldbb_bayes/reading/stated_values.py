@@ -48,7 +48,7 @@ _LARGEST_VARIATION = 0.02
 _ROWS_OF_CHANGE = 20
 # Number of digits to which the mean of a measured load is rounded.
 _DIGITS_OF_MEAN = 6
-# Advice for a column of directions with other words than CW and CCW.
+# Advice in the error message if a column of directions contains words other than CW and CCW.
 _WRITE_DIRECTIONS = "Write CW or CCW into the column, or give --direction if all tests ran alike."
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60

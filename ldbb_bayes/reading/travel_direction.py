@@ -43,7 +43,8 @@ _ARC = re.compile(
 # grade of balls or the name of a product.
 _OTHER_ARC = re.compile(_WORDS["other_arc"], re.IGNORECASE)
 _SENSES_OF_ARCS = {"2": "CW", "3": "CCW"}
-# Sides that letters in a column of directions mean, if it holds both letters and nothing else.
+# Meaning of the letters R and L in a column of directions. The letters have this meaning only if
+# the column holds both letters and no other text.
 _SIDES_BY_LETTER = {"R": "right", "L": "left"}
 # Regular expression for a word for "direction", with the text that follows it.
 NAMES_DIRECTION = re.compile(_WORDS["after"], re.IGNORECASE)

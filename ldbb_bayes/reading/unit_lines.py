@@ -101,7 +101,7 @@ _NUMBER_AT_END = re.compile(r"\d\s?$")
 # Regular expression for a factor after a unit, as in "µm/10", at the end of a list of units or of
 # one of its entries.
 _FACTOR_BEHIND = re.compile(r"[^\W\d]\s?[/x×*·]\s?\d[\d.,]*\s*(?:$|[;,|)\]])")
-# Regular expression for a label in front of the units of a line.
+# Regular expression for a label, such as "Units:", in front of the units of a line.
 _LABEL_IN_FRONT = re.compile(rf"\W*(?:{_WORDS['label']})(?!\w)\s*[-–]?\s*", re.IGNORECASE)
 # Regular expression for a factor in front of a unit.
 _FACTOR = re.compile(r"[x×*]\s*\d|\d")
@@ -399,7 +399,7 @@ def _units_of_roles(text: str, role: str) -> dict[str, str]:
 
 
 def _units_in(text: str) -> list[_ListedUnit]:
-    """Return the known units in a text in the order of the text.
+    """Return the known units in a text, in the order in which the text names them.
 
     A number in front of a unit is its factor, with two exceptions: the text also has the unit
     without a number, as in "um (range 1000 um)", or the number is large and the unit is a unit of

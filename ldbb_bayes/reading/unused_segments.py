@@ -53,9 +53,9 @@ def unused_segments(text: str, reasons: str) -> str:
 
 
 def _states_quoted_load(segment: str, text: str, reasons: str) -> bool:
-    """Return whether a segment states a load, and ``reasons`` quote the whole line.
+    """Return whether a part of a line states a load, and a note already quotes the whole line.
 
-    The note with this quotation then shows the load. ``text`` is the line.
+    ``segment`` is the part, ``text`` the line, and ``reasons`` are the reasons in the notes.
     """
     return repr(text.strip()) in reasons and load_in_name([segment]) is not None
 

@@ -158,10 +158,9 @@ def scaled_unit(text: str) -> str:
 
 
 def unit_in_shares(text: str) -> str:
-    """Return a unit that a text states by a word for a fraction of it.
+    """Return the fraction of a unit that a text states in words.
 
-    The result is ``0.1 um`` for ``tenths of a micron``, and an empty text if ``text`` is anything
-    else.
+    The result is ``0.1 um`` for ``tenths of a micron``. It is empty if the text is anything else.
     """
     for share, pattern in _UNIT_IN_SHARES.items():
         match = pattern.fullmatch(text.strip(" ."))

@@ -159,7 +159,7 @@ def _stiffness(findings: Findings, force_N: float | None) -> pd.DataFrame:
     """Return a table of the stiffness by direction, with a row for each plane, force and quantity.
 
     The forces are the smallest force tested, the reference force, the largest force tested, and
-    ``force_N``, the force at which the test certificate states stiffness [N].
+    ``force_N``, the force [N] for which the test certificate states the stiffness.
     """
     numbers = findings.numbers
     table = stiffness(numbers, prob=findings.prob).table()
@@ -206,11 +206,11 @@ def _gum_validation(findings: Findings) -> pd.DataFrame:
 
 
 def _averaged(findings: Findings) -> pd.DataFrame:
-    """Return a table of the estimates on the test certificate, which are averages over models.
+    """Return a table of the parameters' estimates on the test certificate.
 
-    The table has no slopes (coefficients of the change of compliance with force). In some of the
-    averaged models, a slope is exactly zero. The mean and U of a slope therefore do not describe
-    its distribution.
+    These estimates are averages over several models. The table has no slopes (coefficients of the
+    change of compliance with force): a slope is exactly zero in some of the models, so that mean
+    and U would not describe its distribution.
     """
     averaged = findings.numbers
     summary = summarize(averaged, prob=findings.prob)

@@ -232,10 +232,10 @@ def _force_law_text(campaign: Campaign, words: Words) -> str:
 
 
 def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
-    """Return a string with the size of an assumed effect: ± twice the standard uncertainty.
+    """Return the size that the model assumes for an effect: ± twice the prior standard deviation.
 
-    ``term`` is the class name of the model term that describes the effect. If some coefficients of
-    the effect have a smaller size, the string says "up to".
+    ``term`` is the class name of the model term that describes the effect. The result is a string.
+    It says "up to" if the model assumes a smaller size for some coefficients of the effect.
     """
     factor, label = source_unit_words(size.source, term, size.unit)
     value = words.number(two_digits(2.0 * size.sd, factor))

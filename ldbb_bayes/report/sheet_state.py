@@ -1,4 +1,4 @@
-"""Texts on whether a report's results can be used, and on undetermined quantities."""
+"""Sentences that state whether results can be used, and which quantities are undetermined."""
 
 from __future__ import annotations
 

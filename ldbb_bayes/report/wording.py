@@ -187,7 +187,7 @@ _CONFLICT = 0.01
 # the present u.
 _NARROWER = 0.9
 _STRENGTHS = (
-    # Words for the strength of the evidence that a Bayes factor B states. Each entry has an upper
+    # Words for the strength of evidence expressed by a Bayes factor B. Each entry has an upper
     # limit of |ln B|, and the words for smaller values of |ln B|. Source: Kass and Raftery, J. Am.
     # Stat. Assoc. 90 (1995) 773.
     (1.0, "not worth more than a bare mention"),

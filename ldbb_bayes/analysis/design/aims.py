@@ -48,11 +48,11 @@ class Aim(Protocol):
         """Whether the aim is already reached."""
 
     def distance(self, covariance: Array) -> Array:
-        """Return the distances from the aim, shape (...), averaged over the hyper-parameters.
+        """Return how far a campaign is expected to miss the aim, averaged over hyper-parameters.
 
-        ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of their
-        prior standard deviations, at K values of the hyper-parameters. The dimensions (...), if
-        there are any, run over possible circles.
+        The result has the shape (...): one distance for each possible next circle. ``covariance``,
+        shape (K, ..., p, p), holds the covariance matrices of the p parameters with this circle, in
+        units of their prior standard deviations, at K values of the hyper-parameters.
         """
 
 

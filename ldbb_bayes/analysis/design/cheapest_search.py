@@ -53,9 +53,10 @@ _MOST_FORECASTS = 8
 # Number of possible machines in a preliminary forecast of a campaign with one circle fewer. This
 # forecast is fast, and shows whether the full forecast is worthwhile.
 _FEW_MACHINES = 16
-# Limit for the computing effort of all full forecasts together. The effort of a full forecast is
-# the square of its number of circles. Once a campaign that reaches the goals has been found, the
-# search ends when the total effort exceeds this limit.
+# Limit for the computing effort of all full forecasts together, except those of the families'
+# largest campaigns. The effort of a forecast is the square of its number of circles. Once a
+# campaign that reaches the goals has been found, the search ends when the total effort exceeds this
+# limit.
 _MOST_EFFORT = 700
 
 
@@ -266,7 +267,9 @@ class _Search:
         #: of each family is considered. The campaign stored is the one that meets all goals on the
         #: largest share of the possible machines.
         self.nearest: FoundCampaign | None = None
-        self.effort = 0  #: sum of the squared numbers of circles of all full forecasts
+        #: computing effort so far: sum of n² over all full forecasts of campaigns of n circles,
+        #: without the forecasts of the largest campaigns of the families
+        self.effort = 0
 
     def start(self, progress: _Progress) -> bool:
         """Set the number of circles at which the search in a family of campaigns begins.

@@ -50,8 +50,8 @@ __all__ = [
 # Number of possible states of the machine (values of parameters and hyper-parameters) that a
 # forecast averages over.
 _STATES = 64
-# Number of draws from the posterior of the scales (of the noise and of other effects), for each
-# possible machine. The variance that an analysis would state is an average over these draws.
+# Number of posterior draws of the hyper-parameters (scales of the noise and of other effects) for
+# each possible machine. The posterior variance of a parameter is computed from these draws.
 _BELIEFS = 4
 # Number of posterior means that are drawn at random for each possible machine if the analysis is
 # assumed to know the scales of noise and effects. Several means are drawn because the posterior

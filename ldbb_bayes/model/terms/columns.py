@@ -32,9 +32,9 @@ NOISE = "ReadingNoise"
 # of higher orders. For harmonics cos nθ, sin nθ of this order n, prior sds follow from the scales
 # alone; at any other order, they are also multiplied by (n/6)^(−decay).
 FORM_ORDER = 6.0
-# Kinds of prior distribution of a hyper-parameter: half-normal for scales, decay for the exponent p
-# (the prior sd of a form error of order n is proportional to n^(−p)), circle for the noise factor λ
-# of one circle.
+# Kinds of prior distribution of a hyper-parameter: half-normal for standard deviations, decay for
+# the exponent p (the prior sd of a form error of order n is proportional to n^(−p)), circle for the
+# noise factor λ of one circle.
 Law = Literal["half-normal", "decay", "circle"]
 
 
@@ -90,7 +90,7 @@ class Source(NamedTuple):
 
     @property
     def names(self) -> tuple[Hyper, ...]:
-        """Names of the hyper-parameters whose product multiplies the prior sd."""
+        """Names of the hyper-parameters by which the coefficient's prior sd is multiplied."""
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
