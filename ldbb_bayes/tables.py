@@ -261,11 +261,11 @@ class _TextLayout:
                 self._break_heads(least_width)
 
     def _importance(self, column: int) -> tuple[bool, bool, bool]:
-        """Return the sort key of a column for the order in which columns are moved beneath rows.
+        """Return a sort key that states how important a column is. ``column`` is its index.
 
-        Columns with smaller keys are moved earlier: first columns with texts, then columns with
-        numbers, then columns with an estimate or its uncertainty, and last the column of the unit.
-        ``column`` is the index of the column.
+        If the table is too wide, the cells of the least important columns are moved to separate
+        lines below the rows. Columns with texts are moved first, then columns with numbers, then
+        columns with an estimate or its uncertainty, and last the column of the unit.
         """
         head = self._heads[column]
         return head == "unit", head in _ESTIMATE, self._numeric[column]
@@ -465,7 +465,8 @@ def readable(
     caption
         Caption of the table.
     units
-        Units of columns, which are displayed in the heads. The keys are the names of the columns.
+        Units of columns, which are displayed in the column headings. The keys are the names of the
+        columns.
     """
     copy = ReadableFrame(frame)
     copy.attrs = {**frame.attrs, "caption": caption, "units": dict(units or {})}

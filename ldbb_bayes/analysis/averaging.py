@@ -73,10 +73,10 @@ class _Combination(NamedTuple):
 class _WeightedModels:
     """The models of an average with their posterior probabilities.
 
-    ``combinations`` are the names and alternative explanations of the models. ``nodes`` has an
-    entry for each model: weighted values of the hyper-parameters that represent the posterior under
-    the model. ``probability``, shape (models,), sums to one. ``bound`` is the largest model, the
-    one with the most parameters, bound to the campaign.
+    ``combinations`` describes each model by its name and by the alternative explanations that it
+    includes. ``nodes`` has an entry for each model: weighted values of the hyper-parameters that
+    represent the posterior under the model. ``probability``, shape (models,), sums to one.
+    ``bound`` is the largest model, the one with the most parameters, bound to the campaign.
     """
 
     combinations: tuple[_Combination, ...]

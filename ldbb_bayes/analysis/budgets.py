@@ -319,7 +319,7 @@ def _variance_of_parameter(
 ) -> _ParameterVariance:
     """Return the variance of one parameter, from all models that have this parameter.
 
-    ``budgets`` are the budgets under the models of an average. ``i`` is the index of the parameter
+    ``budgets`` holds the uncertainty budget under each model. ``i`` is the index of the parameter
     in the list of all parameters of these models. The parameter's posterior mean differs between
     the models; ``spread`` is the variance of these means, or None if there is only one model.
     """

@@ -202,10 +202,9 @@ class ScaledSlopes:
 
 @dataclass(frozen=True)
 class Difference:
-    """A sum over the tests of a campaign, and its standard error [nat].
+    """Sum of log predictive densities, or of their differences between two models [nat].
 
-    The summands are the log predictive densities of the tests, or the differences of these
-    densities between two models. ``value`` is the sum. ``se`` is the standard error of the sum,
+    ``value`` is the sum over the tests of a campaign. ``se`` is the standard error of the sum,
     computed from the standard deviation of the summands.
     """
 
@@ -678,11 +677,12 @@ def _plan_comparison(
 def _models_by_slope_scale(
     pair: Mapping[str, HybridModel],
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return the two compared models with every scale of the prior of the slopes.
+    """Return the two compared models with wider and with narrower priors of the slopes.
 
-    ``pair`` holds the two models by name. Slopes are changes of compliance with force. The keys of
-    the result are labels with the scale, such as "slope scale 0.3"; each value holds both models.
-    The result is empty if neither model has slopes, or if the two models differ only in this prior.
+    Slopes are changes of compliance with force. ``pair`` holds the two models by name. Both models
+    are given the priors of each scale in ``SLOPE_SCALES``. The keys of the result are labels with
+    the scale, such as "slope scale 0.3"; each value holds both models. The result is empty if
+    neither model has slopes, or if the two models differ only in this prior.
     """
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):

@@ -92,8 +92,8 @@ class Conformity(Result):
     #: probability of conformance: the probability that the quantity lies between its limits
     probability: float
     #: guard band for a normally distributed quantity with a single limit. A decision is made if the
-    #: estimate has at least this distance from the limit: the quantity conforms if the estimate
-    #: lies inside, and does not conform if it lies outside.
+    #: distance of the estimate from the limit is at least the guard band. The quantity then
+    #: conforms if the estimate meets the limit; otherwise it does not conform.
     guard_band: float
     #: minimum probability of conformance, or of non-conformance, at which a decision is made
     confidence: float

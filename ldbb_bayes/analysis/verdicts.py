@@ -885,9 +885,10 @@ def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:
 
 
 def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
-    """Return the share of the variance that the sources of each origin cause.
+    """Return the share of the variance that the sources of each origin cause together.
 
-    The origin of a source of uncertainty is measured here, stated or assumed.
+    A source of uncertainty has one of three origins: its standard uncertainty is measured in this
+    campaign, stated or assumed.
     """
     shares = dict.fromkeys(Origin, 0.0)
     for source in sources:

@@ -171,7 +171,7 @@ class Workflow(Result):
 
     @property
     def scatter_as_predicted(self) -> bool:
-        """Whether ``uniformity_p_value`` is at least 5 %, so that circles scatter as predicted.
+        """Whether the circles scatter as predicted: ``uniformity_p_value`` is at least 5 %.
 
         This property is for information only; ``passed`` does not depend on it.
         """

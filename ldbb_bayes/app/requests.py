@@ -322,7 +322,7 @@ async def _search(house: House, session: Session, request: Request) -> Response:
     refusal = session.refusal("no_goal")
     if goal_texts(sent):
         refusal = await house.desk.ask(wrong_entry, session, sent)
-    if session.search.running:  # another request was quicker
+    if session.search.running:  # another request has started a search meanwhile
         return refused(session.word("searching"), 409)
     session.searched = sent
     session.search.outcome = refusal

@@ -370,9 +370,9 @@ class Campaign(CampaignFields):
 
         The conditions are the fields of each test, and the fields topology, frames_mm, mount,
         resolution_um, order and drift of the campaign. The digest also depends on the names and the
-        sequence of the tests, and on the foreseen tests. The digest does not depend on the format
-        of the files, on certificates, or on the pilot (the campaign from which a plan was
-        designed).
+        sequence of the tests, and on the tests in the field ``foreseen``, which may be run later.
+        The digest does not depend on the format of the files, on certificates, or on the pilot (the
+        campaign from which a plan was designed).
         """
         digest = hashlib.sha256()
         head: list[Any] = [

@@ -294,7 +294,7 @@ def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
     """Return mean, sd, median and credible interval of a quantity.
 
     ``row`` is the row of the quantity in `DirectionalStiffness.table`. If the readings do not
-    determine the quantity, all values returned are None. Only the lower end of the credible
+    determine the quantity, the values are None, with one exception: the lower end of the credible
     interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower limit.
     """
     numbers: dict[str, float | None] = {name: row[name] for name in PARAMETER_COLUMNS}

@@ -768,9 +768,10 @@ def _instrument_caveat(
 ) -> Caveat:
     """Return a caveat that names the parameter most affected by the instrument's errors.
 
-    For this parameter, the errors cause the largest share of the variance of the population's mean.
-    The caveat also states this share in per cent. ``parameters`` are the distributions of the
-    parameters over the machines, and ``statistics`` names the errors.
+    The instrument's errors cause a share of the variance of each parameter's population mean. The
+    caveat names the parameter with the largest share, and states this share in per cent.
+    ``parameters`` are the distributions of the parameters over the machines, and ``statistics``
+    names the errors.
     """
     shares = {}
     for name, parameter in parameters.items():

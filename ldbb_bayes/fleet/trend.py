@@ -126,7 +126,7 @@ def _isoformat(date: datetime | None) -> str | None:
 
 @dataclass(frozen=True)
 class Visit(Result):
-    """One campaign in the trend of a machine over time."""
+    """One of the campaigns of a machine whose parameters are followed over time."""
 
     #: label of the campaign: its name, or its file path if the name is missing or not unique
     campaign: str

@@ -67,7 +67,7 @@ class ModelDraws(NamedTuple):
     beta: Array
 
     def thinned(self, size: int) -> ModelDraws:
-        """Return the same model with at most ``size`` of the n random draws, evenly spaced."""
+        """Return the model with fewer draws: at most ``size``, evenly spaced among the n draws."""
         chosen = evenly_spaced(len(self.phi), size)
         return ModelDraws(self.bound, self.phi[chosen], self.beta[chosen])
 

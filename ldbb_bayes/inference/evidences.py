@@ -33,9 +33,10 @@ __all__ = ["Evidences", "leave_one_out", "left_out_log_densities"]
 # Error allowed in a log evidence [nat] that is computed only to decide whether a model is rejected.
 # The tolerance of the `Evidences` object is used instead if it is larger.
 _ROUGH_TOLERANCE = 0.1
-# If a campaign has at least this number of tests, the nodes (weighted values of the
-# hyper-parameters) without one test are computed from the nodes for all tests. With fewer tests, it
-# is as fast to compute the nodes anew.
+# To predict a test from the other tests, nodes (weighted values of the hyper-parameters) are needed
+# for the campaign without this test. If the campaign has at least ``_FEWEST_TESTS`` tests, these
+# nodes are computed from the nodes for all tests. With fewer tests, it is as fast to compute them
+# anew.
 _FEWEST_TESTS = 16
 
 

@@ -111,7 +111,7 @@ class StoppingRule(Shown):
 
 @dataclass(frozen=True)
 class Assessment:
-    """Smallest effective sample sizes and largest R-hat of all parameters and hyper-parameters."""
+    """Convergence diagnostics of draws: smallest effective sample sizes and largest R-hat."""
 
     #: smallest effective sample size for the mean of a parameter or hyper-parameter
     ess_bulk_min: float

@@ -286,10 +286,10 @@ class _AxisFit(NamedTuple):
     #: (h,)
     offset: Array
     #: scales (widths) of the distribution along each of h directions, shape (2, h); the first row
-    #: is for coordinates below the offset, the second row for coordinates above it
+    #: is for coordinates below ``offset``, the second row for coordinates above ``offset``
     scale: Array
     #: degrees of freedom of the distribution along each of h directions, shape (2, h); the first
-    #: row is for coordinates below the offset, the second row for coordinates above it
+    #: row is for coordinates below ``offset``, the second row for coordinates above ``offset``
     freedom: Array
     #: weighted mean of the log density at the points to which the distribution was fitted, for each
     #: of h directions, shape (h,)
@@ -297,11 +297,12 @@ class _AxisFit(NamedTuple):
 
 
 def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
-    """Return the split Student-t distribution that maximises the likelihood in every direction.
+    """Fit a split Student-t distribution along each of h directions, then widen it slightly.
 
-    A split Student-t has different scales and degrees of freedom on its two sides. Scales are found
-    by expectation-maximisation (EM) steps. Degrees of freedom, and the coordinate at which the two
-    sides meet, are picked from a few values. The result is a little wider than the fit.
+    A split Student-t has different scales and degrees of freedom on its two sides. The distribution
+    is fitted by maximum likelihood. Scales are found by expectation-maximisation (EM) steps.
+    Degrees of freedom, and the coordinate at which the two sides meet, are picked from a few
+    values. The fitted scales are then multiplied by a factor, and the distribution is returned.
 
     Parameters
     ----------

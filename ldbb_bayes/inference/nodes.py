@@ -698,7 +698,7 @@ class Nodes:
         return error + self.bound.truncation_prior[1]
 
     def meet(self, tolerance: float) -> bool:
-        """Return whether the nodes are fine enough for a tolerance of the log evidence [nat].
+        """Return whether the error of the log evidence is small enough for a tolerance [nat].
 
         The error of the integral over the nodes must not exceed the tolerance minus the truncation
         error, which is the error of the log probability that no compliance is negative. If the

@@ -25,8 +25,8 @@ __all__ = ["SharedDraws", "draw_with_shared"]
 # Gaussian density, at most this number of times. If a compliance is still negative, the parameters
 # are drawn from a density that is shifted towards compliances that are not negative.
 _PLAIN_TRIES = 4
-# Parameters are drawn from a density that is shifted towards compliances that are not negative, and
-# a draw may be rejected. This is the largest number of times that a rejected draw is repeated.
+# If a draw from the shifted density is rejected, the parameters are drawn again, at most this
+# number of times in all.
 _REPEATS = 20
 
 

@@ -257,11 +257,11 @@ class EliminationPlan:
         )
 
     def _updates(self, families: list[_Family]) -> list[Update]:
-        """Return how eliminating the groups of columns of a front changes later columns.
+        """Return the changes of later columns when the groups of columns of a front are eliminated.
 
-        The groups of one family change the same later columns. Consecutive families are treated
-        together, in the same `Update`, if they have equal numbers of groups and no later column is
-        changed by two of these families.
+        The groups of a front are eliminated together. The groups of one family change the same
+        later columns. Consecutive families are treated together, in the same `Update`, if they have
+        equal numbers of groups and no later column is changed by two of these families.
         """
         updates = []
         start = 0

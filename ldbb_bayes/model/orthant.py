@@ -298,7 +298,8 @@ class Orthant:
             Number of quasi-random points. It has no effect if there are only one or two directions
             `axes`; a quadrature rule is then used instead.
         seed
-            Seed of the quasi-random points; it has an effect only beyond ten directions.
+            Seed of the quasi-random points. It has an effect only if there are more than ten
+            directions `axes`.
         """
         d = len(self._tilted.bound)
         if d <= 2:

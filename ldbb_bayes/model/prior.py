@@ -226,11 +226,11 @@ class Prior(Shown):
     #: prior sd of cross compliances, such as C_XYX (displacement along one axis per force along
     #: another axis) [mm/N]
     cross_mm_per_N: float = 1e-5
-    #: prior sd of rotations caused by a force, such as C_CXY (rotation about Z per force along X)
-    #: [rad/N]
+    #: prior sd of compliances that are a rotation per force, such as C_CXY (rotation about Z per
+    #: force along X) [rad/N]
     rotation_for_force_rad_per_N: float = 1e-7
-    #: prior sd of rotations caused by a moment, such as C_CCY (rotation about Z per moment about Z)
-    #: [rad/(N mm)]
+    #: prior sd of compliances that are a rotation per moment, such as C_CCY (rotation about Z per
+    #: moment about Z) [rad/(N mm)]
     rotation_for_moment_rad_per_N_mm: float = 1e-9
     #: factor in the prior sd of slopes (changes of a compliance with force), without unit. A slope
     #: of degree k has the prior sd slope_scale · c / (F_max − F_min)^k. c is a typical magnitude of

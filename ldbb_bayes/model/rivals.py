@@ -23,8 +23,8 @@ class Rival(NamedTuple):
     """
 
     term: type[Term]
-    #: name of the field of the term that switches the effect off if it is zero, such as
-    #: curvature_um; empty string if the effect is the whole term
+    #: name of a field of the term, such as curvature_um; the effect is switched off by setting this
+    #: field to zero. Empty string if the effect is the whole term.
     setting: str
 
 

@@ -59,7 +59,7 @@ _AXIS = re.compile(r"(?<![\w/])[+\-−]?(?:[XYZ][+\-−]?|[xyz](?=[ -]?(?:axis|a
 _AXIS_ZERO = re.compile(r"(?<![\w/.])[+\-−]?[XYZ]0(?![\w.,/])", re.IGNORECASE)
 # Regular expression for words for a direction that is not an axis, such as north.
 _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
-# Regular expression for the header of a column of angles that begins with a minus sign, such as
+# Regular expression for a column header that means an angle with the opposite sign, such as
 # "-angle".
 _MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
 # Regular expression for words that mean an angle.
@@ -99,7 +99,7 @@ class AngleConvention(NamedTuple):
 
 
 class _Words(NamedTuple):
-    """Axis at which angles begin, and their sense, as a header, a line or a name states them."""
+    """What a header, a line or a name states about angles: where they begin, and the direction."""
 
     zero: str  # axis at which angles begin, such as +Y; empty if it is not stated
     sense: str  # CW or CCW; empty if it is not stated

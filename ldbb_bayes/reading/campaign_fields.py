@@ -289,11 +289,11 @@ def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str])
 
 
 def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> None:
-    """Set the field ``key`` of the campaign from the different values that its files state.
+    """Set the field ``key`` of the campaign; its files may state different values of this field.
 
-    All people, places or instruments that files state are listed. Of several dates of calibration,
-    the latest is used; of several dates of measurement, the earliest. If the files state different
-    feeds, the feed of the campaign is not set.
+    If the files name several people, places or instruments, the field lists all of them. Of several
+    dates of calibration, the latest is used; of several dates of measurement, the earliest. If the
+    files state different feeds, the feed of the campaign is not set.
     """
     if key == "mount":
         campaign[key] = MountCompensation(compensated=list(values) == ["compensated"])

@@ -422,8 +422,8 @@ def _row_of_units(cells: Sequence[str], separator: str) -> list[str]:
     """Return the units in a row of cells below a header; an empty list if it is not a unit row.
 
     An unknown unit is returned as it is written. A row with a load, such as 36 N, is not a row of
-    units. ``separator`` is the separator of the cells. If the separator is a blank, a factor is
-    joined to the unit after it.
+    units. ``separator`` is the separator of the cells. If the separator is a blank, a factor such
+    as 0.1 is joined to the unit that follows it.
     """
     if separator == " ":
         cells = _join_factors(cells)

@@ -15,8 +15,8 @@ _STRONG_MARK = re.compile(r"[;|\t]|\.(?=\s)")
 # Regular expression for any mark between the statements of a line. A comma before a digit may be a
 # decimal mark.
 _ANY_MARK = re.compile(r"[;|\t]|\.(?=\s)|,(?!\d)")
-# Regular expression for any mark or wide space between the segments of a line. A segment that
-# begins with a number is not divided from the segment before it, whose value the number may be.
+# Regular expression for the marks or wide spaces between the segments of a line. Marks before a
+# number are not matched, because the number may be the value of the words before it.
 _SEGMENT_MARK = re.compile(rf"(?:{_ANY_MARK.pattern}|\s{{2,}})+(?!\W*\d)")
 
 

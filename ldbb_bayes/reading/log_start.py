@@ -1,6 +1,7 @@
-"""Statements above a log over time: start of the circle, and reduced or increased feed.
+"""Read where the circle starts, and check the feed, for tables with times instead of angles.
 
-A log over time is a table that holds times instead of angles.
+The lines above such a table may state where the circle starts, and a feed override, which reduces
+or increases the programmed feed.
 """
 
 from __future__ import annotations

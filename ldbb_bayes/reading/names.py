@@ -51,9 +51,8 @@ _RADIUS_AFTER_R = re.compile(
     r"(?<![a-zA-Z0-9])(?:R|[Rr]adius)[ _=\-]?([5-9]\d(?:\.\d+)?|[1-9]\d{2,3}(?:\.\d+)?)"
     r"(?:[ _]?mm)?(?![a-zA-Z\d.,])(?![ _](?:N|kN|daN|lbf|kgf|bar|psi)(?![^\W_]))"
 )
-# Regular expression for a length in a name that may be the radius or the diameter of the circle.
-# The length is a number in mm, or a number after a letter or word for a radius, diameter, length or
-# bar.
+# Regular expression for the radius or diameter of the circle in the name of a test or file. It
+# matches a number in mm, or a number after a letter or word for a radius, diameter, length or bar.
 _LENGTH_IN_NAME = re.compile(
     r"(?<![\d.,])(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?[ _\-]?mm(?![/\w])"
     r"|(?<![^\W_])(?:[RrDdLØø]|[Bb]ar|[Dd]ia(?:meter)?|[Dd]urchmesser|[Rr]ad(?:ius)?)[ _=\-]?"

@@ -33,8 +33,8 @@ _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x2
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Separators that seldom occur inside a cell.
 _SURE = (";", "\t", "|")
-# If the score of a separator in ``_SURE`` (see `_separator_score`) is larger than this value, the
-# blank is not considered as a separator.
+# If a separator in ``_SURE`` has a score above this value, blanks are not tried as separators.
+# `_separator_score` computes the score.
 _SURE_SCORE = 1.3
 # Number of lines that are used to compare the possible separators of cells.
 _SAMPLE_LINES = 200

@@ -268,7 +268,7 @@ def _check_mentions(recording: Recording, unit: str) -> str:
 def _other_fraction(text: str, unit: str) -> str:
     """Return the fraction of a unit, such as 0.0001 inch, that a line about readings mentions.
 
-    The result is empty if the line mentions none, or if the fraction is as large as ``unit``.
+    The result is empty if the line mentions no fraction, or if the fraction is equal to ``unit``.
     """
     fraction = fraction_mentioned(text)
     size = size_of_unit("reading", fraction)

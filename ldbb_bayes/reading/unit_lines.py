@@ -134,8 +134,8 @@ _SCALES = (
     ),
 )
 _SCALE = re.compile(rf"(?<!\w)(?:{_WORDS['scale']})(?!\w)", re.IGNORECASE)
-# Units that are also ordinary words, such as "in". Such a word is not taken as a unit if the text
-# has another unit for the same role of a column.
+# Units that are also ordinary words, such as "in". If a text contains such a word and also another
+# unit for the same kind of column, the word is not taken as a unit.
 _ALSO_WORDS = ("in",)
 
 

@@ -342,8 +342,8 @@ class SheetNumbers:
         has_several_planes = table["plane"].nunique() > 1
         hangs_on = self._partners_of_geometry()
         suffix = "_no_load" if force_N == 0.0 else ""
-        # Deviations at no load have their own symbol, so that no symbol on the test certificate
-        # has two values.
+        # The deviations at no load have other symbols than those under load, so that each symbol on
+        # the test certificate has only one value.
         mark = "_0" if force_N == 0.0 else ""
         stated = {}
         for row in table[table["quantity"].isin(names)].to_dict(orient="records"):

@@ -73,11 +73,11 @@ def banner(numbers: SheetNumbers) -> Banner:
 
 
 def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> list[str]:
-    """Return labels for the quantities that a reason in the banner names.
+    """Return labels for quantities that a sentence in the report's banner mentions.
 
-    If there are at most two names, the labels are words. If there are more, the labels are symbols.
-    Names that are not in ``quantities``, such as names of tests and of hyper-parameters, are
-    returned unchanged.
+    ``names`` are the names of the quantities. If there are at most two, the labels are words; if
+    there are more, the labels are symbols. Names that are not in ``quantities``, such as names of
+    tests and of hyper-parameters, are returned unchanged.
     """
     labels = []
     for name in names:
