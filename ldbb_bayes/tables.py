@@ -598,7 +598,8 @@ def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]
 def _glued(text: str) -> str:
     """Return a text with no-break spaces wherever a line must not be broken.
 
-    A line must not be broken between a number and its unit or sign, or within short brackets.
+    A line must not be broken between a number and its unit or sign, or inside a short text in
+    brackets.
     """
     text = re.sub(_UNBREAKABLE, _NO_BREAK, text)
     return re.sub(_SHORT_BRACKETS, _without_breaks, text)

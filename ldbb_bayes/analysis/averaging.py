@@ -91,7 +91,7 @@ class _WeightedModels:
 
     @property
     def log_evidence_error(self) -> float:
-        """Return the largest error of the log evidence of any model [nat].
+        """Return the largest numerical error of the models' log evidences [nat].
 
         Models with a posterior probability below 0.001 are ignored.
         """
@@ -108,13 +108,13 @@ def average(
     draws: int = 4000,
     evidences: Evidences | None = None,
 ) -> xr.DataTree:
-    """Average the posterior over models, and over the subsets of their alternative explanations.
+    """Return the posterior averaged over models (Bayesian model averaging).
 
     The average is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior of the parameters β and
     hyper-parameters φ under each model M, weighted by the probability of the model given the
     readings y. Alternative explanations are effects, such as a nonlinear mount, that change the
-    readings like a compliance that changes with force. Every model, with every subset of its
-    alternative explanations, has the same prior probability.
+    readings like a compliance that changes with force. The average includes each of the ``models``
+    with every subset of its alternative explanations, all with the same prior probability.
 
     Parameters
     ----------

@@ -180,8 +180,8 @@ class ComparedTest:
     def stands_out(self) -> bool:
         """Return whether the test deviates clearly from its prediction from the other tests.
 
-        The condition is a family-wise p-value below 2 %. The result may be true even if the field
-        ``flag`` is false.
+        This is the case if the family-wise p-value is below 2 %. Even then, ``flag`` is false if
+        half of the tests or more would be flagged, because nothing shows which tests are wrong.
         """
         return self.lofo_family_wise_p_value < FALSE_ALARMS
 

@@ -33,7 +33,7 @@ _DRAWS = 20_000
 
 
 class _Differences(NamedTuple):
-    """Means and differences of n parameters of two campaigns, with standard uncertainties."""
+    """Posterior means of n parameters in two campaigns, and differences between the campaigns."""
 
     means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
     #: posterior mean of the difference of each parameter, second campaign minus first, shape (n,)

@@ -32,11 +32,11 @@ from ldbb_bayes.results import readable
 
 __all__ = ["local_fits"]
 
-# Settings of the quadrature for local fits. With these settings, the errors of standard deviations
-# are at most 2 %, which is enough for a figure. The nodes of the quadrature are weighted values of
-# the hyper-parameters. ``_TOLERANCE`` is the error allowed for the log evidence [nat]. Nodes with
-# the smallest weights are left out, up to the share ``_SPARE`` of the total weight.
-# ``_POINTS_INSIDE`` is the number of quasi-random points from which the probability that no
+# Settings of the quadrature for fits to two neighbouring forces. With these settings, the errors of
+# standard deviations are at most 2 %, which is enough for a figure. The nodes of the quadrature are
+# weighted values of the hyper-parameters. ``_TOLERANCE`` is the error allowed for the log evidence
+# [nat]. Nodes with the smallest weights are left out, up to the share ``_SPARE`` of the total
+# weight. ``_POINTS_INSIDE`` is the number of quasi-random points from which the probability that no
 # compliance is negative is computed. ``_MOMENT_NODES`` is the number of nodes for means and
 # standard deviations. ``_COMPONENTS`` is the number of components of the mixture from which the
 # quantiles are computed.

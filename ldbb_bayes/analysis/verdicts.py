@@ -151,9 +151,9 @@ class ParameterIdentifiability(Result):
     name: str  #: name of the parameter
     verdict: Verdict  #: verdict: identified, prior-limited or confounded
     held_by: VarianceSource  #: source with the largest share of the parameter's variance
-    #: names of the assumed effects (model terms or other parameters) with which the parameter is
-    #: confounded, the effect with the largest share of the variance first; empty if the parameter
-    #: is not confounded
+    #: names of the effects (model terms or other parameters) with which the parameter is
+    #: confounded. The effect that causes the largest share of the parameter's variance comes first.
+    #: Empty if the parameter is not confounded.
     partners: Annotated[tuple[str, ...], Field(alias="with")]
     #: for each effect in ``partners``, the share of the parameter's variance that this effect
     #: causes; the keys are names of effects

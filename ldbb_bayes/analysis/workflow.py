@@ -65,9 +65,9 @@ class PriorRange:
     measured_um: float
     low_um: float  #: lower end of the prior predictive interval of the range
     high_um: float  #: upper end of the prior predictive interval of the range
-    #: probability, under the prior, of a range at least as large as the measured range. It is not
-    #: adjusted for the number of circles. A small value means that such a large range is improbable
-    #: under the prior.
+    #: prior predictive probability that the range of the circle is at least as large as the
+    #: measured range, not adjusted for the number of circles. If the value is small, such a large
+    #: range is improbable under the prior.
     p_value: float
 
 

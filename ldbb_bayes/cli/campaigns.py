@@ -1,7 +1,7 @@
-"""Commands ``import``, ``check`` and ``simulate`` of ``ldbb-bayes``, which make no fit.
+"""Commands ``import``, ``check`` and ``simulate`` of ``ldbb-bayes``.
 
-These commands read, examine and simulate campaigns. A campaign is a set of circular tests of one
-machine.
+These commands read, examine and simulate campaigns, but do not fit a model to them. A campaign is a
+set of circular tests of one machine.
 """
 
 from __future__ import annotations

@@ -34,8 +34,8 @@ __all__ = ["AVERAGED_NAME", "STEPS", "WrittenReport", "page_settings", "report_f
 
 # Name of the file with the posterior that is averaged over constant and linear compliance.
 AVERAGED_NAME = "averaged.nc"
-# Files and folders that a report made from readings has in addition to its page and the files of
-# the fit.
+# Files and folders that are written for a report made from readings, in addition to the report's
+# page and the files of the fit.
 _FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
 # Approximate durations of the steps in which a report is made, relative to each other. The keys are
 # the names of the steps.

@@ -270,10 +270,10 @@ class ReportSource:
         return SourceCampaign(imported.campaign, imported)
 
     def _read_campaign(self) -> lb.Campaign:
-        """Return the campaign in the given folder or file, with the labels that options state.
+        """Return the campaign in the given folder or file.
 
-        Labels are names and dates, on which no computed number depends. Raise an `InputError` for
-        several files, and for options that apply only to an import of tables.
+        Names and dates that the user gives as options replace those of the campaign. Raise an
+        `InputError` if several files are given, or options that apply only to the import of tables.
         """
         first = self.paths[0]
         require(

@@ -179,15 +179,15 @@ def _leave_out_each(
 def _draw_without(
     density: SpreadDensity, separate: Estimates, mode: Array, m: int, seed: int
 ) -> tuple[Spreads, Array]:
-    """Return k draws of the spreads given all machines but machine m, and the deviations z of m.
+    """Draw the spreads without machine m, and compare machine m with the other machines.
 
-    Spreads s are the standard deviations of the machines about the mean of their population. They
-    are drawn from their posterior density given all machines except the machine with the index m.
-    For each draw, z holds the difference between each of the c parameters of machine m and its
-    prediction from the other machines, divided by the standard deviation of the difference; z has
-    the shape (c, k, 1). ``density`` is the posterior density of ln s given all machines, and
-    ``mode`` is the mode of this density. ``separate`` holds the estimates from each machine alone.
-    ``seed`` is the seed of the new draws.
+    The spreads s are the standard deviations of the machines' c parameters about the mean of the
+    population. k draws are made from the posterior density of s given all machines except the
+    machine with the index m. Return a tuple of these draws and of the deviations z, shape (c, k,
+    1). For each draw, z is the difference between a parameter of machine m and its prediction from
+    the other machines, divided by the standard deviation of the difference. ``density`` is the
+    posterior density of ln s given all machines, and ``mode`` is the mode of this density.
+    ``separate`` holds the estimates from each machine alone. ``seed`` is the seed of the draws.
     """
     likelihood = density.likelihood
     stays = np.arange(len(likelihood.shift)) != m

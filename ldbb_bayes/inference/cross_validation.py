@@ -41,9 +41,9 @@ _TOLERANCE = 1e-2
 # power below one. The inverse densities at the posterior draws are the importance weights of the
 # draws; k̂ states how heavy the tail of these weights is.
 _LARGE_K = 0.4
-# Tempering raises the densities of a test's readings to a power below one. The power is this value
-# divided by the Pareto shape k̂ of the inverse densities, which then have a Pareto shape of about
-# this value.
+# Pareto shape that the inverse densities of a test's readings have, approximately, after tempering.
+# Tempering raises the densities to a power below one; the power is this value divided by the Pareto
+# shape k̂ before tempering.
 _TEMPERED_K = 0.2
 # Largest Pareto shape k̂ from which the power for tempering is computed; a larger k̂ is replaced by
 # this value. Densities whose inverses have a heavy tail are tempered, that is, raised to a power

@@ -73,8 +73,8 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     which is a density fitted to the posterior of φ. β is drawn from its Gaussian density given φ
     and the readings. The weight of a draw of φ is the posterior density divided by the proposal.
     The draw is accepted with the probability r, its weight divided by twice an estimate of the mean
-    weight. If r exceeds one, the draw of φ may be returned several times, with different β if
-    enough β were drawn.
+    weight. If r exceeds one, the draw of φ may be returned several times, usually with different
+    β.
 
     If compliances must not be negative, several β are drawn for each φ, and the weight is
     multiplied by the share of these β without negative compliances. On average, the share is the

@@ -79,8 +79,9 @@ class ProposalDensity(Protocol):
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return ``size`` random draws in h dimensions, shape (size, h).
 
-        The widths of the density are first multiplied by the square root of ``temperature``.
-        ``rng`` generates the random numbers.
+        With a ``temperature`` above one, the draws come from a wider density, whose widths in all
+        directions are multiplied by the square root of ``temperature``. ``rng`` generates the
+        random numbers.
         """
 
 

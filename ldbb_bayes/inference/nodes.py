@@ -456,9 +456,9 @@ class HyperPosterior:
         """Coarse nodes of the posterior density, with exact weights.
 
         Nodes are weighted values of the hyper-parameters; the values are the same as in `coarse`.
-        If the posterior density includes, as a factor, the probability that no compliance is
-        negative (``truncated``), the weights are computed with the probability itself, not its
-        upper bound.
+        The weights differ if the posterior density includes, as a factor, the probability that no
+        compliance is negative (``truncated``). `coarse` replaces this probability by an upper
+        bound; here the probability itself is used.
         """
         return self._replace_bound(self.coarse)
 
@@ -466,9 +466,9 @@ class HyperPosterior:
     def sample_nodes(self) -> Integral:
         """Values of the hyper-parameters from `proposal`, with exact weights.
 
-        If the posterior density includes, as a factor, the probability that no compliance is
-        negative (``truncated``), the weights are computed with the probability itself, not its
-        upper bound. Otherwise the weights are the same as in `proposal`.
+        The weights differ from those in `proposal` only if the posterior density includes, as a
+        factor, the probability that no compliance is negative (``truncated``). `proposal` replaces
+        this probability by an upper bound; here the probability itself is used.
         """
         return self._replace_bound(self.proposal)
 

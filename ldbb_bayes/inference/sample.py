@@ -202,7 +202,7 @@ def sampler_named(name: str, *, stacklevel: int = 5) -> str:
 
 
 class FittedModel(NamedTuple):
-    """Posterior draws of a model and a campaign, and how well the model fits.
+    """Posterior draws from the fit of a model to a campaign, and how well the model fits.
 
     Most analyses need the draws as a DataTree, which `tree` builds. If many campaigns are fitted
     and no DataTree is needed, not building it saves time.
@@ -234,14 +234,14 @@ def fit_model(
     prior_draws: int = 4000,
     **options: Any,
 ) -> FittedModel:
-    """Return posterior draws of a model and a campaign, and how well the model fits.
+    """Fit a model to a campaign. Return posterior draws, and how well the model fits.
 
     Parameters
     ----------
     inside : HyperPosterior
         Posterior density of the hyper-parameters (scales of the noise and of other effects) under
-        the condition that no compliance is negative. If the model does not require this condition,
-        the density without the condition is sampled.
+        the condition that no compliance is negative. If the model allows negative compliances, the
+        draws come from the density without this condition.
     sampler : {"joint", "independent"}
         Name of the sampler.
     seed : int

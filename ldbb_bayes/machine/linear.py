@@ -437,22 +437,20 @@ def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
 
 
 class _TableOrder(NamedTuple):
-    """Sort key for the order of compliances in Table 1 of the paper."""
+    """Sort key for the order of compliances in Table 1 of the article on the model."""
 
     rotations: int  # number of rotary components of the compliance: 0, 1 or 2
-    # position of the displacement or rotation (i of C_ijk) in Table 1 of the paper
-    twist: int
-    wrench: int  # position of the force or moment (j of C_ijk) in Table 1 of the paper
-    joint: int  # position of the joint (k of C_ijk) in Table 1 of the paper
+    twist: int  # position of the displacement or rotation (i of C_ijk) in the table's order
+    wrench: int  # position of the force or moment (j of C_ijk) in the table's order
+    joint: int  # position of the joint (k of C_ijk) in the table's order
 
 
 def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
-    """Return the sort key of a compliance for the order of Table 1 of the paper.
+    """Return a sort key that puts compliances in the order of Table 1 of the article on the model.
 
-    ``name`` is the name of the compliance and ``machine`` the machine that has the compliance.
-    Displacements caused by forces come first, then displacements caused by moments and rotations
-    caused by forces, and last rotations caused by moments. Joints are in the order in which the
-    names of the tested planes list the axes.
+    Displacements that are caused by forces come first. Next come displacements that are caused by
+    moments, and rotations that are caused by forces. Rotations that are caused by moments come
+    last. ``name`` is the name of a compliance of ``machine``.
     """
     joints = [joint.axis for joint in machine.joints]
     rigid = [axis for axis in LINEAR if axis not in joints]

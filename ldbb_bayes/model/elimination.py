@@ -115,9 +115,10 @@ class Front(NamedTuple):
     #: the array in which the entries of P are overwritten by those of its Cholesky factor L. A
     #: group of s columns that changes m later columns has s (s + m + 1) entries.
     entries: slice
-    #: Number of groups of columns, number s of columns in a group, and number s + m + 1 of entries
-    #: of a column: s entries for the columns of the group, m for the later columns that the group
-    #: changes, and one for the right-hand side.
+    #: Shape of the array of entries: number of groups, number s of columns in a group, and number
+    #: s + m + 1 of entries in each column. Of these entries, s belong to the columns of the group,
+    #: m to the later columns that change when the group is eliminated, and one to the right-hand
+    #: side.
     shape: tuple[int, int, int]
     #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
     #: all are positive. A pivot is negative where a prior variance is negative
@@ -188,15 +189,16 @@ class EliminationPlan:
 
     The results are the entries of the Cholesky factor L of P = Aᵀ D⁻¹ A. They are stored in an
     array, the workspace, and the plan assigns a row of this array to each entry. A plan depends
-    only on which elements of A are zero, and on the signs of the prior variances. Several models of
-    one campaign can therefore share a plan.
+    only on ``signs`` and on which elements of A are zero. Several models of one campaign can
+    therefore share a plan.
 
     Parameters
     ----------
     groups
         Groups of columns in the order of their elimination. They contain every column once.
     signs
-        Signs ±1 of the prior variances of the coefficients, shape (columns,).
+        Signs ±1 of the prior variances of the coefficients, shape (columns,). A coefficient with a
+        negative variance removes noise from the readings (`Observations.signs`).
     """
 
     def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:

@@ -64,9 +64,9 @@ class _DenseGram(NamedTuple):
     """
 
     block: EntryBlock
-    #: Index, within each group of columns, of the first column whose Gram entries (scalar products
-    #: of columns) are in ``products``; the same for all groups. Entries in rows above the diagonal
-    #: entry of this column are left out.
+    #: Index of the first column of a group whose Gram entries (scalar products of columns) are in
+    #: ``products``; the same for all groups. For all columns in ``products``, entries above the
+    #: row with this index are left out.
     first: int
     #: For each group of columns, the indices of the k kinds of rows (rows with the same variance)
     #: over which the scalar products of the group's columns are summed, shape (groups, k).

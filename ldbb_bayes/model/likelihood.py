@@ -361,11 +361,11 @@ class StructuredGaussian:
             yield _Batch(index, weight, shift, log_density)
 
     def _variances(self, phi: Array) -> Array:
-        """Return the absolute value of the variance of every kind of row, shape (kinds, w).
+        """Return the absolute values of the variances of the observation equations.
 
-        The rows are those of the observation equations; rows of one kind have the same variance.
-        ``phi``, shape (w, h), holds w values of the h hyper-parameters, with lengths in mm.
-        Absolute values below 1e-60 are replaced by 1e-60.
+        The result has the shape (kinds, w); equations of one kind have the same variance. ``phi``,
+        shape (w, h), holds w values of the h hyper-parameters, with lengths in mm. Some variances
+        are negative (see `Observations.signs`). Absolute values below 1e-60 are replaced by 1e-60.
         """
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
         squares = np.empty((len(self._sources), len(phi)))

@@ -47,8 +47,8 @@ _PRODUCT_CALL_COST = 250.0
 # Time to subtract one product from one entry of the matrix P = Aᵀ D⁻¹ A, in units of the time of
 # one multiplication.
 _UPDATE_COST = 1.0
-# Largest number of computed elimination times that the cache holds. The cache saves time because
-# many groups have the same numbers of columns.
+# Largest number of results of ``_cost`` that its cache holds. The cache saves time because many
+# groups have the same numbers of columns.
 _KEPT_COSTS = 4096
 
 

@@ -234,8 +234,8 @@ def _send(connection: Connection, answer: _Answer) -> None:
 def _not_picklable(answer: _Answer, error: Exception) -> TypeError:
     """Return the error to send if the result or the exception of a job cannot be pickled.
 
-    If the outcome is an exception, its notes, which state where the exception was raised, are
-    copied to the error. ``error`` is the exception that pickling raised.
+    ``answer`` holds the result or the exception. An exception has notes that state where it was
+    raised; they are copied to the error. ``error`` is the exception that pickling raised.
     """
     reason = TypeError(
         f"{type(answer.content).__name__} must be picklable, got: {error}. Return arrays, numbers"

@@ -1,7 +1,8 @@
-"""Convention of the angles in a file: axis at which angles are zero, and sense of counting.
+"""Convention of the angles in a file: the axis at which they are zero, and their positive sense.
 
-The axis and the sense are read from the header of the column of angles, from lines above the table,
-and from names of files. An example is the header ``Angle from Y clockwise``.
+The sense is clockwise or counter-clockwise. It is read, like the axis, from the header of the
+column of angles, from lines above the table, or from names of files. An example is the header
+``Angle from Y clockwise``.
 """
 
 from __future__ import annotations

@@ -96,12 +96,12 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 
 
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
-    """Return the values that files state for a field, and the lines or names that state each value.
+    """Return a dict with the values of a field that lines and names in the files state.
 
-    The keys of the returned dict are the values. Each value is noted as an assumption; a plane is
-    also added to the fields of its test. If the user or a column of the table states the field for
-    a test, lines and names are not used for this test. Raise an `InputError` for contradictory
-    statements.
+    The keys of the dict are the values; each entry is a text that says which line or which name
+    states the value. Each value is noted as an assumption; a plane is also added to the fields of
+    its test. If the user or a column of the table states the field for a test, lines and names are
+    not used for this test. Raise an `InputError` for contradictory statements.
 
     Parameters
     ----------

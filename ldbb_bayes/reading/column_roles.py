@@ -180,7 +180,8 @@ def _name_and_unit(header: str) -> Header:
 def _unit_before_remark(header: str, name: str) -> Header | None:
     """Return name and unit of a header with a remark after the unit: "Reading, µm (radial)".
 
-    Return None for any other header. ``name`` is the header up to its first bracket.
+    Return None for any other header. ``name`` is the part of the header before its first bracket,
+    here "Reading, µm".
     """
     remarks = _INSIDE_BRACKETS.findall(header)
     if len(remarks) != 1 or not re.fullmatch(r"[^\W\d_]{4,}(?: [^\W\d_]+)*", remarks[0]):

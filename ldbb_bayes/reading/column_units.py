@@ -113,10 +113,10 @@ def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> No
 
 
 def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> float | Array:
-    """Return the factor from the unit that a source states to the unit that this package uses.
+    """Return the factor that converts a column of a file to the unit that this package uses.
 
-    The factor is one number, such as 1000 for readings in mm, because the package uses µm. It is an
-    array of shape (n,) if the unit changes from row to row.
+    For readings in mm, the factor is 1000, because the package uses µm. The result is an array with
+    one factor for each row if the unit changes from row to row.
     """
     sizes = {}
     for unit in dict.fromkeys(evidence.units):

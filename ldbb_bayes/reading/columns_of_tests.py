@@ -31,7 +31,7 @@ def columns_that_part(
 ) -> list[str]:
     """Return the headers of the columns that may name the test of each row.
 
-    All rows with the same word in such a column are successive, and there are enough of them for a
+    In such a column, equal cells are in successive rows, and each word is in enough rows for a
     test.
 
     Parameters

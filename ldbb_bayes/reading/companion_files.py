@@ -25,7 +25,8 @@ __all__ = [
 
 # First bytes of PDF files and pictures, which hold no table that can be read.
 _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
-# Names of files inside zipped documents: a text document, and a presentation.
+# Names of files inside a zip file by which a Word document or a PowerPoint presentation is
+# recognised.
 _PARTS_OF_DOCUMENTS = ("word/document.xml", "ppt/presentation.xml")
 # Content of the file "mimetype" inside a zipped text document in the OpenDocument format.
 _MIME_TYPE_OF_TEXT = b"application/vnd.oasis.opendocument.text"

@@ -71,7 +71,7 @@ class NamedLoad(NamedTuple):
 
     key: str  #: kind of load: force_N or pressure_bar
     value: float  #: value of the load, in N or bar as ``key`` states
-    name: str  #: name that states the load
+    name: str  #: name of the file, sheet, column or test that states the load
 
 
 class _WrittenLoad(NamedTuple):

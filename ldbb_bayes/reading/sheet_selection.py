@@ -218,11 +218,11 @@ def _check_none_transposed(sheets: Sequence[Sheet]) -> None:
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add to the log which hidden sheets and hidden rows are left out.
+    """Add notes to the log: which hidden sheets, hidden rows and repeated headers are left out.
 
-    Repeated headers inside a table, which are left out too, and a factor for all numbers of a table
-    are also added. If a workbook is not in the format XLSX, hidden rows and number formats cannot
-    be examined; this is noted too.
+    Further notes are added if all numbers of a table are multiplied by a factor that the file
+    states, or if a workbook is not in the format XLSX, so that its hidden rows and number formats
+    cannot be examined.
     """
     paths = set()
     for sheet in sheets:

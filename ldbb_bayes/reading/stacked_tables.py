@@ -104,7 +104,7 @@ def _end_of_numbers(rows: Sequence[Row], start: int, header: int) -> int:
 def first_header(rows: Sequence[Row]) -> int | None:
     """Return the index of the first header of a table; None if there is no header.
 
-    A header names columns, and one of the two rows below it holds numbers. A rule of dashes below
+    A header names columns, and one of the two rows below it holds numbers. A line of dashes below
     the header is not counted.
     """
     for k in range(len(rows) - 1):
@@ -119,7 +119,7 @@ def first_header(rows: Sequence[Row]) -> int | None:
 
 
 def _rows_below(rows: Sequence[Row], header: int) -> list[Row]:
-    """Return the two rows below a header, without the rules of dashes that underline it.
+    """Return the two rows below a header. Lines of dashes that underline the header are skipped.
 
     ``header`` is the index of the header among the rows.
     """

@@ -258,10 +258,11 @@ def _stated_in(text: str) -> set[str]:
 
 
 def _sense_beside_load(text: str) -> set[str]:
-    """Return the direction of travel beside a load: CCW for ``Load 490 N CCW``.
+    """Return the direction of travel that is named beside a load: CCW for ``Load 490 N CCW``.
 
-    The result is empty if the text states no load or several directions, if it is about angles or
-    about a direction of something other than the travel, or if it only denies a direction.
+    The result is empty if the text contains no load, if it names both directions, if it is about
+    angles or something else that has a direction, or if it answers a direction with yes or no, as
+    in ``CW: no``.
     """
     without_load = _LOADS.sub(" ", LOAD_IN_NAME.sub(" ", text))
     if LOAD_IN_NAME.search(text) is None or _is_about_angles(text):

@@ -56,7 +56,8 @@ _UNIT = re.compile(rf"(?:{_FACTOR_IN_LIST})?(?P<unit>[^\s\d;,|:=()\[\]/][^\s;,|:
 _BETWEEN_UNITS = re.compile(r"[\s;,|/()\[\]\-–#%]*")
 # Regular expression for the number of a revision, as in "rev 2"; "rev" is then not a unit of angle.
 _REVISION = re.compile(_WORDS["revision"], re.IGNORECASE)
-# Largest factor of a unit of angle in a list. A larger number, as in 360 deg, is a range.
+# Largest number before a unit of angle that is taken as a factor of the unit. A larger number, as
+# in 360 deg, is the range of the angles.
 _LARGEST_ANGLE_FACTOR = 10.0
 # Regular expression for words, such as "resolution", for properties of an instrument that may be
 # stated as a fraction of a unit.
@@ -81,8 +82,8 @@ _SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*",
 _BETWEEN_PAIRS = re.compile(r"[;,|\t](?!\d)|\s{2,}(?=[^\W\d]+\s*[:=])")
 # Regular expression for a pair of a quantity and its unit, such as "Angle: deg".
 _PAIR = re.compile(r"\s*(?P<label>[^:=]+)[:=](?P<unit>[^:=]+)")
-# Regular expression for a factor of ten in front of a unit, such as 10, 0.1 or 1/100. A quantity
-# with another number, such as 5 µm, is a value.
+# Regular expression for a number that may be the factor of a unit: 1, 10, 100, or a fraction such
+# as 0.1 or 1/100. A text with any other number, such as 5 µm, is a value and not a unit.
 _FACTOR_OF_TEN = re.compile(r"(?:1\s?/\s?10+|10{0,2})(?![\d.,])|0[.,]0*1(?!\d)")
 # Regular expression for units of readings that are not units of length, such as V.
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
@@ -143,7 +144,7 @@ class _ListedUnit(NamedTuple):
     """Unit in a list such as ``deg / 0.1 µm``."""
 
     name: str  # unit without its factor, in the spelling of this package, such as "um"
-    with_factor: str  # the unit with its factor, such as "0.1 um"; the name if it has none
+    with_factor: str  # ``name`` with the factor before it, such as "0.1 um", if there is a factor
     is_also_word: bool  # whether the unit is also an ordinary word, such as "in"
 
 

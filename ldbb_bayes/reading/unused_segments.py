@@ -61,9 +61,10 @@ def _states_quoted_load(segment: str, text: str, reasons: str) -> bool:
 
 
 def _may_matter(segment: str) -> bool:
-    """Return whether a segment is more than a unit, a placeholder, a label or a few letters.
+    """Return whether a segment of a line may contain information.
 
-    An equation, such as ``e = L0 - L``, is always more.
+    A segment that is only a unit, a label, a placeholder for a missing value, or a few letters
+    contains no information. An equation, such as ``e = L0 - L``, always does.
     """
     word = segment.strip(" \t:=#*\"'[]()")
     if _EQUATION.search(word):

@@ -27,8 +27,8 @@ _SAME = rf"{_QUOTED}|\b\w+\.toml\b"
 _FIRST_MARK = 0xE000
 _LAST_MARK = 0xF8FF
 
-# Subjects of those notes that state a text or a name that is not translated. A note on the
-# operator, for example, states the operator's name as the file gives it.
+# Subjects of the notes that contain a text or a name that must not be translated. For example, a
+# note on the operator contains the operator's name as it is written in the file.
 _OWN_TEXTS = frozenset(
     (
         "[[test]] not used",
@@ -49,9 +49,10 @@ _OWN_TEXTS = frozenset(
 
 
 def is_own_text(subject: str) -> bool:
-    """Return whether notes on a subject state a text or a name that is not translated.
+    """Return whether the value in a note is a text or a name that must not be translated.
 
-    ``subject`` is what the note is about, such as "operator".
+    ``subject`` is what the note is about. For example, a note with the subject "operator" contains
+    the operator's name.
     """
     return subject in _OWN_TEXTS
 

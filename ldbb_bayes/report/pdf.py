@@ -36,7 +36,7 @@ _SIGNATURES = 256.0
 _PAIRED_WIDTH = 104.0  # width of a figure with a list of sentences beside it [mm]
 # Largest height allowed for a figure with a list of sentences beside or below it [mm].
 _PAIRED_HEIGHT = 88.0
-# Largest height allowed for a figure without a list of sentences [mm].
+# Largest height allowed for a figure that has no list of sentences beside or below it [mm].
 _PICTURE_HEIGHT = 100.0
 _ROW_GAP = 4.0  # distance between two figures side by side [mm]
 _BULLET_WIDTH = 4.0  # width of the space for the bullet before an item of a list [mm]

@@ -79,10 +79,11 @@ class UncertaintyAim:
     def sd(self, covariance: Array) -> Array:
         """Return the standard uncertainties of the combination w·β, shape (K, ...).
 
-        β are the p parameters and w their weights ``weights``. The uncertainties include the factor
-        ``inflation``. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in
-        units of their prior standard deviations, at K values of the hyper-parameters. The
-        dimensions (...), if there are any, run over possible circles.
+        β are the p parameters and w their weights ``weights``. ``covariance``, shape (K, ..., p,
+        p), are covariances of the p parameters, in units of their prior standard deviations, at K
+        values of the hyper-parameters. If there are further dimensions (...), they stand for
+        possible circles. The uncertainties are computed from the covariances and multiplied by
+        ``inflation``.
         """
         variance = covariance @ self.weights @ self.weights
         return np.asarray(self.inflation * np.sqrt(np.maximum(variance, 0.0)))
@@ -92,8 +93,8 @@ class UncertaintyAim:
 
         u is the standard uncertainty that is expected for the combination of the parameters, and u*
         is ``target``. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in
-        units of their prior standard deviations, at K values of the hyper-parameters. The
-        dimensions (...), if there are any, run over possible circles.
+        units of their prior standard deviations, at K values of the hyper-parameters. If there are
+        further dimensions (...), they stand for possible circles.
         """
         return np.asarray(np.log(self.sd(covariance) / self.target).mean(axis=0))
 

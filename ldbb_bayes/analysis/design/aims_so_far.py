@@ -102,11 +102,10 @@ class Known(NamedTuple):
 
 
 def known_from(nodes: Nodes, seed: int) -> Known:
-    """Return the posterior of the parameters, and a sample of the hyper-parameters' posterior.
+    """Return the posterior of the parameters and hyper-parameters given the circles run so far.
 
-    The posterior is described by means, standard deviations and draws. All three are computed from
-    ``nodes``, weighted values of the hyper-parameters that represent the posterior given the
-    circles run so far. ``seed`` is the seed of the random draws.
+    ``nodes`` are weighted values of the hyper-parameters, from which the posterior is computed.
+    ``seed`` is the seed of the random draws.
     """
     rng = np.random.default_rng(seed)
     mean, sd = nodes.moments(components=_DRAWS)

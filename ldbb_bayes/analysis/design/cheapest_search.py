@@ -41,14 +41,14 @@ _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins with this share of the number of circles that the
 # family is estimated to need.
 _BEGIN_SHARE = 0.85
-# Number of bisection steps in the search for the factor by which all numbers of circles of a
-# campaign are multiplied to reach the goals.
+# Number of bisection steps in the search for a factor. If the number of circles of each candidate
+# test in a trial campaign is multiplied by this factor, the goals are just reached.
 _HALVINGS = 10
 # A full forecast of a campaign is made only if ln(u/u*) is at most this number for all goals. u is
 # the standard uncertainty of a goal's parameter in the full forecast, as estimated from the quick
 # forecast. u* is the largest standard uncertainty that the goal permits.
 _NEAR = 0.03
-# Largest number of full forecasts in one family of campaigns.
+# Largest number of full forecasts for campaigns with the same clockings, radii and certificates.
 _MOST_FORECASTS = 8
 # Number of possible machines in a preliminary forecast of a campaign with one circle fewer. This
 # forecast is fast, and shows whether the full forecast is worthwhile.

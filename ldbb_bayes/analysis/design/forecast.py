@@ -277,12 +277,12 @@ def forecast_tests(
 
 
 def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
-    """Return covariances of the parameters for draws from the posterior of the scales.
+    """Return the parameters' covariances for random draws from the hyper-parameters' posterior.
 
-    The scales of the noise and of other effects are the hyper-parameters. The result has the shape
-    (K, n, p, p), for the K possible machines ``states``, n draws of the scales for each machine
-    (see `believed_scales`), and p parameters. ``run`` is the number of tests of ``bound`` that have
-    already been run. The covariances are in units of the prior standard deviations of the
+    The hyper-parameters are the scales of the noise and of other effects. The result has the shape
+    (K, n, p, p), for the K possible machines ``states``, n draws of the hyper-parameters for each
+    machine (see `believed_scales`), and p parameters. ``run`` is the number of tests of ``bound``
+    that have already been run. The covariances are in units of the prior standard deviations of the
     parameters. Compliances may be negative.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
@@ -349,9 +349,9 @@ def expected_uncertainties(
         prior standard deviations. Compliances may be negative, and the noise has the same size in
         all circles.
     believed
-        Posterior covariances of the p parameters in each state, for several draws from the
-        posterior of the scales, shape (K, values, p, p), in units of the prior standard deviations.
-        Compliances may be negative.
+        Posterior covariances of the p parameters in each state, given each of n random draws from
+        the posterior of the hyper-parameters, shape (K, n, p, p), in units of the prior standard
+        deviations. Compliances may be negative.
     floor
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
         standard deviations.

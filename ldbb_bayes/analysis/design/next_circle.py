@@ -64,8 +64,8 @@ _TOLERANCE = 0.2
 # ``_CONTINUED`` best next circles; a circle may be chosen several times.
 _CONTINUED = 12
 _MOST_CIRCLES = 20
-# Number of runs of each of the best next circles from which the uncertainty after very many circles
-# is computed.
+# The uncertainty after very many circles is computed as if each of the best next circles were run
+# this number of times.
 _VERY_MANY = 1e6
 # Number of possible next circles that the result lists, the best first.
 _LISTED = 5

@@ -272,10 +272,10 @@ class Space:
         return Search(self.objective(self.tests), forces_N, levels, self.seed)
 
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
-        """Return the efficiency of tests, relative to the best shares of the same number of tests.
+        """Return the efficiency of tests, compared with the best design of as many tests.
 
-        The share of a candidate (test that could be run) is its number of runs divided by the
-        number of all runs.
+        In the best design, the number of runs of a candidate (test that could be run) need not be a
+        whole number.
         """
         value = self.objective(tests).value(np.ones(len(tests)))
         best = self.search.shares(float(len(tests))).value

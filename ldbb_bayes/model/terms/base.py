@@ -324,8 +324,9 @@ class Term(Shown):
     def describe(cls, coefficient: str) -> str:
         """Return a description of a coefficient of this term, derived from the coefficient's name.
 
-        For example, pattern_cos4 is described as "machine pattern (cos 4θ)". Coefficients of
-        unknown terms belong to the class `Term` itself, which returns the name unchanged.
+        For example, pattern_cos4 is described as "machine pattern (cos 4θ)". If no term has a
+        coefficient with this name, the method of the class `Term` itself is called, which returns
+        the name unchanged.
         """
         if cls is Term:
             return coefficient
