@@ -341,11 +341,11 @@ class _TextLayout:
 
 
 def _entry(head: str, value: str, numeric: bool) -> str:
-    """Return the head of a column and one of its cells as one text.
+    """Return the heading of a column and one of its cells as one text.
 
-    ``value`` is the text of the cell. If the column is ``numeric``, the unit in brackets in
-    ``head`` is written after the value: "noise (µm)" and "0.12" give "noise 0.12 µm". Otherwise,
-    the head and the text are separated by a colon, as in "direction: CW".
+    ``head`` is the heading, and ``value`` the text of the cell. If the column is ``numeric``, the
+    unit is moved from the heading to the end: "noise (µm)" and "0.12" give "noise 0.12 µm".
+    Otherwise, a colon separates heading and cell, as in "direction: CW".
     """
     if not numeric:
         return f"{head}: {value}"

@@ -380,7 +380,10 @@ def _contributions(variance: _ParameterVariance, u: float) -> tuple[Contribution
 
 
 def _portions(variance: _ParameterVariance) -> dict[_SourceKey, _Portion]:
-    """Return the share of every source in one parameter's variance, averaged over the models."""
+    """Return the share of one parameter's variance that each source of uncertainty causes.
+
+    The shares are averaged over the models.
+    """
     portions: dict[_SourceKey, _Portion] = {}
     for budget, row, weight in zip(variance.budgets, variance.rows, variance.weights, strict=True):
         for (source, term), shares in budget.shares.items():

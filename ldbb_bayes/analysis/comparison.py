@@ -246,8 +246,8 @@ class Comparison(Result):
     #: (changes of compliance with force); empty if neither model has slopes, or if the two models
     #: differ only in this prior
     prior_sensitivity: tuple[ScaledSlopes, ...]
-    #: scales of the prior of the slopes (changes of compliance with force) at which the log Bayes
-    #: factor in ``prior_sensitivity`` changes sign
+    #: prior widths of the slopes (changes of compliance with force) at which the log Bayes factor
+    #: in ``prior_sensitivity`` changes sign
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about the random
     #: differences between circles. The first entry is for the assumption in the models. The last

@@ -145,10 +145,10 @@ def _pattern(nuisance: str) -> str:
 
 
 def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
-    """Return the further tests that may resolve a degeneracy of a plan, by kind.
+    """Return tests that may separate effects that a plan cannot separate.
 
-    ``directed`` holds the circles of the plan with their directions of travel, and the copies of
-    circles in the opposite direction.
+    The keys of the result are the kinds of measure, such as other forces. ``directed`` holds the
+    circles of the plan with their directions of travel, and copies in the opposite direction.
     """
     further = {
         Cure.FORCES: _at_other_forces(plan),

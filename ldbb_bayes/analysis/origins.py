@@ -40,9 +40,9 @@ from ldbb_bayes.model.terms.columns import NOISE, OWN
 
 __all__ = ["MAJORITY", "Origin", "edition_terms", "is_prior_stated", "is_size_stated", "origins"]
 
-# Sources are said to cause most of a parameter's variance if their shares of it together are above
-# this number. If these sources were known exactly, the standard uncertainty of the parameter would
-# be smaller by about 30 % or more.
+# Sources of uncertainty are said to cause most of a parameter's variance if together they cause
+# more than this share of it. If these sources were removed, the standard uncertainty of the
+# parameter would be smaller by about 30 % or more.
 MAJORITY = 0.5
 # An effect counts as measured here if its standard uncertainty from the readings alone, with a flat
 # prior of the effect, is below this share of the effect's prior standard deviation.

@@ -153,12 +153,12 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
 def _compare_slopes(
     label: str, pair: Mapping[str, HybridModel], log_evidence_by_slopes: Array, error: float
 ) -> Assumed:
-    """Return the log Bayes factor of slopes over no slopes, with the two log evidences.
+    """Return the log Bayes factor of a model with slopes over a model without slopes.
 
-    Slopes are changes of compliance with force. ``label`` states how alternative explanations are
-    treated. ``error`` is the error of the log Bayes factor [nat]. ``log_evidence_by_slopes`` holds
-    two numbers: the log evidence with slopes, and the log evidence without slopes. In ``pair``, the
-    model without slopes comes first.
+    Slopes are changes of compliance with force. The result also holds the two log evidences.
+    ``label`` states how alternative explanations are treated. ``error`` is the error of the log
+    Bayes factor [nat]. ``log_evidence_by_slopes`` holds two numbers: the log evidence with slopes,
+    and the log evidence without slopes. In ``pair``, the model without slopes comes first.
     """
     with_slopes, without_slopes = log_evidence_by_slopes.tolist()
     constant_name, linear_name = pair

@@ -116,9 +116,10 @@ def count_subsets(model: HybridModel, campaign: Campaign) -> int:
 def slope_subsets(
     model: HybridModel, evidences: Evidences, *, seed: int, prob: float = 0.95
 ) -> AveragedSlopes:
-    """Compute the evidence of subsets of slopes, and average compliances over the subsets.
+    """Compute the evidence of models with different slopes, and average over these models.
 
-    Each subset of slopes is a model in which some compliances change with force and others do not.
+    Slopes are changes of compliance with force. In each model, some compliances have a slope, and
+    all others are constant.
 
     Parameters
     ----------

@@ -575,12 +575,12 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
 
 
 def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
-    """Return the variances of all parameters, then of changes with force, under one model.
+    """Return the variances of parameters and of changes of compliances with force in one model.
 
-    ``model`` is one of several models whose results are averaged. ``changes`` holds the changes of
-    compliances with force that occur in any of these models; the keys are names of compliances. If
-    a change does not occur in ``model``, its weights in the field ``ModelVariance.weights`` are
-    zero.
+    ``model`` is one of several models whose results are averaged. ``changes`` holds the changes
+    that occur in any of these models; the keys are names of compliances. In the result, the
+    parameters come first, then the changes. If a change does not occur in ``model``, its weights in
+    the field ``ModelVariance.weights`` are zero.
     """
     bound = model.bound
     information = information_of(bound, model.phi.mean(axis=0))

@@ -316,7 +316,7 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
 
 
 def _information(space: Space, tests: Sequence[lb.CircularTest]) -> float:
-    """Return the information expected from tests, each run once, with the model for these tests."""
+    """Return the value of the design criterion for a campaign in which each test is run once."""
     return space.objective(tests).value(np.ones(len(tests)))
 
 

@@ -65,7 +65,8 @@ class _Analyses:
 
     #: Comparison of constant with linear compliance.
     comparison: lb.analysis.Comparison | str
-    #: Posterior averaged over constant and linear compliance; None if it cannot be computed.
+    #: Posterior averaged over two models, one with constant and one with linear compliance; None if
+    #: it cannot be computed.
     averaged: xr.DataTree | None
     #: Function that returns the best tests to run next; the first call waits for the computation.
     design: Callable[[], lb.analysis.Design | str]

@@ -158,10 +158,11 @@ def population(
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], group(**options_of("rows", "population"))],
 ) -> None:
-    """Estimate mean and spread of a population of machines, and predict the next machine.
+    """Estimate how much machines of a population differ, and predict the next machine.
 
     The machines are those of the campaigns in one or more batches. Campaigns of the same machine
-    (machine_id in campaign.toml) are taken together. Each machine is compared with the others, and
+    (machine_id in campaign.toml) are taken together. For each parameter, the mean of all machines
+    and their standard deviation are estimated. Each machine is compared with the others, and
     machines that do not belong to the population are named.
     """
     output.check("population.json", "machines.csv")

@@ -2,15 +2,15 @@
 
 ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const
 
-y_i are the readings of campaign i. c_i are the chosen parameters of the machine in campaign i; the
-compliances of all campaigns are given for one reference force. b are the errors of the instrument
-(of the mount's deflection and of the force), which are the same in all campaigns. Λ_i is a
-precision matrix (inverse of a covariance matrix), and η_i is the shift, that is, Λ_i times the
-estimate of (c_i, b).
+y_i are the readings of campaign i. c_i are those parameters of the machine in campaign i that are
+to be compared; the compliances of all campaigns are given for one reference force. b are two errors
+of the instrument, that of the mount's deflection and that of the force, which are the same in all
+campaigns. Λ_i is a precision matrix (inverse of a covariance matrix), and η_i is the shift, that
+is, Λ_i times the estimate of (c_i, b).
 
 All other unknowns are integrated out in each campaign separately, as if their values in different
 campaigns were independent. These unknowns are the changes of compliances with force (slopes), the
-geometric errors that are not chosen, the form of the balls, the length of the bar, and the
+geometric errors that are not compared, the form of the balls, the length of the bar, and the
 hyper-parameters (scales of the noise and of other effects). If campaigns have the machine or the
 bar in common, this treatment overstates the uncertainty of changes and differences. It understates
 the uncertainty of levels and of a population's mean, because ball form and bar length are the same

@@ -37,10 +37,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Number of new random draws of the spreads that are made if a machine is left out. Spreads are the
-# standard deviations of machines about the mean of their population. Usually, no new draws are
-# made: the draws from the posterior given all machines are weighted instead. New draws, from the
-# posterior given the other machines, are made only if these weights cannot be trusted.
+# Number of random draws of the spreads, the standard deviations of machines about the mean of their
+# population, given all machines but one. These draws are made only if the draws given all machines
+# cannot be reused with weights, because the weights cannot be trusted.
 _DRAWS_WITHOUT = 512
 # Largest number of machines for which new random draws of the spreads (standard deviations of
 # machines about the mean of their population) are made. If more machines need new draws, those with

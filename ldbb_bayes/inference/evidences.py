@@ -45,11 +45,11 @@ def _silent() -> None:
 
 
 class Evidences(Shown):
-    """Nodes and evidences of models for the readings of one campaign, each computed only once.
+    """Evidences of models for the readings of one campaign; each of them is computed only once.
 
-    Nodes are weighted points that represent the posterior of the hyper-parameters, the scales of
-    the noise and of other effects. If `compare` and `average` are given the same object of this
-    class, each of them reuses the nodes that the other has computed.
+    An evidence is computed from nodes. These are weighted points that represent the posterior of
+    the hyper-parameters (scales of the noise and of other effects). If `compare` and `average` are
+    given the same object of this class, each of them reuses the nodes that the other has computed.
 
     Parameters
     ----------

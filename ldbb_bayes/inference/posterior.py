@@ -621,11 +621,11 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
 
 
 def _plain_unit(name: str, unit: str) -> tuple[float, str]:
-    """Return factor and label of the unit in which draws of a variable are shown, such as nm/N.
+    """Return the unit in which draws of a variable are exported, such as nm/N, and its factor.
 
-    The factor converts from ``unit``, the internal unit of the variable called ``name``. In the
-    returned unit, most draws have a magnitude of at least about 0.1, because other libraries round
-    to two decimals.
+    Draws in ``unit``, the internal unit of the variable ``name``, are multiplied by the factor,
+    which comes first in the result. Because other libraries round to two decimals, the unit is so
+    small that most draws are at least about 0.1 in magnitude.
     """
     factor, label = display_unit(unit)
     is_scale = unit == "mm" and not name.startswith("E_")

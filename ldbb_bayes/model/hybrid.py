@@ -979,8 +979,8 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
         the hyper-parameters (scales of noise and nuisances). Negative compliances are not excluded.
-        The object treats β − `centre` as the last of the coefficients that are the same in all
-        tests; `centre` is a least-squares estimate of β.
+        In the object, the last coefficients that all tests have in common are β − `centre`, where
+        `centre` is a least-squares estimate of β.
         """
         interest = Columns(
             self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre

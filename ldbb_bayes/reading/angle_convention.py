@@ -236,12 +236,11 @@ def _note_words(recording: Recording, words: list[_Words], convention: AngleConv
 
 
 def _single(recording: Recording, subject: str, stated: list[str]) -> str:
-    """Return the single axis, or the single sense, that a file states for its angles.
+    """Return the axis at which a file says that angles begin, or the sense in which they count.
 
-    ``subject`` is "zero" if the axis is wanted, and "sense" if the sense is wanted. ``stated``
-    holds what each place in the file states, and an empty string for a place that states nothing.
-    The result is an empty string if no place states anything. Raise an `InputError` if the places
-    state different values.
+    ``subject`` is "zero" for the axis, and "sense" for the sense. ``stated`` has an entry for each
+    place in the file that may state it; the entry is empty if the place does not. The result is an
+    empty string if no place states it. Raise an `InputError` if places contradict each other.
     """
     values = list(dict.fromkeys(value for value in stated if value))
     if len(values) > 1:

@@ -175,7 +175,7 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 
 
 def _source_of_named_plane(recording: Recording) -> str:
-    """Return the words with which a note says that the name of a test states the plane.
+    """Return words for a note on a test whose plane is read from the name of the test.
 
     The words are "its name". If the letters of the plane are swapped in the name, as in XZ, the
     words also say at which axis angles are assumed to begin, and towards which axis they run.

@@ -26,7 +26,8 @@ _PLANE_CELLS = {*PLANES, *PLANES_OF_G_CODE, *PLANE_OF_SWAPPED}
 _MOST_PLANES = 4
 # Cells that may mean a direction of travel if the header of their column has a word for travel.
 _SIGNS = {"1", "-1", "+1", "+", "-", "−1", "−"}
-# Regular expression for a word for the travel of the machine in the header of a column.
+# Regular expression for a word, such as "travel" or "rotation", in the header of a column that may
+# state directions of travel.
 _TRAVEL_WORD = re.compile(
     r"(?i)travel|motion|(?<![^\W_])(?:turn|move|run_?dir)|rotat|dreh|umlauf|fahrt|bahnricht"
 )

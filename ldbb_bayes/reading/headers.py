@@ -38,7 +38,8 @@ _BLOCK_ROWS = 9
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
 # Regular expression for a factor in a row of units whose cells are separated by blanks.
 _FACTOR = re.compile(r"[\[({]?(?:1/)?\d+(?:[.,]\d+)?[x×*]?")
-# Largest factor of a unit in a row of units, such as 10 in 10 nm.
+# Largest number that may precede a unit in a row of units, such as 10 in "10 nm". After a larger
+# number, as in "100 mm", the cell is a length and not a unit.
 _LARGEST_FACTOR = 10.0
 # Largest number of characters that a cell in a row of units may have if it is not a known unit.
 _LONGEST_UNIT = 4

@@ -73,7 +73,7 @@ class _Quantity(NamedTuple):
     field: str  #: field of a test or campaign in which the value is stored, such as radius_mm
     words: str  #: regular expression for the words that name the quantity
     usual_unit: str  #: unit that is assumed if a line states none; empty if the line must state one
-    #: permitted units, each with its size in the unit with which the name of the field ends
+    #: permitted units, each with its size in the unit of the field (mm for radius_mm)
     units: Mapping[str, float]
     is_of_bar: bool  #: whether the quantity is the length of a bar, which may have an extension
 

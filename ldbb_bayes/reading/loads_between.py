@@ -20,7 +20,7 @@ __all__ = ["with_loads_between"]
 _FEWEST_ROWS = 9
 # Regular expression for words for a load step, which must not be mistaken for another quantity.
 _STEP = re.compile(r"\b(?:load ?)?steps?\b", re.IGNORECASE)
-# Texts that are added to lines to state their loads; the keys are the kinds of load.
+# Text that states a load and is added to a line of a file. The keys are the two kinds of load.
 _STATED = {"force_N": "Force: {value:.10g} N", "pressure_bar": "Pressure: {value:.10g} bar"}
 
 

@@ -56,7 +56,7 @@ _CLOCK = re.compile(
 )
 _DAY_S = 86_400.0
 _HOUR_S = 3_600.0
-# Texts with which a cell states that its number is missing.
+# Texts that a file may write in a cell instead of a missing number.
 _MISSING = (
     "-",
     "--",

@@ -110,7 +110,8 @@ class Recording:
     constant_columns: Sequence[tuple[int | str, str]] = ()
     #: headers of two columns that only together identify the tests; empty if there are none
     numbering_headers: Sequence[str] = ()
-    #: headers of the columns of the sheet that are not used, except perhaps as start times
+    #: headers of the columns of the sheet that are not used; some of these columns may still turn
+    #: out to state start times
     unused_columns: Sequence[str] = ()
     #: units that are assumed for columns without a unit; the keys are the roles (angle, reading, …)
     #: of the columns

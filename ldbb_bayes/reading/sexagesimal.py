@@ -16,8 +16,8 @@ _WITH_SIGNS = re.compile(
     rf"(?:\s?{_SECONDS}\s?(?:\"|″|”|''|′′|’’|s)?)?",
     re.IGNORECASE,
 )
-# Regular expression for an angle without such marks, as in 12-30-15. A text that matches may also
-# be a date or a time of day.
+# Regular expression for an angle in degrees, minutes and seconds without marks, as in 12-30-15. A
+# text that matches may also be a date or a time of day.
 _WITHOUT_SIGNS = re.compile(
     rf"(?P<sign>[+\-−–]?)(?P<degrees>\d{{1,3}})[\-: ](?P<minutes>\d{{1,2}})[\-: ]{_SECONDS}"
 )

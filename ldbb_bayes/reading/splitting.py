@@ -213,12 +213,12 @@ class _SheetColumns:
         return texts
 
     def constant_lines(self, rows: Sequence[int]) -> list[tuple[int | str, str]]:
-        """Return a line of text for each column that has no role and the same cell in all rows.
+        """Return a line of text for each column without a role whose cells are all equal.
 
-        Only the rows of one test are considered; ``rows`` are their indices. Columns without a role
-        hold no angle, reading or other quantity that the package reads. Each line is a pair of
-        place and text. For a column ``R [mm]`` or ``R_mm`` whose cells are all 100, the text is
-        ``R [mm]: 100``.
+        Only the rows of one test are compared; ``rows`` are their indices. Columns without a role
+        hold no angle, reading or other quantity that the package reads. A line is a pair: a string
+        that names the column, and the text. For a column ``R [mm]`` or ``R_mm`` whose cells are all
+        100, the text is ``R [mm]: 100``.
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}

@@ -239,9 +239,10 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
 
 def _missing_feed(recording: Recording) -> InputError:
-    """Return the error for a log over time without a feed.
+    """Return the error to raise for a table with times instead of angles, but without a feed.
 
-    If the table also has positions along two axes, the error says how angles follow from them.
+    If the table also has positions along two axes, the message says how to compute angles from
+    them.
     """
     positions = position_headers(recording.heading.headers)
     if positions:

@@ -186,10 +186,11 @@ def directions_stated(
 
 
 def _stated_in_segments(text: str) -> set[str]:
-    """Return the directions of travel that segments of a statement state: CW, CCW or both.
+    """Return the directions of travel that a statement names: CW, CCW or both.
 
-    An example is ``Force 238 N; travel clockwise``. The result is empty for a text about angles,
-    because its segments may state the sense in which angles are counted.
+    The statement is searched segment by segment. For example, the second segment of ``Force 238 N;
+    travel clockwise`` names a direction. The result is empty for a statement about angles, because
+    a direction may then be the sense in which angles are counted.
     """
     directions: set[str] = set()
     if not _is_about_angles(text):

@@ -99,8 +99,8 @@ _MENTIONED = re.compile(
 )
 # Regular expression for a number at the end of a text, as in "1/10".
 _NUMBER_AT_END = re.compile(r"\d\s?$")
-# Regular expression for a factor after a unit, as in "µm/10", at the end of a list of units or of
-# one of its entries.
+# Regular expression for a factor after a unit, as in "µm/10". The factor must be the last part of
+# an entry in a list of units.
 _FACTOR_BEHIND = re.compile(r"[^\W\d]\s?[/x×*·]\s?\d[\d.,]*\s*(?:$|[;,|)\]])")
 # Regular expression for a label, such as "Units:", in front of the units of a line.
 _LABEL_IN_FRONT = re.compile(rf"\W*(?:{_WORDS['label']})(?!\w)\s*[-–]?\s*", re.IGNORECASE)

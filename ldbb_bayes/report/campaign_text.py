@@ -155,5 +155,5 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
 
 
 def _is_assumed_lobe(assumed: Uncertainty) -> bool:
-    """Return whether ``assumed`` is the uncertainty of a ball's form and comes from the model."""
+    """Return whether ``assumed`` is the uncertainty of a ball's form without a certificate."""
     return Term.owner(assumed.name) is BallForm and not assumed.stated

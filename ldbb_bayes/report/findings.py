@@ -100,9 +100,9 @@ class Findings:
     def varying(self) -> float:
         """Posterior probability that compliance changes with force.
 
-        If no average over models was computed, the value is 1, and the report states slopes
-        (coefficients of the change with force). If an average was computed, the value is 1 minus
-        the posterior probability of the model with constant compliance.
+        If an average over models was computed, the value is 1 minus the posterior probability of
+        the model with constant compliance. If no average was computed, the value is set to 1, so
+        that the report states how compliances change with force.
         """
         return 1.0 - self.probabilities.get(DEGREE_NAMES[0], 0.0)
 

@@ -98,14 +98,13 @@ def _ball_size(findings: Findings, key: str, words: Words) -> str:
 
 
 def _assumed_form(findings: Findings, term: BallForm, words: Words) -> str:
-    """Return a string on the form error that the model assumes for a ball without certificate.
+    """Return a string on the form error that is assumed for a ball that has no certificate.
 
-    The string states U (k = 2) of the form error with two waves and with three waves around the
-    ball. U combines two contributions: the form error according to the assumed sphericity, and the
-    form error extrapolated from higher orders. The second contribution is computed from the
-    posterior draws of the scale tau and of its decay with the order. The string also states the
-    assumed sphericity. If the posterior has no draws of tau and of the decay, the string states
-    only the sphericity. ``term`` is the model term of the balls' form.
+    The string states the assumed sphericity, and U (k = 2) of the form errors with two and with
+    three waves around the ball. U combines two contributions: the form error according to the
+    assumed sphericity, and the form error extrapolated from higher orders. The extrapolation uses
+    the posterior draws of two hyper-parameters, tau and decay. If the posterior does not have them,
+    the string states only the sphericity. ``term`` is the model term of the balls' form.
     """
     draws = findings.posterior["posterior"].dataset
     sphericity = words.number(f"{term.sphericity_um:g}")

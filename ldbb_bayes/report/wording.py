@@ -318,7 +318,7 @@ def _joined_parameters(names: Sequence[str]) -> str:
     return joined([display_name(name) for name in names])
 
 
-# ---- effects (model terms), and the effects that parameters are confounded with
+# ---- effects, which are model terms, and confounding with effects
 
 
 def unit_words(name: str) -> tuple[float, str]:

@@ -78,9 +78,9 @@ class GoalSoFar(Result):
 
 @dataclass(frozen=True)
 class ToleranceSoFar(Result):
-    """Decision on a quantity with a tolerance: now, and after the best next circle."""
+    """Whether a quantity is within its tolerance, and whether one more circle may decide this."""
 
-    now: Conformity  #: present decision, as `assess_conformity` returns it
+    now: Conformity  #: decision from the readings so far, as `assess_conformity` returns it
     decided_next: float  #: probability that a decision is possible after the best next circle
 
     @property

@@ -257,8 +257,8 @@ class _Effects(NamedTuple):
     hyper-parameters.
     """
 
-    # blocks of the design matrix: effects on all tests, then effects on each test alone; C effects
-    # in all
+    # blocks of the design matrix: first the effects on all tests, then the effects on single tests.
+    # The number of all effects is C.
     blocks: list[_EffectBlock]
     variances: Array  # variances of the effects, shape (w, C)
     noise_variance: Array  # variance of the white noise, shape (w,)

@@ -58,8 +58,8 @@ def _circles(
 ) -> tuple[CircularTest, ...]:
     """Return one circle at every force, with alternating directions of travel.
 
-    ``ways`` are the directions of travel. All other settings are those of ``template``, a test of
-    the machine, but the balls are not turned.
+    ``ways`` are the directions of travel. The balls are not turned in their sockets. All other
+    settings are those of ``template``.
     """
     circles = []
     for k, force_N in enumerate(forces_N):

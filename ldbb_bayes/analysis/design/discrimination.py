@@ -32,11 +32,11 @@ _LEAST_VARIANCE = 1e-12
 
 @dataclass(frozen=True)
 class Discrimination(Result):
-    """Expected log Bayes factor of slopes over no slopes; probabilities of decisive evidence.
+    """Evidence that planned tests are expected to give for or against slopes.
 
-    Slopes are changes of the compliances with force. Attributes whose names end in ``_with`` are
-    for a machine with slopes; those whose names end in ``_without`` are for a machine without
-    slopes.
+    Slopes are changes of the compliances with force. The Bayes factor is that of a model with
+    slopes over a model without slopes. Attributes whose names end in ``_with`` assume that the
+    machine has slopes; those whose names end in ``_without`` assume that it has none.
     """
 
     #: root mean square of the slopes (changes of compliance with force) that are assumed to exist,

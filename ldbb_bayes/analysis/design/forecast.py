@@ -63,8 +63,8 @@ _LIKELY = 0.9
 # Standard error of the median of normally distributed values, divided by the standard error of
 # their mean.
 _ERROR_OF_MEDIAN = 1.2533
-# Number of runs of every test for the floor of a parameter's uncertainty: the standard deviation
-# that would remain after very many tests.
+# Number of runs of every test that counts as "very many". The standard deviation of a parameter
+# after so many runs is the floor of its uncertainty.
 _REPETITIONS_OF_FLOOR = 1e6
 # Singular values of the design matrix below this number are treated as zero in the decision whether
 # the tests determine every parameter.
@@ -103,7 +103,7 @@ class Expected(Result):
 
 @dataclass(frozen=True, eq=False)
 class Forecast(Result):
-    """Forecast of planned tests: expected uncertainties, information gain, evidence for slopes."""
+    """Forecast of planned tests: expected uncertainties, information gain, evidence on slopes."""
 
     #: prior and expected standard deviation of each parameter; the keys are the names of the
     #: parameters

@@ -109,12 +109,12 @@ class QuickForecast:
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
-        """Return the campaign of ``circles`` circles with the smallest distance from the goals.
+        """Search the campaign of ``circles`` circles that comes closest to the goals.
 
-        The campaign is the result of a search. Circles are added one by one; each time, the circle
-        is added that makes the distance from the goals smallest. Then one circle of each candidate
-        test in the campaign is exchanged for a circle of the best candidate, if this reduces the
-        distance. These exchanges are repeated until nothing changes, at most four times.
+        Circles are added one by one; each time, the circle is added that makes the distance from
+        the goals smallest. Then one circle of each candidate test in the campaign is exchanged for
+        a circle of the best candidate, if this reduces the distance. These exchanges are repeated
+        until nothing changes, at most four times.
 
         Parameters
         ----------

@@ -138,7 +138,7 @@ class BallForm(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the balls' form errors: their scale τ at order 6, and the decay p.
+        """Hyper-parameters of the balls' form errors: prior sd τ at order 6, and decay p.
 
         The prior sd of a form error with n waves around the circle is proportional to n^(−p). If
         the field ``law`` is ``1/n``, there is only τ. If certificates or grades state the form

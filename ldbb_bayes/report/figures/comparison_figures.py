@@ -55,10 +55,11 @@ def evidence(comparison: Comparison) -> Figure:
     ln B is positive if the readings favour the second model over the first. Each row is for one
     assumption. Some assumptions are about the width of the prior of the slopes (changes of
     compliance with force), others about the differences between circles. The bar through each dot
-    is the 95 % interval of ln B that results from the numerical error. The numbers at the right are
-    the log evidence for each assumption about circles, minus the log evidence for the assumption of
-    the compared models. The scale is linear. It is broken if assumptions that the readings reject
-    give values far from all other values.
+    is the 95 % interval of ln B that results from the numerical error. A number at the right of a
+    row shows how well the readings support an assumption about circles: it is the log evidence
+    under this assumption, minus the log evidence under the assumption of the compared models. The
+    scale is linear. It is broken if assumptions that the readings reject give values far from all
+    other values.
 
     Parameters
     ----------
