@@ -90,13 +90,12 @@ class Degeneracy:
 class _Coefficients:
     """The m coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients are effects that are not of interest. A model may leave out some effects
-    of the preset (ready-made model) that it is made from. The m coefficients include those of the
-    effects that are left out. ``owners`` are the class names of the model terms that the
-    coefficients belong to; for a parameter, the name is empty. ``columns``, shape (tests, 25, m),
-    holds the effect of each coefficient on each test: the changes, per unit of the coefficient, of
-    the 25 Fourier coefficients of the test's radial deviation. ``prior_sd``, shape (m,), are the
-    prior standard deviations.
+    Nuisance coefficients are effects that are not of interest. If the model was made from a preset
+    (a ready-made model) by leaving out effects, these effects are included here. ``owners`` are the
+    class names of the model terms that the coefficients belong to; for a parameter, the name is
+    empty. ``columns``, shape (tests, 25, m), holds the effect of each coefficient on each test: the
+    changes, per unit of the coefficient, of the 25 Fourier coefficients of the test's radial
+    deviation. ``prior_sd``, shape (m,), are the prior standard deviations.
     """
 
     names: tuple[str, ...]

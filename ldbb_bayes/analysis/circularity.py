@@ -153,7 +153,7 @@ def predict_circularity(
 
 
 class PathDraws(NamedTuple):
-    """Posterior draws of the quantities of a tool path in one plane at one force."""
+    """Posterior draws of the circular deviation and similar quantities, for one plane and force."""
 
     #: plane of the path, its radius [mm] and the force [N]; the keys are column names of the table
     #: that `predict_circularity` returns

@@ -271,9 +271,10 @@ class Comparison(Result):
     #: `local_fits` returns; empty if all tests have the same force, or if only evidences were
     #: computed
     local_fits: Records
-    #: largest error allowed for a log evidence [nat]. A larger error, 0.1 nat, is allowed for
-    #: another assumption about the random differences between circles if both its log evidences are
-    #: at least 10 nat below the best log evidence under the assumption in the models.
+    #: largest error allowed for a log evidence [nat]. The log evidences of the two models are also
+    #: computed with other assumptions about the random differences between circles. With such an
+    #: assumption, an error of 0.1 nat is allowed if the log evidences of both models are at least
+    #: 10 nat below the best log evidence of the models as given.
     tolerance: float
     #: largest error of any log evidence [nat]. Another assumption about the random differences
     #: between circles is ignored if both its log evidences are at least 10 nat below the best log
@@ -431,8 +432,8 @@ class _ComparisonPlan:
     #: the first two models as the caller gave them. The key describes the assumption that these
     #: models make about the random differences between circles.
     unchanged: dict[str, tuple[HybridModel, ...]]
-    #: the first two models with another assumption about the random differences between circles,
-    #: one entry for each assumption
+    #: the first two models, changed to make another assumption about the random differences between
+    #: circles; there is one entry for each such assumption
     by_assumption: dict[str, tuple[HybridModel, ...]]
     #: whether every test is predicted from the other tests
     leaves_tests_out: bool

@@ -17,10 +17,9 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["PairedRemedy", "paired_remedies"]
 
-# Two second remedies (changes of the plan or certificates) are treated as equally good if their
-# ratios differ by less than this share of the smaller ratio; the cheaper one is then chosen. The
-# ratio is the parameter's standard uncertainty after the first and the second remedy, divided by
-# its standard uncertainty without any remedy.
+# Several remedies can be added to the first remedy. For each of them, the ratio is the parameter's
+# standard uncertainty after both remedies, divided by its standard uncertainty without any remedy.
+# If two ratios differ by less than this share of the smaller ratio, the cheaper remedy is chosen.
 _EQUAL_RATIOS = 0.02
 
 

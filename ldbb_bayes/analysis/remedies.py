@@ -77,10 +77,11 @@ class _Trial:
 def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, Remedy | None]:
     """Return the cheapest remedy for every parameter and every change of a compliance with force.
 
-    A remedy for a large uncertainty is a change of the plan or a certificate. The keys of the
-    result are the names of the parameters, followed by names such as "change of C_XXX" for the
-    changes of compliances over the tested forces (`curve_changes`). A value is None if no remedy
-    reduces the standard uncertainty by more than 10 %.
+    A remedy for a large uncertainty is a change of the plan, such as more circles, or a calibration
+    certificate of the instrument. The keys of the result are the names of the parameters, followed
+    by names such as "change of C_XXX" for the changes of compliances over the tested forces
+    (`curve_changes`). A value is None if no remedy reduces the standard uncertainty by more than
+    10 %.
 
     Remedies are tried in the order of `RemedyKind`, and certificates in the order of
     ``CERTIFICATES``. The first remedy that reduces the standard uncertainty to at most 71 % (the

@@ -206,12 +206,12 @@ class CalibrationCertificate(Shown):
     ) -> CertifiedQuantity:
         """Return the certified quantity that states the error of a bar's length.
 
-        In order of preference, this is an error of indication, a deviation from the nominal length,
-        or a length that is stated together with its nominal value. ``lengths`` holds lists of
-        quantities in units of length; the keys state what the quantities are, such as
-        ``deviation``. If several quantities state an error, the quantity of a bar of the nominal
-        length ``length_mm`` is returned. Raise an `InputError` if no quantity states an error, or
-        if several quantities remain after this choice.
+        An error of indication is preferred. If there is none, a deviation from the nominal length
+        is used, and then a length that is stated together with its nominal value. ``lengths`` holds
+        lists of quantities in units of length; the keys state what the quantities are, such as
+        ``deviation``. If the certificate states several bars, the bar with the nominal length
+        ``length_mm`` is used. Raise an `InputError` if no quantity states an error, or if more than
+        one remains.
         """
         candidates = lengths.get("indication") or lengths.get("deviation") or []
         if not candidates and "nominal" in lengths:

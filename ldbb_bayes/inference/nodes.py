@@ -803,11 +803,10 @@ class Nodes:
 
         ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates. If negative
         compliances are allowed, the parameters given the hyper-parameters are Gaussian, and
-        ``along_axes`` is not used. Otherwise the parameters are converted to standard coordinates,
-        in which this Gaussian is N(0, I). The condition that no compliance is negative restricts
-        the standard coordinates along d directions only. ``along_axes`` is a function that returns
-        mean, shape (w, d), and covariance, shape (w, d, d), of the coordinates along these
-        directions.
+        ``along_axes`` is not used. Otherwise the parameters are converted to coordinates in which
+        this Gaussian is N(0, I). The condition that no compliance is negative affects only the
+        coordinates along d directions. ``along_axes`` is a function that returns the mean, shape
+        (w, d), and the covariance, shape (w, d, d), of these d coordinates under the condition.
         """
         means = []
         variances = []

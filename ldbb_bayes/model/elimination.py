@@ -241,8 +241,9 @@ class EliminationPlan:
 
         A front contains groups of columns that are eliminated together. The groups of a family
         change the same later columns when they are eliminated. All groups of the front have equal
-        numbers of columns, and they change equal numbers of later columns. ``signs`` are the signs
-        ±1 of the prior variances of all coefficients.
+        numbers of columns, and they change equal numbers of later columns. ``signs`` holds 1 for
+        each coefficient with a positive prior variance, and −1 for each with a negative one, which
+        removes noise (`Observations.signs`).
         """
         groups = [group for family in families for group in family.groups]
         columns = np.array([group.columns for group in groups])

@@ -423,12 +423,13 @@ def _add_priors(
     tests: int,
     sources: list[Source],
 ) -> _Scaled:
-    """Return the rows of the readings and of the priors, with rescaled nuisance coefficients.
+    """Return the equations of the readings, followed by the priors written as equations.
 
-    ``reading_rows`` are the rows of the readings. The rows of the priors follow from ``nuisances``,
-    the sorted nuisances (effects modelled but not of interest). `Observations.unit` states how the
-    coefficients are rescaled. ``tests`` is the number of tests, and ``sources`` are the sources of
-    variance: hyper-parameters and their products.
+    The nuisances are effects that are modelled but not of interest. The prior of each nuisance
+    coefficient is written as a row, as if the coefficient had been measured. All coefficients are
+    rescaled as `Observations.unit` states. ``reading_rows`` are the rows of the readings,
+    ``nuisances`` the sorted nuisances, and ``tests`` is the number of tests. ``sources`` are the
+    sources of variance: hyper-parameters and their products.
     """
     priors = _coefficient_priors(nuisances, tests, sources)
     norms = np.linalg.norm(reading_rows.columns, axis=0)

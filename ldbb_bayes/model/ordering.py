@@ -252,10 +252,9 @@ def _cost(shape: tuple[int, int], copies: int) -> float:
 
     ``shape`` holds the number of columns of the set, and the number of later columns that they
     change. ``copies`` is the number of sets with this shape, which are eliminated by the same
-    function calls. Two times are needed only once for all copies: the time of the function calls,
-    and the time to subtract sums of products from entries in later columns of the matrix. The
-    result is the sum of these two times divided by ``copies``, plus the time of the multiplications
-    for one set.
+    function calls. The multiplications are done for each set. The function calls are made only once
+    for all copies, and the later columns are updated only once. The time of the calls and of the
+    updates is therefore divided by ``copies``.
     """
     columns = shape[0]
     border = shape[1]

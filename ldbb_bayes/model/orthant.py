@@ -117,8 +117,8 @@ class OrthantMoments(NamedTuple):
     #: Covariance of the d coordinates of each standard normal vector e along the directions
     #: ``axes``, given that all constraints hold, shape (w, d, d) for w vectors.
     covariance: Array
-    #: The d orthonormal directions of each standard normal vector e (q elements) along which the
-    #: constraints depend on e, shape (w, d, q) for w vectors.
+    #: Orthonormal directions for each of w standard normal vectors e with q elements, shape
+    #: (w, d, q). The constraints depend only on the d coordinates of e along these directions.
     axes: Array
 
 

@@ -78,7 +78,8 @@ class ReferencePosterior:
     nuisances: Sequence[Term]  #: nuisance terms (effects modelled but not of interest)
     #: names of the parameters of interest that are fixed at zero
     fixed: Sequence[str]
-    #: values of the hyper-parameters (scales of noise and nuisances) by name, lengths in mm
+    #: values of the hyper-parameters (scales of the noise and of other effects), lengths in mm; the
+    #: keys are the names of the hyper-parameters
     phi: Mapping[Hyper, float]
     reduced: Sequence[Reduced]  #: readings of every test, reduced to at most 25 numbers
 

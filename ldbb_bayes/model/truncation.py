@@ -266,13 +266,14 @@ def _eliminate_last(
     rows: Array,
     edge: Array,
 ) -> tuple[Array, Array]:
-    """Return the constraints on all but the last coordinate of z that rows · z ≥ edge implies.
+    """Eliminate the last coordinate of z from the constraints rows · z ≥ edge.
 
     The m constraints on the k coordinates of z have the coefficients ``rows``, shape (m, k), and
-    the lower bounds ``edge``, shape (..., m) for many sets of bounds. New coefficients and bounds
-    are returned in the same form. Constraints that do not contain the last coordinate are kept. New
-    constraints are sums of a constraint that bounds the last coordinate from below and a constraint
-    that bounds it from above, scaled so that the last coordinate cancels.
+    the lower bounds ``edge``, shape (..., m) for many sets of bounds. Coefficients and bounds for
+    the first k − 1 coordinates are returned in the same form. Constraints that do not contain the
+    last coordinate are kept. New constraints are sums of a constraint that bounds the last
+    coordinate from below and a constraint that bounds it from above, scaled so that the last
+    coordinate cancels.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)

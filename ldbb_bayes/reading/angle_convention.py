@@ -46,8 +46,8 @@ _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
 _MATHEMATICAL = re.compile(_WORDS["math"], re.IGNORECASE)
 # Regular expression for negations, such as "not".
 _DENIED = re.compile(WORDS["reading_sign"]["denied"], re.IGNORECASE)
-# Regular expression for words in a line about angles which show that the line states neither the
-# axis at which angles begin nor their sense.
+# Regular expression for words such as "step". A line about angles with such a word states neither
+# the axis at which angles begin nor their sense.
 _HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
 # Regular expression for words, such as "compass", for angles that are counted clockwise from north.
 _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)

@@ -64,8 +64,7 @@ _BEFORE_UNIT = re.compile(r"^(?:all\s)?(?:in|units?|einheit)\s?:?\s(?=\S)", re.I
 # "0.1 µm".
 _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
 # Regular expression for the number of a column in its header, such as 2 in "reading 2 µm". The
-# number has one or two digits. Digits that begin with 10 are a factor and not the number of a
-# column.
+# number has one or two digits. It is not 10, which is a factor of the unit, as in "10 µm".
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 # Regular expression for a header in which the program R has replaced brackets by dots, such as
 # ``force..lbf.``.

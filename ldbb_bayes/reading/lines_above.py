@@ -508,10 +508,9 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
 def unknown_length(lines: Lines) -> str:
     """Return a note on the first line with a length that may be the radius of the circle.
 
-    An example is ``Reach: 100 mm``. Such a line has one of the following: a length that is as large
-    as the radius of a circle, with its unit; a number after a letter for radius or diameter; a
-    number and words for a circle or bar; G-code for an arc. The note is empty if there is no such
-    line, or if a line clearly states the radius.
+    Examples are ``Reach: 100 mm``, ``R100``, a line with a number that names a circle or a bar, and
+    G-code for an arc. The note is empty if there is no such line, or if a line clearly states the
+    radius.
     """
     statements = statements_in(lines)
     if "radius_mm" in statements or "programmed_radius_mm" in statements:

@@ -52,12 +52,13 @@ def measured_length(text: str) -> str:
 
 
 def measured_length_stated(text: str) -> dict[str, str]:
-    """Return the length that all readings measure according to a line above the table.
+    """Return whether a line above the table says that the readings measure radius or diameter.
 
     An example is the line ``Values: diameter deviation``. The result is a dict with the key
     ``measured``, whose value is "radius" or "diameter". The dict is empty if the line is not about
-    readings or contains a number other than a load. If the line as a whole states no length, its
-    segments are tried: in ``Force 238 N; diameter deviation``, the last segment states one.
+    readings or contains a number other than a load. If the line as a whole does not name one of the
+    two, its segments are tried: in ``Force 238 N; diameter deviation``, the last segment names the
+    diameter.
     """
     lengths = {_length_of_readings(text)}
     if lengths == {""}:

@@ -199,9 +199,10 @@ def _sign_of_name(source: str, text: str) -> int | None:
 
 
 def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:
-    """Return the texts that may state the sign of readings, each after its source.
+    """Return pairs of a source, such as "line 3", and a text there that may state the sign.
 
-    A source is a text such as "line 3". ``header`` is the header of the readings.
+    The texts are ``header``, the header of the readings, and the statements in lines outside the
+    table.
     """
     texts = [(f"the header {header!r}", header)]
     for line, text in recording.lines_outside:

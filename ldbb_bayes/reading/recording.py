@@ -80,8 +80,8 @@ class Recording:
     #: numbers in each column with a role (angle, reading, …), for the n rows of the test, in the
     #: unit of the file, shape (n,); the keys are the roles
     numbers: dict[str, Array]
-    #: units that sources such as a column of units state row by row; the keys are the roles (angle,
-    #: reading, …) of the columns to which the units belong
+    #: units that the file states separately for each row, for example in a column of units; the
+    #: keys are the roles (angle, reading, …) of the columns with the numbers
     row_units: Mapping[str, Sequence[RowUnits]]
     #: text of every cell in the first row of the test; the keys are the headers of the columns
     first_cells: Mapping[str, str]

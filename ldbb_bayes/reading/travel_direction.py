@@ -216,10 +216,11 @@ def _segments(text: str) -> list[str]:
 
 
 def _is_complete(text: str) -> bool:
-    """Return whether a text is complete without the direction of travel that follows it.
+    """Return whether a text in front of a direction, such as CW, is a statement of its own.
 
-    A complete text has a number or a plane. It has no word for angles, and no word for something
-    else that may have a direction, such as a spindle.
+    It is if it contains a number or a plane, but no word for angles or for anything else that may
+    have a direction, such as a spindle. A text such as "Spindle" only names what the direction
+    belongs to.
     """
     has_value = re.search(r"\d|\b[XYZ]{2}\b", text) is not None
     is_about_others = _OTHER_DIRECTION.search(_LOADS.sub(" ", text)) or _ANGLES.search(text)

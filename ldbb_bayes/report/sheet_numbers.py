@@ -370,10 +370,11 @@ class SheetNumbers:
         return measure_circularity(self.findings.posterior)[0]
 
     def _measured_words(self, plane: str, quantity: str, force_N: float) -> str:
-        """Return a remark with the value of a quantity that is computed from the readings alone.
+        """Return a remark with a circularity quantity that is computed from one test's readings.
 
-        The readings of one test in the plane are used: the test whose force is nearest to
-        ``force_N`` [N]. The remark is an empty string at no load (0 N).
+        ``quantity`` is the name of the quantity, such as the circular deviation. The test is the
+        one in the plane whose force is nearest to ``force_N`` [N]. The remark is an empty string if
+        ``force_N`` is zero.
         """
         if force_N == 0.0:
             return ""

@@ -386,10 +386,10 @@ def source_words(term: str) -> str:
 
 
 def _amount_words(value: float, factor: float, label: str, name: str, plus: str = "+") -> str:
-    """Return a string with the amount of a parameter or effect, such as "+6.67 µm/m of E_XX1".
+    """Return a value of a parameter or effect with unit and name, such as "+6.67 µm/m of E_XX1".
 
-    ``value`` times ``factor`` is the amount in the unit that ``label`` names. ``name`` is the name
-    of the parameter or effect. ``plus`` is the string before a positive amount.
+    ``value`` is multiplied by ``factor`` to convert it to the unit ``label``. ``name`` is the name
+    of the parameter or effect. ``plus`` is the string before a positive value.
     """
     size = abs(value) * factor
     if size < 0.01 and label.startswith("µ"):
@@ -787,12 +787,12 @@ def origins_in_words(entry: ParameterIdentifiability) -> str:
 
 
 def held_by_words(entry: ParameterIdentifiability) -> str:
-    """Return a string with the sources of variance that make a parameter uncertain.
+    """Return a string with the sources that cause most of a parameter's variance.
 
     In the example "mount 39 %, assumed", the mount causes 39 % of the variance, and the size of its
-    effect is assumed. If the parameter is confounded, the string names the assumed effects that the
-    parameter is confounded with. If not, the string names only the source with the largest share of
-    the variance.
+    effect is assumed. If effects of assumed size cause more than half of the variance (the
+    parameter is confounded), the string names these effects. Otherwise it names only the source
+    with the largest share of the variance.
     """
     origin = origin_words(entry.held_by.origin)
     if str(entry.verdict) == "confounded":

@@ -86,9 +86,9 @@ class CampaignFamily:
     def lowest_price(self, costs: Costs, circles: int) -> float:
         """Return the lowest price of a campaign of ``circles`` circles.
 
-        The campaign has all ball angles and radii of the family. The price includes the
-        certificates, and the machine time with as few set-ups and turns of the balls as possible.
-        The price is in the unit of money of `Costs`.
+        All campaigns of a family use the same angles of the balls, radii and certificates. The
+        price includes the certificates, and the machine time with as few set-ups and turns of the
+        balls as possible. It is in the unit of money of `Costs`.
         """
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)

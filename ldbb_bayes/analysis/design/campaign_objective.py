@@ -1,8 +1,8 @@
-"""Objective of the search for a design, computed from the model bound to the candidate tests.
+"""Function that the search for a design optimises, for a model and the candidate tests.
 
-The objective measures how good a design is. It is a function of the number of runs of each
-candidate test (test that could be run), averaged over values of the hyper-parameters φ (the scales
-of the noise and of other effects).
+This function, the objective, measures how good a design is. Its arguments are the numbers of runs
+of the candidate tests (tests that could be run). It is averaged over values of the hyper-parameters
+φ (the scales of the noise and of other effects).
 """
 
 from __future__ import annotations

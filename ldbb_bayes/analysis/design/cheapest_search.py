@@ -272,10 +272,10 @@ class _Search:
         self.effort = 0
 
     def start(self, progress: _Progress) -> bool:
-        """Set the number of circles at which the search in a family of campaigns begins.
+        """Set the number of circles at which the search in a `CampaignFamily` begins.
 
-        Return whether the campaign with the largest number of circles reaches the goals. If not,
-        the search in this family ends.
+        Return whether the goals are reached with the largest number of circles allowed. If not,
+        there is nothing to search for in this family.
         """
         family = progress.family
         progress.started = True

@@ -53,10 +53,10 @@ class Discrimination(Result):
     expected_with: float
     #: mean log Bayes factor of slopes over no slopes if there are no slopes [nat]
     expected_without: float
-    decisive_with: float  #: probability of decisive evidence for slopes if there are slopes
-    decisive_without: float  #: probability of decisive evidence against slopes if there are none
-    misleading_with: float  #: probability of decisive evidence against slopes if there are slopes
-    misleading_without: float  #: probability of decisive evidence for slopes if there are none
+    decisive_with: float  #: probability of decisive evidence for slopes if slopes exist
+    decisive_without: float  #: probability of decisive evidence against slopes if none exist
+    misleading_with: float  #: probability of decisive evidence against slopes if slopes exist
+    misleading_without: float  #: probability of decisive evidence for slopes if none exist
     #: probability of decisive evidence for slopes if only one slope differs from zero; each key is
     #: the name of this slope. The slope is assumed to be plus or minus ``size`` prior standard
     #: deviations.

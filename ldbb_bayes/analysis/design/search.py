@@ -53,11 +53,10 @@ _HYPER_STEP = 4
 # Every third random design uses the same probability for all candidates; the others use the best
 # fractions of tests as probabilities.
 _STARTS = 6
-# Tolerance for the best shares of candidate tests. The share of a candidate is its number of runs
+# Tolerance of the search for the best shares. The share of a candidate test is its number of runs
 # divided by the number of all runs. Its sensitivity is the derivative of the criterion with respect
-# to the share. The bound is the mean of the sensitivities, weighted by the shares. The shares are
-# accepted as the best if the largest sensitivity exceeds the bound by at most this fraction of the
-# bound.
+# to its share. The search ends when the largest sensitivity exceeds the mean of the sensitivities,
+# weighted by the shares, by at most this fraction of the mean.
 _SHARES_TOLERANCE = 1e-5
 # Largest number of restarts of the search from randomly changed designs. There are fewer restarts
 # if their cost would otherwise exceed ``_RESTART_COST``. The cost is the product of the number of
@@ -222,8 +221,8 @@ class ExactDesign:
     #: best shares of the same number of tests among the candidate tests; the numbers of tests need
     #: not be whole
     optimum: Optimum
-    #: efficiency of the design: 1 if the design is as good, by its criterion, as the shares of
-    #: tests in ``optimum``, and otherwise smaller
+    #: efficiency of the design, which compares ``value`` with the value of the criterion for
+    #: ``optimum``: 1 if the two values are equal, and smaller if the design is worse
     efficiency: float
 
 

@@ -75,8 +75,8 @@ class Space:
     parameters: Sequence[str] = ()
     augment: bool = False
     slope_size: float = 1.0
-    #: tests of other designs that are only compared with the best design; the model includes the
-    #: parameters that these tests can determine
+    #: tests of other designs, which will be compared with the best design; the search does not
+    #: choose among them, but the model includes the parameters that they can determine
     compared_tests: tuple[CircularTest, ...] = ()
     seed: int = 1
 
@@ -128,7 +128,7 @@ class Space:
         )
 
     def _check_interest(self) -> None:
-        """Raise an `InputError` if the criterion does not suit the parameters or the prior."""
+        """Raise an `InputError` if the criterion cannot be applied to the parameters or prior."""
         groups = {p.group for p in self.bound.parameters if p.name in self.chosen}
         number = len(self.chosen)
         if self.criterion == "c":

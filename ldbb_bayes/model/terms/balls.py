@@ -38,10 +38,10 @@ _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # Prior variance of each coefficient of a ball's form error with 2 or 3 waves around the circle,
 # divided by the square of the ball's deviation from sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
-# At orders n up to this number, a single harmonic cos nθ or sin nθ of a ball's form error may
-# account for the ball's whole deviation from sphericity. At higher orders, the prior sds that
-# follow from the deviation decrease as 1/n if the deviation is stated by a certificate or grade. If
-# the deviation is only assumed, it is not used at higher orders.
+# Part of the prior sd of a ball's form error is computed from the ball's deviation from sphericity.
+# This part is the same for all harmonics cos nθ, sin nθ with orders n up to this number. At higher
+# orders, it decreases as 1/n if a certificate or grade states the deviation. If the deviation is
+# assumed, this part is zero at higher orders.
 _LAST_SPHERICITY_ORDER = 3
 
 

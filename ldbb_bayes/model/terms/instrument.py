@@ -144,7 +144,7 @@ class Mount(Term):
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the assumed deflection and curvature of the mount, with standard uncertainties.
+        """Yield the assumed deflection of the mount and its nonlinearity, with uncertainties.
 
         The standard uncertainty of the deflection comes from the certificate in ``campaign``. If
         there is none, it follows from the field ``relative_sd``.
