@@ -47,6 +47,8 @@ _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
 # Regular expression for the name of a column that holds one of several runs, such as "Run 1" or
 # "Reading run 1".
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
+# Regular expression for the number of a test, such as "T1". It is not the header "t" of times.
+_NUMBER_OF_TEST = re.compile(r"[^\W\d_]{1,3}[-_]?\d+")
 # Roles that a column can get from its unit if its name shows no role.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
 # ``words.toml`` lists words for each role. A listed word with at most this number of letters, such
@@ -298,8 +300,11 @@ def names_columns(cells: Sequence[str]) -> bool:
 def heads_loads(cells: Sequence[str]) -> bool:
     """Return whether a row is a header that names the columns of readings only by numbers.
 
-    An example is ``Angle,100,300,600``, where the numbers are loads.
+    An example is ``Angle,100,300,600``, where the numbers are loads. A first cell such as ``T1`` is
+    the number of a test, not a header.
     """
+    if _NUMBER_OF_TEST.fullmatch(cells[0]):
+        return False
     name = unit_of(cells[0]).name
     names_abscissa = has_role(name, "angle") or has_role(name, "time")
     has_several = len(cells) > 2

@@ -23,6 +23,7 @@ from ldbb_bayes.reading.column_roles import (
     names_columns,
     unit_of,
 )
+from ldbb_bayes.reading.formats import format_of
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import LOAD_IN_NAME, load_in_name
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
@@ -128,6 +129,22 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
     InputError
         If the header does not fit the table.
     """
+    try:
+        return _heading_of_table(sheet, layout)
+    except InputError as error:
+        text_format = format_of(sheet)
+        has_table = sheet.format and not isinstance(error, NoTableError)
+        if not text_format or has_table:
+            raise
+        raise NoTableError(
+            f"{sheet.place} must hold a table with one row for each reading, got {text_format}."
+            " Save the readings as CSV: the line 'Angle [deg],Reading [um]', and below it a line"
+            " such as '5.0,-1.234' for each reading."
+        ) from error
+
+
+def _heading_of_table(sheet: Sheet, layout: Layout) -> Heading:
+    """Return header, columns and first row of the table in a sheet (see `find_heading`)."""
     block = _find_block(sheet, layout)
     header_row = _find_header_row(sheet, layout, block)
     if header_row is None:

@@ -24,6 +24,8 @@ class Sheet:
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
     #: whether this is the only table of readings in the file; tests are then named after the file
     is_only_table: bool = False
+    #: format of a text file that has no rows, such as JSON; its lines are then counted otherwise
+    format: str = ""
     #: units that were removed from cells because they stood after a number; each key holds the line
     #: number and the column index of a cell
     cell_units: Mapping[tuple[int, int], str] = field(default_factory=dict)

@@ -244,6 +244,9 @@ def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
         if sheet.path in paths:
             continue
         paths.add(sheet.path)
+        if sheet.format:
+            reason = "lines count the entries of the file"
+            log.add(str(sheet.path), "format", sheet.format, reason, "save it as CSV")
         if sheet.hidden_sheets:
             names = ", ".join(repr(name) for name in sheet.hidden_sheets)[:LONGEST_NAME]
             log.add(str(sheet.path), "left out", f"hidden sheets: {names}", "hidden", "--sheets")

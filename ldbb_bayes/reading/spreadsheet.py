@@ -18,9 +18,11 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.cell_units import number_in_cell, split_units
 from ldbb_bayes.reading.companion_files import is_document
 from ldbb_bayes.reading.encodings import encoding_of
+from ldbb_bayes.reading.json_tables import is_json, sheets_of_json
 from ldbb_bayes.reading.labview import is_labview, rows_of_labview
 from ldbb_bayes.reading.loads_between import with_loads_between
 from ldbb_bayes.reading.matlab_display import displays_of_matlab, is_matlab_display
+from ldbb_bayes.reading.octave import is_octave, sheets_of_octave
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import split_tables
 from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
@@ -90,8 +92,14 @@ def read_sheets(
     if encoding is None:
         encoding = encoding_of(raw)
     text = decode_text(path, raw, encoding)
-    if separator is None:
-        separator = _find_separator(text.split("\n"))
+    entries = _sheets_of_entries(Sheet(path, "", [], encoding, ","), text)
+    if entries:
+        return [_with_plain_cells(sheet) for sheet in entries]
+    return _sheets_of_rows(path, text, encoding, separator or _find_separator(text.split("\n")))
+
+
+def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> list[Sheet]:
+    """Return one sheet for each table of a text whose lines are rows of cells."""
     if is_labview(text):
         separator = "\t" if "\t" in text else ","
         rows = rows_of_labview(rows_of_text(path, text, separator))
@@ -102,6 +110,18 @@ def read_sheets(
         return [_with_plain_cells(display) for display in displays]
     sheet = _with_plain_cells(Sheet(path, "", rows, encoding, separator))
     return split_tables(with_loads_between(sheet))
+
+
+def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:
+    """Return the sheets of a text with named values instead of rows; an empty list for others.
+
+    ``sheet`` is a sheet without rows, which states the path of the file.
+    """
+    if is_json(text):
+        return sheets_of_json(sheet, text)
+    if is_octave(text):
+        return sheets_of_octave(sheet, text)
+    return []
 
 
 def _with_plain_cells(sheet: Sheet) -> Sheet:

@@ -4,9 +4,12 @@ with a step that did not help: columns of tests, other formats than tables, head
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from typing import Any
 
 import field_files as field
+import numpy as np
 from field_files import TRUTH, FieldCase
 
 __all__ = ["step_cases"]
@@ -21,7 +24,7 @@ DIRECTED = tuple(
 
 def step_cases() -> dict[str, FieldCase]:
     """Return the cases of refusals whose step reads the file."""
-    return {**cases_of_tests()}
+    return {**cases_of_tests(), **json_cases(), **octave_cases(), **format_cases()}
 
 
 def cases_of_tests() -> dict[str, FieldCase]:
@@ -68,3 +71,118 @@ def cases_of_tests() -> dict[str, FieldCase]:
             circles=DIRECTED,
         ),
     }
+
+
+def json_file(content: Any) -> dict[str, bytes]:
+    return {"all.json": json.dumps(content, indent=1).encode()}
+
+
+def json_cases() -> dict[str, FieldCase]:
+    """Return files in JSON: records, columns, and tests with what is said of them."""
+    kind = "JSON and Octave"
+    records = []
+    by_name = {}
+    tests = []
+    for circle in TRUTH:
+        angles = circle.angle_deg.tolist()
+        readings = circle.reading_um.tolist()
+        force = circle.force_N
+        for angle, reading in zip(angles, readings, strict=True):
+            records.append(
+                {"test": f"T{force:g}", "force_N": force, "angle_deg": angle, "reading_um": reading}
+            )
+        by_name[f"{force:g} N"] = {"angle_deg": angles, "reading_um": readings}
+        tests.append(
+            {
+                "id": f"T{force:g}",
+                "force": {"value": force / 1e3, "unit": "kN"},
+                "angle": {"unit": "turn", "values": [angle / 360.0 for angle in angles]},
+                "distance": {"unit": "mm", "values": [150.0 + r / 1e3 for r in readings]},
+            }
+        )
+    rows = []
+    for k, angle in enumerate(field.ANGLES_DEG.tolist()):
+        rows.append([angle, *(float(circle.reading_um[k]) for circle in TRUTH)])
+    header = ["angle_deg", "100 N [um]", "300 N [um]", "600 N [um]"]
+    lines = "\n".join(json.dumps(record) for record in records)
+    return {
+        "json_records": FieldCase(kind, "a list of records in JSON", json_file(records)),
+        "json_lines": FieldCase(kind, "one record in JSON a line", {"all.jsonl": lines.encode()}),
+        "json_by_name": FieldCase(kind, "columns in JSON for each force", json_file(by_name)),
+        "json_tests": FieldCase(
+            kind,
+            "tests in JSON, with units beside their numbers",
+            json_file({"plane": "XY", "nominal_radius_mm": 150, "tests": tests}),
+            told="lines count the entries of the file",
+        ),
+        "json_rows": FieldCase(
+            kind,
+            "rows in JSON below the names of columns",
+            json_file({"columns": header, "data": rows}),
+        ),
+    }
+
+
+def octave_matrix(name: str, rows: Any) -> str:
+    lines = [f"# name: {name}", "# type: matrix", f"# rows: {len(rows)}"]
+    lines.append(f"# columns: {len(rows[0])}")
+    lines += [" " + " ".join(f"{number:.6f}" for number in row) for row in rows]
+    return "\n".join([*lines, "", "", ""])
+
+
+def octave_cases() -> dict[str, FieldCase]:
+    """Return variables as Octave saves them as text."""
+    kind = "JSON and Octave"
+    begin = "# Created by Octave 8.4.0, Mon Mar 02 14:11:07 2026 CET <a@b>\n"
+    radius = "# name: R_mm\n# type: scalar\n150\n\n\n"
+    note = "theta: rad; rho: micrometre"
+    info = f"# name: info\n# type: string\n# elements: 1\n# length: 27\n{note}\n\n\n"
+    pairs = begin + radius
+    for circle in TRUTH:
+        rows = list(zip(circle.angle_deg, circle.reading_um, strict=True))
+        pairs += octave_matrix(f"data_{circle.force_N:g}N", rows)
+    theta = octave_matrix("theta", [[np.deg2rad(angle)] for angle in field.ANGLES_DEG])
+    columns = zip(*(circle.reading_um for circle in TRUTH), strict=True)
+    rho = octave_matrix("rho", [list(row) for row in columns])
+    return {
+        "octave_matrices": FieldCase(kind, "a matrix of each force", {"all.txt": pairs.encode()}),
+        "octave_vectors": FieldCase(
+            kind,
+            "a vector of angles and a matrix of readings",
+            {"all.txt": (begin + radius + theta + rho + info).encode()},
+            options=FORCES,
+            refusal="--reading-column 2 --reading-column 3 --reading-column 4",
+            step=("--reading-column", "2", "--reading-column", "3", "--reading-column", "4"),
+        ),
+    }
+
+
+def format_cases() -> dict[str, FieldCase]:
+    """Return formats that hold no table; the refusal says what the file is."""
+    mended = field.texts("Angle [deg],Reading [um]")
+    forms = {
+        "yaml": (".yaml", "  - {{angle: {a:g}, reading: {r}}}", "readings:", "got YAML"),
+        "xml": (".xml", '<p angle="{a:g}" reading="{r}"/>', "<test>", "got XML"),
+        "names": (
+            ".log",
+            "12:00:00 INFO acq: theta={a:g}deg dev={r}um",
+            "12:00:00 INFO acq: start",
+            "got a name beside each number: 'theta' and 'dev' in line 2",
+        ),
+    }
+    cases = {}
+    for name, (suffix, line, above, refusal) in forms.items():
+        files = {}
+        for circle in TRUTH:
+            lines = [above]
+            for angle, reading in zip(circle.angle_deg, circle.reading_um, strict=True):
+                lines.append(line.format(a=angle, r=f"{reading:.3f}"))
+            files[f"{circle.force_N:g}N{suffix}"] = "\n".join([*lines, ""]).encode()
+        cases[f"format_{name}"] = FieldCase(
+            "formats that hold no table",
+            f"lines such as {line.format(a=5.0, r='-1.234')}",
+            files,
+            refusal=refusal,
+            mended=mended,
+        )
+    return cases

@@ -1,0 +1,77 @@
+"""Tables of text files that hold named values instead of rows, such as JSON, as sheets.
+
+Such a file has no lines of a table. Its statements and the rows of its tables are numbered in their
+order, and messages call these numbers lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.words import unit_named
+
+__all__ = ["EntryTable", "sheets_of_entries", "statement_of"]
+
+
+@dataclass
+class EntryTable:
+    """Table of a file, with the statements that apply to it."""
+
+    name: str  #: name of the table in the file; empty if nothing names it
+    statements: list[str]  #: lines of text such as ``radius: 150 mm``
+    header: list[str]  #: names of the columns; empty if nothing names them
+    rows: list[list[str]]
+
+
+def sheets_of_entries(sheet: Sheet, tables: Sequence[EntryTable], format_name: str) -> list[Sheet]:
+    """Return one sheet for each table of a file.
+
+    Parameters
+    ----------
+    sheet
+        Sheet without rows, which states the path of the file.
+    tables
+        Tables of the file.
+    format_name
+        Name of the format in messages, such as JSON.
+    """
+    sheets = []
+    line = 0
+    for table in tables:
+        cells = [[statement] for statement in table.statements]
+        if table.header:
+            cells.append(table.header)
+        rows = []
+        for row in [*cells, *table.rows]:
+            line += 1
+            rows.append(Row(line, row))
+        name = table.name if len(tables) > 1 else ""
+        sheets.append(replace(sheet, rows=rows, name=name, format=format_name))
+    return _with_different_names(sheets)
+
+
+def statement_of(key: str, value: str) -> str:
+    """Return a line of text for a key and its value: ``radius: 150 mm`` for ``radius_mm`` and 150.
+
+    The unit in a key is put behind the value only if this value is a number.
+    """
+    stated = unit_of(key)
+    if unit_named(stated.unit) and looks_like_number(value):
+        return f"{stated.name.replace('_', ' ')}: {value} {stated.unit}"
+    return f"{key.replace('_', ' ')}: {value}"
+
+
+def _with_different_names(sheets: Sequence[Sheet]) -> list[Sheet]:
+    """Return sheets whose names differ; equal names are numbered."""
+    names = [sheet.name for sheet in sheets]
+    if len(set(names)) == len(names):
+        return list(sheets)
+    numbered = []
+    for number, sheet in enumerate(sheets, start=1):
+        numbered.append(replace(sheet, name=f"{sheet.name or 'table'} {number}"))
+    return numbered

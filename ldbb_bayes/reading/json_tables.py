@@ -1,0 +1,284 @@
+"""Tables in JSON: a list of records, columns as lists of numbers, or several of them with names."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from ldbb_bayes.errors import InputError, placed
+from ldbb_bayes.reading.entry_tables import EntryTable, sheets_of_entries, statement_of
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.words import LONGEST_NAME
+
+__all__ = ["is_json", "sheets_of_json"]
+
+# Fewest readings of a test; shorter lists hold something else.
+_FEWEST_ROWS = 9
+# Beginnings of texts in JSON that no table of text has.
+_BEGINNINGS = ('{"', '[{"', "[[")
+# Keys, in small letters, whose value names a table.
+_KEYS_OF_NAME = ("name", "label", "test", "id", "title")
+# Keys, in small letters, with the numbers of a column that has further statements.
+_KEYS_OF_NUMBERS = ("values", "data", "value", "samples")
+# Keys, in small letters, with the unit of the numbers beside it.
+_KEYS_OF_UNIT = ("unit", "units", "einheit")
+# Keys, in small letters, with the names of the columns of rows.
+_KEYS_OF_HEADER = ("columns", "header", "headers", "fields", "names")
+
+
+class _Number(str):
+    """Number with its digits as they stand in the file."""
+
+    __slots__ = ()
+
+
+def is_json(text: str) -> bool:
+    """Return whether a text is in JSON, or in JSON with one record a line."""
+    return "".join(text[:200].split()).startswith(_BEGINNINGS)
+
+
+def sheets_of_json(sheet: Sheet, text: str) -> list[Sheet]:
+    """Return one sheet for each table in a text in JSON.
+
+    The statements around a table, such as ``"radius_mm": 150``, become lines above it. Without a
+    table, the result is one sheet with the statements.
+
+    Parameters
+    ----------
+    sheet
+        Sheet without rows, which states the path of the file.
+    text
+        The text.
+
+    Raises
+    ------
+    InputError
+        If the text is not valid JSON.
+    """
+    content = _parsed(sheet, text)
+    try:
+        tables = list(_tables_in(content, ""))
+        if not tables:
+            tables = [EntryTable("", _statements_of("", content), [], [])]
+    except RecursionError:
+        raise _error_at(sheet, 1) from None
+    return sheets_of_entries(sheet, tables, "JSON")
+
+
+def _parsed(sheet: Sheet, text: str) -> Any:
+    """Return the content of a text in JSON; a text with one record a line is a list of records."""
+    decoder = json.JSONDecoder(
+        parse_float=_Number, parse_int=_Number, object_pairs_hook=_with_different_keys
+    )
+    try:
+        with placed(sheet.place):
+            return decoder.decode(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        fault = error
+    try:
+        return [decoder.decode(line) for line in text.split("\n") if line.strip()]
+    except (json.JSONDecodeError, RecursionError):
+        raise _error_at(sheet, getattr(fault, "lineno", 1)) from None
+
+
+def _error_at(sheet: Sheet, line: int) -> InputError:
+    return InputError(
+        f"{sheet.place}, line {line}: JSON must be valid, got an error there. Export it again, or"
+        " save its readings as CSV."
+    )
+
+
+def _with_different_keys(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Return keys and values as a dict; raise an `InputError` for a key with two values."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        keys = [key for key, _ in pairs]
+        repeated = next(key for key in keys if keys.count(key) > 1)
+        raise InputError(
+            f"keys in JSON must differ, got {repeated[:LONGEST_NAME]!r} twice in one place."
+            " Rename one."
+        )
+    return content
+
+
+def _tables_in(content: Any, name: str) -> Iterator[EntryTable]:
+    """Yield the tables in a part of a file, each with the statements of this part.
+
+    ``name`` is the name of the part.
+    """
+    if isinstance(content, dict):
+        yield from _tables_in_dict(content, name)
+        return
+    if not isinstance(content, list):
+        return
+    if _are_records(content):
+        header = list(dict.fromkeys(key for record in content for key in record))
+        rows = [[_text_of(record.get(key, "")) for key in header] for record in content]
+        yield EntryTable(name, [], header, rows)
+    elif _are_rows(content):
+        yield EntryTable(name, [], [], [[_text_of(cell) for cell in row] for row in content])
+    else:
+        for number, part in enumerate(content, start=1):
+            yield from _tables_in(part, f"{name} {number}".strip())
+
+
+def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTable]:
+    """Yield the tables in a part of a file that consists of keys and values."""
+    columns = _columns_in(content)
+    statements = []
+    inner_tables: list[EntryTable] = []
+    for key, value in content.items():
+        if key not in columns:
+            tables = list(_tables_in(value, _name_of_part(content, key, name)))
+            inner_tables += tables
+            if not tables:
+                statements += _statements_of(key, value)
+    if len(columns) > 1:
+        header = [_header_of(key, content[key]) for key in columns]
+        rows = [list(row) for row in zip(*columns.values(), strict=True)]
+        beside = _statements_beside(content, columns)
+        yield EntryTable(_name_in(content) or name, [*statements, *beside], header, rows)
+    for table in inner_tables:
+        table.statements = [*statements, *table.statements]
+        table.header = table.header or _names_of_columns(content, len(table.rows[0]))
+        yield table
+
+
+def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:
+    """Return the name of a part of a file: that of the part around it, or else its key.
+
+    Both are used if the part around it holds several parts. ``content`` is the part around it, and
+    ``name`` the name of this part, which is used unless this part states a name itself.
+    """
+    outer_name = _name_in(content) or name
+    inner_parts = [value for value in content.values() if isinstance(value, dict | list)]
+    if outer_name and len(inner_parts) > 1:
+        return f"{outer_name} {key}"
+    return outer_name or key
+
+
+def _name_in(content: Mapping[str, Any]) -> str:
+    """Return the name that a part of a file states for itself; empty if it states none."""
+    for key, value in content.items():
+        if key.casefold() in _KEYS_OF_NAME and isinstance(value, str):
+            return value
+    return ""
+
+
+def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the columns of numbers of equal length; the keys are those of the file."""
+    columns = {}
+    for key, value in content.items():
+        numbers = _numbers_of(value)
+        if len(numbers) >= _FEWEST_ROWS:
+            columns[key] = numbers
+    lengths = [len(numbers) for numbers in columns.values()]
+    usual = max(lengths, key=lengths.count, default=0)
+    return {key: numbers for key, numbers in columns.items() if len(numbers) == usual}
+
+
+def _numbers_of(value: Any) -> list[str]:
+    """Return the numbers of a column as texts; an empty list if a value is no column.
+
+    A column is a list, a dict with the numbers of the rows as keys, or a dict in which a list and
+    further statements stand, such as the unit.
+    """
+    if isinstance(value, dict):
+        return _numbers_of(_list_in(value))
+    if not isinstance(value, list) or not any(isinstance(cell, _Number) for cell in value):
+        return []
+    if any(isinstance(cell, dict | list) for cell in value):
+        return []
+    return [_text_of(cell) for cell in value]
+
+
+def _list_in(content: Mapping[str, Any]) -> list[Any]:
+    """Return the cells of a column that is written as a dict; an empty list for another dict."""
+    if content and all(key.isdigit() for key in content):
+        return list(content.values())
+    for key, cells in content.items():
+        if key.casefold() in _KEYS_OF_NUMBERS and isinstance(cells, list):
+            return cells
+    return []
+
+
+def _header_of(key: str, value: Any) -> str:
+    """Return the header of a column: its key, with the unit that stands beside its numbers."""
+    if isinstance(value, dict) and _unit_beside(value):
+        return f"{key} [{_unit_beside(value)}]"
+    return key
+
+
+def _unit_beside(value: Mapping[str, Any]) -> str:
+    """Return the unit that stands beside a number or beside numbers; empty if there is none."""
+    for key, unit in value.items():
+        if key.casefold() in _KEYS_OF_UNIT and isinstance(unit, str):
+            return unit
+    return ""
+
+
+def _statements_beside(content: Mapping[str, Any], columns: Mapping[str, Any]) -> list[str]:
+    """Return the statements that stand beside the numbers of columns, except their units."""
+    statements = []
+    for key in columns:
+        value = content[key]
+        if not isinstance(value, dict) or all(name.isdigit() for name in value):
+            continue
+        for name, entry in value.items():
+            if name.casefold() not in _KEYS_OF_UNIT and not isinstance(entry, list):
+                statements += _statements_of(f"{key} {name}", entry)
+    return statements
+
+
+def _names_of_columns(content: Mapping[str, Any], width: int) -> list[str]:
+    """Return the names of the columns of rows, which stand beside them; empty without names."""
+    for key, value in content.items():
+        is_list = key.casefold() in _KEYS_OF_HEADER and isinstance(value, list)
+        if is_list and len(value) == width and all(type(name) is str for name in value):
+            return list(value)
+    return []
+
+
+def _are_records(content: Sequence[Any]) -> bool:
+    """Return whether a list consists of records: keys with single values, at least two numbers."""
+    if len(content) < _FEWEST_ROWS or not all(isinstance(record, dict) for record in content):
+        return False
+    for record in content:
+        if any(isinstance(value, list) for value in record.values()):
+            return False
+    return sum(isinstance(value, _Number | dict) for value in content[0].values()) >= 2
+
+
+def _are_rows(content: Sequence[Any]) -> bool:
+    """Return whether a list consists of rows: lists of the same length, with numbers."""
+    if len(content) < _FEWEST_ROWS or not all(isinstance(row, list) for row in content):
+        return False
+    widths = {len(row) for row in content}
+    return len(widths) == 1 and sum(isinstance(cell, _Number) for cell in content[0]) >= 2
+
+
+def _statements_of(key: str, value: Any) -> list[str]:
+    """Return lines of text such as ``radius: 150 mm`` for a key and its value or values."""
+    name = key.replace("_", " ")
+    if isinstance(value, dict):
+        if "value" in value and not isinstance(value["value"], dict | list):
+            return [f"{name}: {_text_of(value)}"]
+        lines = []
+        for inner_key, inner in value.items():
+            lines += _statements_of(f"{key} {inner_key}".strip(), inner)
+        return lines
+    if isinstance(value, list):
+        if any(isinstance(entry, dict | list) for entry in value):
+            return []
+        return [f"{name}: {', '.join(_text_of(entry) for entry in value)}"]
+    return [statement_of(key, _text_of(value)).removeprefix(": ")]
+
+
+def _text_of(value: Any) -> str:
+    """Return a single value as a text; a value with its unit gives ``36 N``."""
+    if value is None:
+        return ""
+    if isinstance(value, dict):
+        return f"{_text_of(value.get('value'))} {_unit_beside(value)}".strip()
+    return " ".join(str(value).split())

@@ -1,0 +1,140 @@
+"""Variables as Octave saves them as text (``save -text``): matrices, numbers and strings.
+
+Vectors of the same length are the columns of one table, under the names of the variables. A file
+with matrices only has one table for each. Numbers and strings become lines above the tables.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.entry_tables import EntryTable, sheets_of_entries, statement_of
+from ldbb_bayes.reading.sheet import Sheet
+
+__all__ = ["is_octave", "sheets_of_octave"]
+
+# Regular expression for the two lines with which a variable begins.
+_BEGINNING = re.compile(r"^[#%] name: .*\n[#%] type: ", re.MULTILINE)
+# Regular expression for a line with a property of a variable, such as "# rows: 72".
+_PROPERTY = re.compile(r"[#%] (?P<key>\w[\w ,]*?)(?:: (?P<value>.*))?\s*")
+# Fewest readings of a test; shorter vectors hold something else.
+_FEWEST_ROWS = 9
+
+
+@dataclass
+class _Variable:
+    """Variable of Octave: its name, and the rows of its numbers or its text."""
+
+    name: str
+    type: str = ""
+    rows: list[Row] = field(default_factory=list)
+
+    @property
+    def columns(self) -> list[list[str]]:
+        """Columns of the variable; a vector in one row is one column."""
+        cells = [row.cells for row in self.rows]
+        if len(cells) == 1:
+            return cells
+        return [list(column) for column in zip(*cells, strict=True)]
+
+
+def is_octave(text: str) -> bool:
+    """Return whether a text holds variables as Octave saves them."""
+    return _BEGINNING.search(text) is not None
+
+
+def sheets_of_octave(sheet: Sheet, text: str) -> list[Sheet]:
+    """Return one sheet for each table in variables of Octave.
+
+    Parameters
+    ----------
+    sheet
+        Sheet without rows, which states the path of the file.
+    text
+        The text.
+
+    Raises
+    ------
+    InputError
+        If the rows of a matrix have different lengths, or if vectors of different lengths cannot
+        be columns of one table.
+    """
+    statements = []
+    vectors = []
+    matrices = []
+    for variable in _variables(text):
+        _check_rows(sheet, variable)
+        length = max((len(column) for column in variable.columns), default=0)
+        if length < _FEWEST_ROWS or "string" in variable.type:
+            statements.append(variable)
+        elif len(variable.columns) == 1:
+            vectors.append(variable)
+        else:
+            matrices.append(variable)
+    lines = [_statement(variable) for variable in statements if variable.rows]
+    tables = [EntryTable(m.name, lines, [], [row.cells for row in m.rows]) for m in matrices]
+    if vectors:
+        tables = [_table_of_vectors(sheet, lines, [*vectors, *matrices])]
+    return sheets_of_entries(sheet, tables or [EntryTable("", lines, [], [])], "Octave")
+
+
+def _variables(text: str) -> Iterator[_Variable]:
+    """Yield the variables of a text. Lines above the first variable are left out."""
+    variable = _Variable("")
+    for line, content in enumerate(text.split("\n"), start=1):
+        stated = _PROPERTY.fullmatch(content)
+        if stated is not None and stated["key"] == "name":
+            if variable.name:
+                yield variable
+            variable = _Variable((stated["value"] or "").strip())
+        elif stated is not None and stated["key"] == "type":
+            variable.type = stated["value"] or ""
+        elif stated is None and content.strip() and variable.name:
+            cells = content.split()
+            if "string" in variable.type:
+                cells = [content.strip()]
+            variable.rows.append(Row(line, cells))
+    yield variable
+
+
+def _check_rows(sheet: Sheet, variable: _Variable) -> None:
+    for row in variable.rows:
+        width = len(variable.rows[0].cells)
+        if len(row.cells) != width:
+            raise InputError(
+                f"{sheet.place}, line {row.line}: the rows of a matrix must have the same length,"
+                f" got {len(row.cells)} numbers below {width}. Save it again (save -text)."
+            )
+
+
+def _statement(variable: _Variable) -> str:
+    """Return a line of text with the name and the value of a number, a string or a short vector.
+
+    The name is left out if the string itself names what it states, as in "theta: rad".
+    """
+    text = "; ".join(" ".join(row.cells) for row in variable.rows)
+    if ":" in text:
+        return text
+    return statement_of(variable.name, text)
+
+
+def _table_of_vectors(sheet: Sheet, lines: list[str], variables: Sequence[_Variable]) -> EntryTable:
+    """Return a table whose columns are vectors, and the columns of matrices."""
+    header = []
+    columns = []
+    for variable in variables:
+        for number, column in enumerate(variable.columns, start=1):
+            is_vector = len(variable.columns) == 1
+            header.append(variable.name if is_vector else f"{variable.name} {number}")
+            columns.append(column)
+    if len({len(column) for column in columns}) > 1:
+        listed = ", ".join(f"{variable.name!r}" for variable in variables)
+        raise InputError(
+            f"{sheet.place}: vectors of one table must have the same length, got different lengths"
+            f" of {listed}. Save the vectors of each circle in a file of its own."
+        )
+    return EntryTable("", lines, header, [list(row) for row in zip(*columns, strict=True)])

@@ -1,0 +1,57 @@
+"""Texts that hold no table: the refusal says what they are, and the step that reads them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+
+NUMBERS = [(5.0 * k, 0.1 * k) for k in range(72)]
+STEP = r"\. Save the readings as CSV: the line 'Angle \[deg\],Reading \[um\]'"
+
+
+def refusal(folder: Path, name: str, lines: list[str]) -> str:
+    path = folder / name
+    path.write_text("\n".join([*lines, ""]))
+    with pytest.raises(lb.InputError, match=STEP) as refused:
+        lb.import_campaign(path)
+    return str(refused.value)
+
+
+def test_xml_is_named(tmp_path: Path) -> None:
+    lines = ["<test>", *[f'<p angle="{a}" reading="{r}"/>' for a, r in NUMBERS], "</test>"]
+    assert "got XML." in refusal(tmp_path, "run.xml", lines)
+
+
+def test_a_page_in_html_is_named(tmp_path: Path) -> None:
+    lines = ["<table>", *[f"<tr><td>{a}</td><td>{r}</td></tr>" for a, r in NUMBERS], "</table>"]
+    assert "got a page in HTML." in refusal(tmp_path, "run.html", lines)
+
+
+def test_yaml_is_named(tmp_path: Path) -> None:
+    lines = ["readings:"]
+    for angle, reading in NUMBERS:
+        lines += [f"  - angle: {angle}", f"    reading: {reading}"]
+    assert "got YAML." in refusal(tmp_path, "run.yaml", lines)
+
+
+def test_lists_in_lines_are_named(tmp_path: Path) -> None:
+    lines = [f"angle = {[a for a, _ in NUMBERS]}", f"reading = {[r for _, r in NUMBERS]}"]
+    said = "got lists of numbers in lines: 'angle' and 'reading'."
+    assert said in refusal(tmp_path, "run.toml", lines)
+
+
+@pytest.mark.parametrize("form", ["angle={} reading={}", "12:00 angle: {} deg, reading: {} um"])
+def test_a_name_beside_each_number_is_named(form: str, tmp_path: Path) -> None:
+    lines = ["Force = 36 N", *[form.format(a, r) for a, r in NUMBERS]]
+    said = "got a name beside each number: 'angle' and 'reading' in line 2."
+    assert said in refusal(tmp_path, "run.log", lines)
+
+
+def test_tests_named_t1_are_rows_and_no_header(tmp_path: Path) -> None:
+    lines = ["test,force_N,angle_deg,reading_um", *[f"T1,36,{a},{r}" for a, r in NUMBERS]]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join([*lines, ""]))
+    assert lb.import_campaign(path).campaign.readings == len(NUMBERS)
