@@ -171,7 +171,9 @@ class PrincipalAxis(Result):
     #: half angle [°] of a cone about ``direction``. The true axis lies inside the cone with the
     #: probability ``DirectionalStiffness.prob``.
     cone_deg: float
-    is_determined: bool  #: whether the half angle ``cone_deg`` is below 45°
+    #: whether the direction is determined: ``cone_deg``, the half angle of the cone in which the
+    #: true axis lies with a given probability, is below 45°
+    is_determined: bool
 
 
 @dataclass(frozen=True)

@@ -211,7 +211,8 @@ def _describe_geometric_errors(
 ) -> tuple[VisibleParameter, ...]:
     """Return a description of each geometric error that circular tests can determine.
 
-    The patterns in the description are those for the first of ``circles`` in each plane.
+    The description has a formula for the effect of the error on the readings, as a function of the
+    angle. The formula holds for the first of ``circles`` in each plane.
     """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():

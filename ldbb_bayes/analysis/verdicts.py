@@ -449,12 +449,12 @@ def _averaged_over_scales(
     weight: Array,
     phi: Array,
 ) -> AveragedVariance:
-    """Return the variances of all parameters and changes with force, and their sources.
+    """Return the posterior variances of quantities under one model, and their sources.
 
-    The variances are those under the single model ``bound``, not under an average over models.
-    ``changes`` are the changes of compliances with force. The shares of the sources are computed
-    from ``information``, at the mean of the hyper-parameters. The variances are averaged over the
-    values ``phi`` of the hyper-parameters, shape (w, h), with the weights ``weight``, shape (w,).
+    The quantities are the parameters of ``bound``, and the changes of compliances with force
+    (``changes``). The shares of the sources in the variances are computed from ``information``, at
+    the mean of the hyper-parameters. The variances are averaged over the values ``phi`` of the
+    hyper-parameters, shape (w, h), with the weights ``weight``, shape (w,).
     """
     weights = _weights_of_quantities(information, changes)
     moments = averaged_moments(bound, weights / information.scale, weight, phi)
@@ -532,7 +532,7 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 
 
 class JudgedQuantities(NamedTuple):
-    """Verdicts on all parameters, and on the changes of all compliances with force.
+    """How well the readings determine the parameters and the changes of compliances with force.
 
     The keys of ``parameters`` are names of parameters; the keys of ``changes`` are names of
     compliances.

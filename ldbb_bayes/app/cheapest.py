@@ -246,19 +246,19 @@ def _passage_from(record: Mapping[str, Any]) -> Passage:
 
 
 def passages_shown(outcome: Mapping[str, Any], language: str) -> Sequence[Passage]:
-    """Return the tables and sentences of a search, in the language of the page.
+    """Return the tables and sentences that describe the result of a search for campaigns.
 
     Parameters
     ----------
     outcome
-        Result of `find_cheapest_campaigns`, a refusal, or an empty dictionary.
+        Result of `find_cheapest_campaigns`, an error message, or an empty dictionary.
     language
-        Language of the page: en or de.
+        Language of the tables and sentences: en or de.
 
     Returns
     -------
     sequence of Table or str
-        Empty if ``outcome`` is no result.
+        Empty if ``outcome`` is not a result.
     """
     if "passages" not in outcome:
         return ()

@@ -213,7 +213,7 @@ def campaign_fields(
     no_drift: bool = False,
     **options: Any,
 ) -> dict[str, Any]:
-    """Return the fields of `Campaign` that options state.
+    """Return the fields of `Campaign` that are set by options of the command line.
 
     Parameters
     ----------
@@ -232,7 +232,8 @@ def campaign_fields(
     Returns
     -------
     dict
-        Fields of `Campaign` that options state; fields that no option states are left out.
+        Fields of `Campaign` that the options set; the keys are the names of the fields. Other
+        fields are left out.
     """
     fields = dict(options)
     if raw or mount_um_per_bar is not None:

@@ -91,7 +91,8 @@ def _size(campaign: lb.Campaign) -> str:
 @command
 def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.JSON]) -> None:
     """Show what is in a campaign, what looks odd, and what a fit will assume. Fits nothing."""
-    # A fit, too, refuses a plane in which only some tests state a direction.
+    # Raise an error if only some tests of a plane state a direction of travel. A fit raises the
+    # same error.
     planes_run_both_ways(campaign)
     preview = lb.check_campaign(campaign)
     uncertainties = lb.terms.uncertainties(campaign)

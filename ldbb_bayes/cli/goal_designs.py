@@ -33,7 +33,8 @@ GOAL_FILES = ("campaign.toml", "model.toml", "goals.json")
 class GoalDesignFiles(NamedTuple):
     """Contents of the files for the folder of the cheapest campaign that reaches goals."""
 
-    record: dict[str, Any]  #: the result as a JSON object, with sentences
+    #: result of the search as a JSON object, which also has sentences that describe the result
+    record: dict[str, Any]
     contents: dict[str, Any]  #: contents of the files; the keys are the names of the files
     #: function that writes the plan into a folder; None if no campaign was found
     write_more: Callable[[Path], object] | None

@@ -175,7 +175,8 @@ def begin_batch(
     InputError
         If the folder holds a batch and neither ``resume`` nor ``force`` is true. Also if ``resume``
         is true and the batch in the folder has other campaigns, options or versions of software.
-        Also if the folder holds a table but its journal records no batch, and ``force`` is false.
+        Also if ``force`` is false and the folder holds a table of the results of a batch, but the
+        journal has no record of a batch.
     """
     saved = journal.execute("SELECT record FROM batch").fetchone()
     has_table = (out / DATASET).exists()

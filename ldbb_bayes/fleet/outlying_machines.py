@@ -209,15 +209,16 @@ def _compare(
 ) -> tuple[Array, Array]:
     """Return how well the other machines predict each machine that is left out.
 
-    n machines are left out one at a time. For each of them, and for each of k draws of the spreads,
-    the readings of the other machines are described by a Gaussian function of the population's mean
-    μ and the instrument's errors b. The result is a tuple of two arrays:
+    n machines are left out one at a time. The spreads (standard deviations of the machines about
+    the population's mean μ) are taken from k random draws. For each draw, the readings of the other
+    machines give a Gaussian function of μ and of the instrument's errors b. The result is a tuple
+    of two arrays:
 
     - The logarithms of the integrals of these Gaussians over μ and b, up to a constant, shape (k,
       n).
     - The deviations z of the c parameters, shape (c, k, n). z is the difference between a parameter
-      of the machine left out and its prediction from the Gaussian and the spreads, divided by the
-      standard deviation of the difference.
+      of the machine left out and its prediction from the other machines, divided by the standard
+      deviation of the difference.
 
     Parameters
     ----------
@@ -228,7 +229,7 @@ def _compare(
     shift
         Products of precision and mean of the Gaussians, shape (q, k, n).
     spread
-        Draws of the spreads (standard deviations of the machines about μ), shape (k, c).
+        Random draws of the spreads of the c parameters, shape (k, c).
     """
     q = len(shift)
     c = spread.shape[1]

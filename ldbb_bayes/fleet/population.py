@@ -115,8 +115,8 @@ class _DrawLimits(NamedTuple):
 # of the machines about the mean) are summarised.
 _SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
 # Limits of the number of random draws of the spreads (standard deviations from machine to machine)
-# from which the estimates for every machine are computed. These draws are the first of the draws
-# from which the spreads are summarised.
+# from which the estimates for every machine are computed. They are the first draws of a longer
+# sequence; all draws of the sequence are used to summarise the spreads themselves.
 _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 
@@ -235,9 +235,9 @@ class Population(Result):
     def not_belonging(self) -> tuple[str, ...]:
         """Names of the machines that stand out from the other machines.
 
-        A machine stands out if its corrected p-value is below 5 %. Machines are sorted by the
-        largest absolute value of z of their parameters; the machine with the largest value comes
-        first.
+        A machine stands out if its corrected p-value is below 5 %. For each parameter, z is the
+        deviation of the machine from the prediction of the other machines, divided by the standard
+        deviation. The machine with the largest absolute value of z comes first.
         """
         flagged = sorted(machine.name for machine in self.machine.values() if machine.flag)
         return tuple(ranked(flagged, self._largest_z))

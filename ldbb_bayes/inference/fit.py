@@ -53,8 +53,8 @@ _CHECKED_DRAWS = 500
 # If the log posterior probability that no compliance is negative is below this limit, the readings
 # contradict the condition that no compliance is negative.
 _IMPROBABLE = float(np.log(1e-3))
-# A fit warns if the posterior median of a hyper-parameter (scale of the noise or of another effect)
-# is above the quantile of its prior at this probability.
+# A warning is given if the posterior median of a hyper-parameter (scale of the noise or of another
+# effect) is above the quantile of its prior at this probability.
 _EXPECTED_HYPER = 0.999
 # A fit warns if the distance between the posterior mean of a parameter and the prior mean that the
 # user stated exceeds this limit. The unit of the limit is the standard deviation that the distance

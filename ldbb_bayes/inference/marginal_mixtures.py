@@ -141,11 +141,11 @@ def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
 
 
 def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> MarginalMixtures:
-    """Return the components of the mixtures, one for each of w posterior draws of one model.
+    """Return truncated Gaussian densities of each parameter of one model, one for each draw.
 
-    ``phi``, shape (w, h), holds draws of the h hyper-parameters (scales of the noise and of other
-    effects). ``beta``, shape (w, p), holds draws of all p parameters of the average over models.
-    The result has only those parameters that ``model`` has.
+    ``phi``, shape (w, h), holds w posterior draws of the h hyper-parameters (scales of the noise
+    and of other effects). ``beta``, shape (w, p), holds draws of all p parameters of the average
+    over models. The result has only those parameters that ``model`` has.
     """
     conditional = model.bound.given(phi)[1]
     of_model = beta[:, model.places]

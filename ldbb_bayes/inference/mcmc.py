@@ -37,9 +37,9 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# The sampler runs its steps in blocks, whose length is doubled several times. This is the number of
-# doublings, counted from the first, at which the number of draws that a block stores is doubled
-# too. At later doublings, the number of steps from one stored draw to the next is doubled instead.
+# The sampler runs its steps in blocks, and doubles their length several times. At this number of
+# first doublings, a block also stores twice as many draws. At later doublings, a block stores no
+# more draws than before; the draws are twice as many steps apart.
 _DOUBLINGS_STORED = 2
 # A move by differential evolution changes the point of a walker by a factor times the difference
 # between the points of two other walkers. In this share of such moves, the factor is one, so that

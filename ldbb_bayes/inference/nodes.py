@@ -60,18 +60,18 @@ _SEPARATION = 1.5
 # Another maximum of the log posterior density of the hyper-parameters is negligible if it is lower
 # than the highest maximum by this value [nat] or more.
 _NEGLIGIBLE_DEPTH = 12.0
-# A maximum of the posterior density is also sought with one of the scales held near zero. The
-# coordinate of this scale is held below its value at the mode by this number of posterior standard
-# deviations.
+# Maxima of the posterior density of the hyper-parameters are also sought with one hyper-parameter
+# held near zero. The coordinate of this hyper-parameter is held below its value at the mode by this
+# number of posterior standard deviations.
 _BELOW_MODE = 4.0
-# Maxima of the density with one scale held near zero are neglected if they are too low. The search
-# for such a maximum is not begun if the log density at its start is lower than at the mode by more
-# than ``_NEGLIGIBLE_START`` [nat]. A maximum that was found is neglected if it is lower than the
-# mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
+# Maxima of the density with one hyper-parameter held near zero are neglected if they are too low.
+# The search for such a maximum is not begun if the log density at its start is lower than at the
+# mode by more than ``_NEGLIGIBLE_START`` [nat]. A maximum that was found is neglected if it is
+# lower than the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
-# The search for a maximum with one scale held near zero ends when a step increases the log density
-# by at most this value [nat].
+# The search for a maximum of the density with one hyper-parameter held near zero ends when a step
+# increases the log density by at most this value [nat].
 _CORNER_GAIN = 1e-2
 # Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
 # suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from coarse nodes [nat].
@@ -203,11 +203,11 @@ class HyperPosterior:
 
     @property
     def mode(self) -> Array:
-        """The highest maximum of the density, in unbounded coordinates of φ, shape (h,).
+        """Highest maximum of the posterior density of the h hyper-parameters φ, shape (h,).
 
-        φ are the h hyper-parameters (scales of the noise and of other effects). The maximum is
-        found in normal scores, coordinates in which most of the priors are standard normal; it is
-        then converted to unbounded coordinates.
+        The hyper-parameters are the scales of the noise and of other effects. The maximum is found
+        in normal scores, coordinates in which most of the priors are standard normal. It is
+        returned in the unbounded coordinates of φ.
         """
         return self._scores.free(self.modes[0][0])
 

@@ -299,11 +299,11 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
 def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     """Return the compliances that circular tests can separate: the parameters of the model.
 
-    A column holds the readings per unit of a compliance. Compliances with proportional columns form
-    a set. One compliance of each set is kept as a parameter, unless its column is a linear
-    combination of the columns of compliances that are already kept. The result also contains the
-    weights of the compliances in the sum that each kept compliance represents. ``circles`` are the
-    nominal circles of tests on ``machine``.
+    Compliances whose effects on the readings are proportional form a set. One compliance of each
+    set is kept as a parameter, unless its effect is a linear combination of the effects of
+    compliances that are already kept. A parameter then represents a weighted sum of compliances;
+    the result also contains these weights. ``circles`` are the nominal circles of tests on
+    ``machine``.
     """
     candidates = _candidates(machine, circles)
     names = candidates.names

@@ -73,15 +73,14 @@ _MANY_TERMS = 12
 
 
 class Update(NamedTuple):
-    """Changes of entries of P in later columns, caused by eliminating groups of columns.
+    """Changes of a matrix P when groups of its columns are eliminated in a factorisation.
 
-    P is the matrix that is factorised, and L is its Cholesky factor. When a group of columns is
-    eliminated, entries of P change in m columns that are eliminated later. The code calls these m
-    columns the border of the group, and numbers them from 0 to m − 1. Let P_ij be the entry in the
-    rows and columns of the border with the numbers i and j; j = m stands for the right-hand side.
-    Its change is −Σ_k ±L_ik L_jk, where k runs over the columns of the group, and ± is the sign of
-    the Cholesky pivot. An `Update` comprises the changes of P_ij for i from ``first`` to ``stop`` −
-    1, and for j from ``first`` to m.
+    The elimination of a group changes P in m later columns, which are called the border of the
+    group and are numbered from 0. Let P_ij be the entry of P in row i and column j of the border;
+    j = m is the right-hand side. The change of P_ij is −Σ_k s_k L_ik L_jk, where k are the columns
+    of the group, L is the Cholesky factor, and s_k is the sign of the pivot of column k (+1 or −1).
+    An `Update` describes the changes of P_ij for i from ``first`` to ``stop`` − 1 and j from
+    ``first`` to m.
     """
 
     #: Slice that selects groups of columns from the list of the groups that are eliminated at the

@@ -76,12 +76,12 @@ class _DenseGram(NamedTuple):
     products: Array
 
     def assemble(self, weight: Array, entries: Array) -> None:
-        """Compute the entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r for the columns of this object.
+        """Compute entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r from the scalar products of columns of A.
 
-        A is the design matrix, D the noise covariance, and r are the readings. ``weight``, shape
-        (kinds, w), holds the reciprocal variance 1/D of every kind of rows, for w values of the
-        hyper-parameters. The results are written into ``entries``, the array that
-        `GramEntries.assemble` returns.
+        A is the design matrix, D the diagonal noise covariance, and r are the readings. Rows of A
+        with the same variance are rows of one kind. ``weight``, shape (kinds, w), holds the
+        reciprocal variance of each kind of row, for w values of the hyper-parameters. The results
+        are written into the array ``entries``.
         """
         matrix = entries[self.block.entries].reshape(*self.block.shape, weight.shape[1])
         stop = self.first + self.products.shape[1]

@@ -81,9 +81,9 @@ class Observations(NamedTuple):
     #: hyper-parameter scales it, the unit is the prior sd. If the prior is flat, the unit is the
     #: reciprocal norm of the coefficient's column.
     unit: Array
-    #: Signs ±1 of the prior variances of the nuisance coefficients, shape (coefficients,). A
-    #: coefficient with a negative variance removes noise from the readings instead of adding noise;
-    #: `_columns_for_uneven_angles` explains why this is needed.
+    #: One sign, +1 or −1, for each nuisance coefficient, shape (coefficients,). If the sign is −1,
+    #: the prior variance of the coefficient is negative: the coefficient's noise is subtracted from
+    #: the noise of the readings. `_columns_for_uneven_angles` explains why this is needed.
     signs: Array
     #: Number of nuisance coefficients that are the same in all tests. Their columns are the first
     #: columns of the design matrix.
@@ -110,9 +110,9 @@ class _Nuisances(NamedTuple):
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
-    #: Signs ±1 of the prior variances of the private coefficients (coefficients with a separate
-    #: value in every test), one sign for each coefficient of one test. A coefficient with a
-    #: negative variance removes noise from the readings instead of adding noise.
+    #: One sign, +1 or −1, for each coefficient that has a separate value in every test. A
+    #: coefficient with the sign +1 adds noise to the model of the readings. If the sign is −1, the
+    #: prior variance of the coefficient is negative, and its noise is subtracted.
     private_signs: list[float]
 
     @property

@@ -37,12 +37,12 @@ __all__ = ["NoisyLogProbability", "Orthant", "OrthantMoments"]
 # row that is perpendicular to the rows of other constraints. If its length is below this fraction
 # of the row's length, the constraint counts as a linear combination of the other constraints.
 _DEPENDENT = 1e-7
-# A constraint u_j ≥ 0 counts as certain to hold if the mean of u_j divided by the sd of u_j is
-# larger than this number.
+# A constraint u_j ≥ 0 on a Gaussian variable u_j is treated as certain if the mean of u_j divided
+# by the sd of u_j is larger than this number.
 _CERTAIN_SD = 12.0
-# A constraint u_j ≥ 0 on a Gaussian variable u_j counts as improbable if the mean of u_j divided by
-# the sd of u_j is below this number. If at least one constraint is improbable, no constraint counts
-# as certain to hold.
+# A constraint u_j ≥ 0 on a Gaussian variable u_j is improbable if the mean of u_j divided by the sd
+# of u_j is below this number. If at least one constraint is improbable, no constraint is treated as
+# certain.
 _PUSHED_SD = -3.0
 # The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 for which the mean of
 # u_j divided by the sd of u_j is at least this number.

@@ -275,7 +275,7 @@ def is_truths(path: Path) -> bool:
 
 
 def read_truths(path: Path) -> Truths:
-    """Return the plan and true values for a simulation from a TOML file.
+    """Read a TOML file with the plan of a simulation and the true values of the machine.
 
     ``path`` is the path of the file. For a mistake in the file, raise an `InputError` that names
     the file and the place of the mistake.

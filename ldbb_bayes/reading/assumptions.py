@@ -100,9 +100,9 @@ class AssumptionLog:
         return tuple(assumptions)
 
     def reasons_for(self, places: Collection[str]) -> list[str]:
-        """Return the reasons for the assumptions that were made for any of the places.
+        """Return the reasons for all assumptions that were made for at least one of ``places``.
 
-        A place is a file, a sheet or a test. The empty place stands for all files.
+        A place is a file, a sheet or a test. An empty string stands for all files.
         """
         reasons = []
         for entry, noted_places in self._places.items():
@@ -111,9 +111,10 @@ class AssumptionLog:
         return reasons
 
     def layout(self, stated: Layout) -> Layout:
-        """Return the user's layout ``stated``, completed with the values found in the sheets.
+        """Return the user's layout, completed with the values that were found in the sheets.
 
-        If the sheets have different values for a field, the field is left as the user states it.
+        ``stated`` is the user's layout, which states how tables are to be read. A field of the
+        layout is not changed if different sheets have different values for it.
         """
         common = {}
         for key, values in self._layout_values.items():

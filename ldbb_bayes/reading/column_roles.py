@@ -673,7 +673,7 @@ def _numbers_of(columns: Sequence[int]) -> str:
 
 
 def _unknown_column(place: str, role: str, reference: str, headers: Sequence[str]) -> InputError:
-    """Return the error for a column that the layout states, but that no header names."""
+    """Return the error for a column that the user names, but that the table does not have."""
     candidates = ", ".join(repr(header[:LONGEST_NAME]) for header in headers if header)
     hint = ""
     if any(headers):

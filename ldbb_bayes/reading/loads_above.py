@@ -110,11 +110,11 @@ def _lines_of_columns(
 
 
 def _words_of_columns(cells: Sequence[str], is_merged: bool) -> list[str]:
-    """Return the names, planes or directions in a line, one for each cell except the first.
+    """Return the names, planes or directions of tests in a line above a table.
 
-    ``is_merged`` states whether the line has merged cells. In a line of names without merged cells,
-    all names must differ, and the first cell must be empty. The result is an empty list if the line
-    does not consist of names, planes or directions.
+    There is one for each cell except the first. ``is_merged`` states whether the line has merged
+    cells. In a line of names without merged cells, all names must differ, and the first cell must
+    be empty. The result is an empty list if the line has none of the three.
     """
     words = list(cells[1:])
     if not all(words):

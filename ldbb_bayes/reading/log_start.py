@@ -47,7 +47,7 @@ _TEXT_SHOWN = 60
 
 
 def check_feed_is_whole(recording: Recording) -> None:
-    """Raise an error if a line states a feed or override other than 100 %, such as 50 %.
+    """Raise an error if a line gives the feed as a percentage other than 100 %, as in "Feed 50 %".
 
     No error is raised if the user states the feed, or if the table holds angles. ``recording``
     holds the rows of the test in its file, and all statements about the test.

@@ -37,7 +37,7 @@ _PART = re.compile(r"\s*Columns? \d+(?: (?:through|and|to) \d+)?\s*")
 _ASSIGNED_NUMBER = re.compile(rf"\b[A-Za-z]\w*\s*=\s*(?P<number>{NUMBER_IN_TEXT})\s*(?=[;,%]|$)")
 # Regular expression for a number as MATLAB shows it.
 _NUMBER = re.compile(r"[+\-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+\-]?\d+)?")
-# Words by which a load is stated; the keys are the roles of columns that hold such a load.
+# Name that is put before the number of a force or pressure; the keys are the roles of columns.
 _LOADS = {"force": "Force", "pressure": "Pressure"}
 # Smallest number of successive rows of numbers that are a table.
 _FEWEST_ROWS = 9
@@ -53,14 +53,16 @@ class _Shown:
 
 @dataclass
 class _Display:
-    """Display of a matrix: its lines, header and numbers."""
+    """A matrix as MATLAB displays it: numbers, header, and the lines above."""
 
     # lines above the header; each is a row of one cell
     lines: list[Row] = field(default_factory=list)
     header: list[Row] = field(default_factory=list)  # row with the names of all columns, if any
     numbers: list[Row] = field(default_factory=list)  # rows of numbers, multiplied by the factor
-    factor: str = ""  # factor as written; empty if there is none
-    factor_line: int = 0  # number of the line with the factor; 0 if there is none
+    # common factor of the numbers, such as 1.0e+03, as MATLAB writes it; empty if there is none
+    factor: str = ""
+    # number of the line with the common factor of the numbers; 0 if there is none
+    factor_line: int = 0
 
 
 def is_matlab_display(text: str) -> bool:

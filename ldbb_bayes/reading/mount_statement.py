@@ -18,7 +18,8 @@ __all__ = ["check_mount_is_clear", "mount_state", "unread_mount"]
 _WORDS = WORDS["mount_statement"]
 # Regular expression for a word for the mount of the work ball.
 _MOUNT = re.compile(_WORDS["mount"], re.IGNORECASE)
-# Regular expression for a word, such as "removed", which says that the deflection was removed.
+# Regular expression for words, such as "removed", which say that the deflection of the mount was
+# removed from the readings.
 _REMOVED = re.compile(_WORDS["removed"], re.IGNORECASE)
 # Regular expression for a word which says that the deflection is in the readings.
 _CONTAINED = re.compile(_WORDS["contained"], re.IGNORECASE)

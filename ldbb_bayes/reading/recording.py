@@ -92,10 +92,11 @@ class Recording:
     statements: Mapping[str, Sequence[LineStatement]]
     layout: Layout  #: layout that the user states for all tables
     stated: dict[str, Any]  #: fields that the entry [[test]] of the layout states for this test
-    campaign: Mapping[str, Any]  #: fields of the campaign that options state
+    #: fields of the campaign that the user's options set; the keys are the names of the fields
+    campaign: Mapping[str, Any]
     log: AssumptionLog  #: log to which assumptions about the test are added
-    #: fields of the test that columns such as setup state; each of these columns has one value in
-    #: all rows of the test
+    #: fields of the test whose values come from columns of the table, such as the column "setup".
+    #: Each of these columns has the same value in all rows of the test
     fields: dict[str, Any]
     #: lines from sheets without a table, which apply to all tests; each item holds the place of a
     #: line (line number and sheet) and the text of the line

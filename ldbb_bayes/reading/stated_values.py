@@ -1,8 +1,8 @@
 """Load, radius, feed and direction of travel of a test, from all sources.
 
-Values that the user or a column states are certain; a source that contradicts a certain value is
-noted. Values in lines above a table and in names of files are uncertain: their use is noted, and an
-`InputError` is raised if they contradict each other.
+Values that the user or a column states are trusted. If another source contradicts such a value, a
+note is made. Values in lines above a table and in names of files are less reliable: their use is
+noted, and an `InputError` is raised if they contradict each other.
 """
 
 from __future__ import annotations

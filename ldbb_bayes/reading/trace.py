@@ -41,8 +41,8 @@ _LARGEST_DEVIATION_MM = 1.5
 # Readings are probably distances between the balls, and not deviations from the radius, if their
 # median is larger than this [mm] and their scatter is small.
 _SMALLEST_RADIUS_MM = 20.0
-# The scatter of readings is small if their median absolute deviation from the median is below this
-# fraction of the median.
+# The scatter of readings is small if their median absolute deviation is below this fraction of
+# their median.
 _SMALLEST_SCATTER = 0.01
 # Default values for a test for which no unit was assumed, because the user or the file states the
 # unit. The function `unit_size` then uses the stated unit and ignores the default value.
@@ -160,7 +160,7 @@ def _angles_of_column(recording: Recording) -> Array:
 
 
 def _check_unit_of_angles(recording: Recording, angle_deg: Array) -> None:
-    """Raise an error if angles turn so far from reading to reading that their unit must be wrong.
+    """Raise an error if there are so few readings in a turn that the angles' unit must be wrong.
 
     ``angle_deg`` are the angles of all readings, shape (n,) [deg].
     """
@@ -183,9 +183,9 @@ def _plane_of(recording: Recording) -> str:
 def _start_of_circle(recording: Recording, direction: str | None) -> float:
     """Return the angle [deg] at which the circle of a test with times instead of angles starts.
 
-    The angle is the value that is stated for ``start_deg``. If no value is stated, it is the angle
-    of the axis at which the circle starts according to a line. If no line names such an axis, it is
-    the start of the circle that lines of a programme describe, and zero without such lines.
+    If the user or the file states a value for ``start_deg``, this value is returned. Otherwise the
+    angle is that of the axis which a line of the file names as the start, such as +X. Without such
+    a line, it is the angle at which the circle starts in lines of G-code, and zero without G-code.
     ``direction`` is the stated direction of travel, CW or CCW, or None.
     """
     if quantity_of(recording, "start_deg") is None:

@@ -347,9 +347,9 @@ def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection 
 def _unread_in(text: str) -> str:
     """Return the part of a text that may state a direction of travel, but is not understood.
 
-    The part is the whole text, or its first segment of this kind if the text also names the
-    direction of something else. The result is empty if there is no such part, or if the text is
-    about angles.
+    If the text also names another direction, such as that of a load, its first segment that may
+    state a direction of travel is returned; otherwise the whole text. The result is empty if the
+    text states no direction of travel, or if it is about angles.
     """
     if _is_about_angles(text):
         return ""

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Finding", "FindingKind", "best_step", "findings_of", "plain_words"]
 
-_MOST_FINDINGS = 3  # largest number of findings that the certificate names
+_MOST_FINDINGS = 3  # largest number of findings that the test certificate names
 # Sheet 1 of the test certificate names a finding if the probability of the finding is at least
 # this value.
 _LIKELY = 0.9

@@ -28,9 +28,8 @@ _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # Entries of the campaign that state the machine and the date. Both sheets of the test
 # certificate show these entries.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# Sheet 1 of the test certificate states the source from which the order of the tests is known.
-# The keys of this dictionary are the possible sources, such as the start times of the tests. Each
-# value is the key under which the catalogue of words holds the text on the source.
+# Sheet 1 of the test certificate states how the order of the tests is known, for example from their
+# start times. Each value of this dictionary is the key of a text in the catalogue of words.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",

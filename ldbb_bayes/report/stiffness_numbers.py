@@ -136,8 +136,8 @@ def _of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuant
 def _principal_axis_note(plane: PlaneStiffness, words: Words) -> str:
     """Return a remark that names the compliances from which a principal axis is computed.
 
-    The directions of least and greatest stiffness are not computed from these compliances alone,
-    but from all compliances.
+    These compliances describe displacements without rotations. The remark says so, because the
+    directions of least and greatest stiffness are computed from all compliances.
     """
     symbols = [f"C_{axis}{axis}{axis}" for axis in plane.plane]
     if plane.cross_name:

@@ -834,10 +834,10 @@ def _source_in_table(name: str) -> str:
 
 
 def cure_in_words(remedy: Remedy | None) -> str:
-    """Return a short name of the cheapest measure for a parameter, such as "turn balls".
+    """Return a short name of the cheapest remedy for a parameter, such as "turn balls".
 
-    ``remedy`` is the cheapest measure that reduces the uncertainty of the parameter markedly. If
-    there is no such measure, ``remedy`` is None and a dash is returned.
+    A remedy is a certificate of the instrument, or a change of the plan of tests, that reduces the
+    uncertainty of the parameter markedly. If ``remedy`` is None, a dash is returned.
     """
     if remedy is None:
         return "–"
@@ -845,13 +845,13 @@ def cure_in_words(remedy: Remedy | None) -> str:
 
 
 def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
-    """Return descriptions of pairs of measures for parameters that need two measures.
+    """Return descriptions of pairs of remedies for parameters that need two remedies.
 
-    Each description names a pair of measures, and U (k = 2) of the parameters after both measures,
-    such as "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". After the first measure of a
-    pair alone, these parameters would still be confounded. A parameter is confounded if the
-    readings cannot separate it from another effect. A parameter that is still confounded after both
-    measures is marked.
+    A remedy is a certificate of the instrument or a change of the plan of tests. Each description
+    names a pair of remedies and states U (k = 2) of the parameters with both remedies, such as
+    "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". With one of the remedies alone, the
+    readings could not separate these parameters from other effects. A parameter for which this is
+    so even with both remedies is marked.
     """
     effects_by_pair: dict[str, list[str]] = {}
     for name, entry in result.parameters.items():
@@ -871,10 +871,10 @@ def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
 
 
 def _step_words(kind: str, certificate: str) -> str:
-    """Return a short name of one measure: a certificate, or a change of the plan of tests.
+    """Return a short name of a remedy: a certificate, or a change of the plan of tests.
 
-    ``certificate`` is the name of the certificate, or an empty string if the measure is a change of
-    the plan. ``kind`` is the kind of the measure.
+    ``certificate`` is the name of the certificate, or an empty string if the remedy is a change of
+    the plan. ``kind`` is the kind of the remedy.
     """
     if certificate:
         return certificate_words(certificate)

@@ -45,11 +45,11 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# Tolerance for the proof that the shares of candidate tests are optimal. The share of a candidate
-# test is its number of runs divided by the number of all runs. Its sensitivity is the derivative of
-# the criterion with respect to the share. The bound is the mean of the sensitivities, weighted by
-# the shares. The shares count as optimal if the largest sensitivity exceeds the bound by at most
-# this fraction of the bound.
+# Tolerance with which the shares of candidate tests are said to be optimal. The share of a
+# candidate test is its number of runs divided by the number of all runs, and its sensitivity is the
+# derivative of the optimality criterion with respect to the share. If the shares are optimal, no
+# sensitivity exceeds the mean of the sensitivities, weighted by the shares. An excess of at most
+# this fraction of the mean is allowed.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests with a share below this number are left out of the table of the best shares.
 _LISTED_SHARE = 1e-4

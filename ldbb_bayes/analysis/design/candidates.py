@@ -274,10 +274,11 @@ def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
 def _bind_to_pilot(
     model: HybridModel, plan: Campaign, pilot: Campaign, *, keep_pilot_tests: bool
 ) -> BoundModel:
-    """Return the model bound to a plan, with reference force and force range of the plan's pilot.
+    """Return the model applied to the tests of a plan.
 
-    The pilot is the campaign that the plan starts from. If ``keep_pilot_tests`` is true, the model
-    is bound to the tests of the pilot, followed by the tests of the plan.
+    ``pilot`` is the campaign that the plan starts from; the model takes its reference force and
+    force range from this campaign. If ``keep_pilot_tests`` is true, the model is applied to the
+    tests of the pilot and of the plan together; the tests of the pilot come first.
     """
     tests = plan.tests
     pilot_tests = pilot.plan().tests

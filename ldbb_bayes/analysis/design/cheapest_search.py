@@ -44,9 +44,9 @@ _BEGIN_SHARE = 0.85
 # Number of bisection steps in the search for a factor. If the number of circles of each candidate
 # test in a trial campaign is multiplied by this factor, the goals are just reached.
 _HALVINGS = 10
-# A full forecast of a campaign is made only if ln(u/u*) is at most this number for all goals. u is
-# the standard uncertainty of a goal's parameter in the full forecast, as estimated from the quick
-# forecast. u* is the largest standard uncertainty that the goal permits.
+# Before a slow, full forecast of a campaign is made, its result is estimated from a quick forecast.
+# The full forecast is made only if ln(u/u*) is at most this number for all goals. u is the estimate
+# of the standard uncertainty; u* is the largest standard uncertainty that the goal permits.
 _NEAR = 0.03
 # Largest number of full forecasts for campaigns with the same clockings, radii and certificates.
 _MOST_FORECASTS = 8
@@ -258,8 +258,8 @@ class _Search:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        #: smallest value of `_Progress.inflation` in the families that have been searched; it is
-        #: used in families without a full forecast
+        # Smallest coefficient `_Progress.inflation` (ratio of full to quick forecast) in the
+        # families that have been searched. It is used in a family that has no full forecast yet.
         self._inflation = np.inf
         #: whether the largest campaign of at least one family reaches all goals
         self.is_reachable = False

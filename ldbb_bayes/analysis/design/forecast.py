@@ -492,9 +492,10 @@ def _draw_posterior_means(
 
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given the parameters β of a state, the posterior
-    mean is normally distributed with the mean m₁ + W (β − m₁) and the covariance W C. In an
-    analysis, n sets of scales represent the posterior of the scales. All n sets belong to the same
-    readings, so that the posterior means for these sets are drawn with the same random numbers.
+    mean is normally distributed with the mean m₁ + W (β − m₁) and the covariance W C. C depends on
+    the hyper-parameters (scales of the noise and of other effects), for which there are n values.
+    The posterior means for all n values belong to the same readings. They are therefore drawn with
+    the same random numbers.
     ``is_possible``, shape (K,), is true for the states that are used. ``covariance``, shape
     (possible states, n, p, p), holds C for each of these states. ``scale``, shape (p,), are the
     prior standard deviations. The result has the shape (repetitions, possible states, n, p). All

@@ -26,7 +26,8 @@ __all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 # A certificate is named only if it is useful enough: after very many circles, the uncertainty with
 # the certificate must be less than this share of the uncertainty without the certificate.
 _WORTH_SHARE = 0.9
-# Number of runs of each possible circle that is used for "very many" runs.
+# The uncertainties that would remain after very many circles are computed as if each possible
+# circle were run this number of times.
 _VERY_MANY = 1e6
 _ALL_CERTIFICATES = "all certificates together"
 
@@ -41,12 +42,16 @@ class Obstacle(Result):
     #: model term or parameter with the largest share of the variance after very many circles, such
     #: as ``Mount`` (compliance of the mount)
     held_by: str
-    share: float  #: share of the variance after very many circles that ``held_by`` causes
+    #: fraction of the variance after very many circles that is due to the term or parameter
+    #: ``held_by``
+    share: float
     #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str
-    #: expanded uncertainty (k = 2) that would remain after very many circles with ``certificate``
+    #: expanded uncertainty (k = 2) that would remain after very many circles if the instrument had
+    #: the certificate ``certificate``
     U_with_certificate: float
-    reached: bool  #: whether the goal can be reached with ``certificate``
+    #: whether the goal could be reached if the instrument had the certificate ``certificate``
+    reached: bool
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,9 @@ class NearMiss(Result):
     #: model term or parameter with the largest share of the variance after very many circles, such
     #: as ``Mount`` (compliance of the mount)
     held_by: str
-    share: float  #: share of the variance after very many circles that ``held_by`` causes
+    #: fraction of the variance after very many circles that is due to the term or parameter
+    #: ``held_by``
+    share: float
     #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str
 
@@ -80,7 +87,7 @@ def near_miss_of(
     Parameters
     ----------
     family
-        Family of campaigns, which have the same ball angles, radii and certificates.
+        Family of campaigns: all campaigns with the same ball angles, radii and certificates.
     name
         Name of the goal's parameter.
     circles, likely_U, probability

@@ -39,8 +39,8 @@ _MOST_PASSES = 4
 # An exchange of circles must reduce the distance from the goals by more than this number. Rounding
 # errors alone therefore do not cause an exchange.
 _LEAST_GAIN = 1e-9
-# Number of runs of every candidate test from which the uncertainties after very many circles are
-# computed.
+# The uncertainties that would remain after very many circles are computed as if every candidate
+# test were run this number of times.
 _VERY_MANY = 1e6
 
 

@@ -218,8 +218,8 @@ class ExactDesign:
     #: whole number of tests of each candidate, shape (candidates,)
     counts: Array
     value: float  #: value Φ of the design criterion (figure of merit) for this design
-    #: best shares of the same number of tests among the candidate tests; the numbers of tests need
-    #: not be whole
+    #: best design with the same total number of tests, if the numbers of tests of the candidates
+    #: need not be whole
     optimum: Optimum
     #: efficiency of the design, which compares ``value`` with the value of the criterion for
     #: ``optimum``: 1 if the two values are equal, and smaller if the design is worse

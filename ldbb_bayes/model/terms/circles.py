@@ -130,12 +130,12 @@ class Discrepancy(Term):
 
 @dataclass(frozen=True)
 class CircleScale(Term):
-    """Noise factor λ of each circle, which multiplies the sds of its set-up shift and discrepancy.
+    """Noise factor λ of each circle, so that an outlying circle hardly changes the compliances.
 
-    The classes `SetupShift` and `Discrepancy` describe set-up shift and discrepancy. λ² has an
+    λ multiplies the prior sds of the terms `SetupShift` and `Discrepancy` for the circle. λ² has an
     inverse gamma prior, InvGamma(3/2, 3/2). The deviations of a circle therefore follow Student's t
-    distribution with three degrees of freedom, and an outlying circle hardly changes the estimated
-    compliances. The term is not used in campaigns with fewer than four tests.
+    distribution with three degrees of freedom. The factors are not used in campaigns with fewer
+    than four tests.
 
     Examples
     --------

@@ -59,9 +59,10 @@ class Scale(NamedTuple):
     #: name of the hyper-parameter, such as sigma; if it is a length, its name in results ends with
     #: ``_um``
     name: Hyper
-    #: scale of the hyper-parameter's half-normal prior [µm], or the name of the field of `Prior`
-    #: that holds this scale; for the kind ``decay`` it is the prior mean instead, and for the kind
-    #: ``circle`` it is not used
+    #: number that defines the hyper-parameter's prior, or the name of the field of `Prior` that
+    #: holds this number. For a half-normal prior, it is the scale of the prior [µm]; for the
+    #: exponent p (``law`` is ``decay``), it is the prior mean. It is not used if ``law`` is
+    #: ``circle``
     prior_um: float | str
     symbol: str = ""  #: symbol of the hyper-parameter in reports, such as σ
     words: str = ""  #: description of the hyper-parameter in reports, such as white noise

@@ -49,7 +49,7 @@ _COMPACT_SIZE = (3.4, 3.7)
 # Relative widths of two panels: the polar plot, and the plot of the same curves against the angle
 # to the right of it.
 _WIDTHS = (1.0, 1.7)
-_RINGS = 4  # largest number of rings
+_RINGS = 4  # largest number of grid circles in a polar panel
 _TICKS_DEG = np.arange(0, 361, 45)
 # Font sizes of the labels of directions and of the labels of rings [points].
 _DIRECTION_SIZE = 8
