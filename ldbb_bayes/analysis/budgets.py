@@ -412,11 +412,10 @@ def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin
 def _coefficient_line(key: _SourceKey, portion: _Portion, u: float) -> Contribution:
     """Return the line of one nuisance coefficient in the budget of a parameter.
 
-    ``key`` names the coefficient, and ``portion`` states its share of the parameter's variance. The
-    budget may be averaged over several models, under which the coefficient has different standard
-    uncertainties and sensitivities. The standard uncertainty of the coefficient and the sign of the
-    sensitivity are then those under the model that adds most to the share. ``u`` is the standard
-    uncertainty of the parameter.
+    ``key`` names the coefficient, ``portion`` states its share of the parameter's variance, and
+    ``u`` is the standard uncertainty of the parameter. If the budget is an average over models, the
+    coefficient's standard uncertainty and the sign of its sensitivity are taken from one of the
+    models: the one that contributes most to the share.
     """
     information = portion.budget.information
     place = information.interest[portion.row]

@@ -44,8 +44,8 @@ class _Differences(NamedTuple):
     #: probability that a parameter is larger in the second campaign than in the first, shape (n,)
     increase: Array
     #: error of the common instrument about which the two campaigns disagree most. None if the
-    #: instruments are different, or if there is no error about which the readings of both campaigns
-    #: tell anything.
+    #: instruments are different, or if there is no error that the readings of both campaigns help
+    #: to determine.
     conflict: Conflict | None = None
 
 

@@ -31,10 +31,10 @@ class PairedRemedy(Result):
     parameter is confounded if assumed effects cause more than half of its variance.
     """
 
-    #: first remedy (a change of the plan or a certificate): the cheapest single remedy for the
+    #: first remedy (a certificate or a change of the plan): the cheapest single remedy for the
     #: parameter
     first: CureStep
-    #: second remedy (a change of the plan or a certificate): the remedy that reduces the
+    #: second remedy (a certificate or a change of the plan): the remedy that reduces the
     #: parameter's standard uncertainty most when it is added to the first remedy
     second: CureStep
     #: total number of circles that the two remedies add to the campaign
@@ -94,7 +94,7 @@ def paired_remedies(
 def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> PairedRemedy | None:
     """Return the first remedy for a parameter together with the best second remedy.
 
-    A remedy is a change of the plan or a certificate. The best second remedy is the one that
+    A remedy is a certificate or a change of the plan. The best second remedy is the one that
     minimises the parameter's standard uncertainty when it is added to the first. ``name`` is the
     name of the parameter, and ``sd`` its standard uncertainty without any remedy. Return None if no
     second remedy reduces the standard uncertainty to less than 90 % of the standard uncertainty

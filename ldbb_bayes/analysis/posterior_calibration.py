@@ -138,12 +138,12 @@ def calibrate_posterior(
 
 
 class _EnlargedCampaigns(NamedTuple):
-    """Settings of all replicates (simulated campaigns): model, measured campaign and true values.
+    """Settings of all replicates, in which a campaign is enlarged by simulated readings.
 
-    ``beta``, shape (replicates, p), and ``phi``, shape (replicates, h), are posterior draws of the
-    parameters and of the hyper-parameters. The true values of a replicate are one draw of ``beta``
-    and one draw of ``phi``. ``draws`` is the number of posterior draws of the enlarged campaign
-    among which the true values are ranked.
+    ``campaign`` is the measured campaign. ``beta``, shape (replicates, p), and ``phi``, shape
+    (replicates, h), are posterior draws of the parameters and of the hyper-parameters. One draw of
+    both gives the true values of a replicate, from which its readings are simulated. The true
+    values are ranked among ``draws`` posterior draws of the enlarged campaign.
     """
 
     model: HybridModel

@@ -30,7 +30,7 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 
-# A remedy (a change of the plan or a certificate) is sufficient if it removes at least half of the
+# A remedy (a certificate or a change of the plan) is sufficient if it removes at least half of the
 # variance: the standard uncertainty with the remedy, divided by the standard uncertainty without
 # the remedy, is at most this number.
 CURED_RATIO = 0.5**0.5
@@ -61,7 +61,7 @@ class Remedy(Result):
 
 @dataclass(frozen=True)
 class _Trial:
-    """One remedy (a change of the plan or a certificate) that was tried.
+    """One remedy (a certificate or a change of the plan) that was tried.
 
     ``ratio``, shape (p,), holds the standard uncertainty with the remedy, divided by the standard
     uncertainty without the remedy. There are p ratios: one for each parameter, and one for each
@@ -122,7 +122,7 @@ def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, R
 def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> bool:
     """Return whether a remedy by itself reduces the standard uncertainty of parameter i noticeably.
 
-    A remedy is a change of the plan or a certificate. The standard uncertainty with the remedy must
+    A remedy is a certificate or a change of the plan. The standard uncertainty with the remedy must
     be less than 90 % of the standard uncertainty without the remedy. A remedy that adds circles
     under other conditions must also be better than taking all readings twice under the same
     conditions; ``repetition`` is the standard uncertainty from all readings taken twice, divided by
@@ -143,7 +143,7 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
 def _cheapest(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
     """Return the first sufficient remedy for parameter i, or the best remedy if none is sufficient.
 
-    A remedy is a change of the plan or a certificate. A remedy is sufficient if it removes at least
+    A remedy is a certificate or a change of the plan. A remedy is sufficient if it removes at least
     half of the variance. The best remedy is the one with the smallest remaining standard
     uncertainty. ``helpful`` are the remedies that reduce the standard uncertainty noticeably, the
     cheapest first. Return None if ``helpful`` is empty. ``sd`` is the standard uncertainty of the

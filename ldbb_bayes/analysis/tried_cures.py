@@ -67,7 +67,7 @@ class CureStep(Result):
 class TriedCures:
     """A campaign, and the uncertainties of its parameters after one remedy or several remedies.
 
-    A remedy for a large uncertainty is a change of the plan or a certificate of the instrument.
+    A remedy for a large uncertainty is a certificate of the instrument or a change of the plan.
     Results are stored, so that they are computed only once.
 
     Parameters
@@ -89,7 +89,7 @@ class TriedCures:
     def steps(self) -> tuple[CureStep, ...]:
         """All single remedies that can be tried, the cheapest first.
 
-        A remedy is a change of the plan or a certificate of the instrument.
+        A remedy is a certificate of the instrument or a change of the plan.
         """
         steps = [CureStep(kind, "") for kind in longer_plans(self.bound)]
         for name in missing_certificates(self.bound.campaign.instrument):
@@ -99,7 +99,7 @@ class TriedCures:
     def bound_with(self, *steps: CureStep) -> BoundModel | None:
         """Return the model of the campaign that results from the remedies ``steps``.
 
-        A remedy is a change of the plan or a certificate of the instrument. The remedies are
+        A remedy is a certificate of the instrument or a change of the plan. The remedies are
         applied one after the other. Return None if a remedy cannot be applied after the earlier
         remedies, for example because the instrument already has the certificate.
         """
@@ -114,7 +114,7 @@ class TriedCures:
     def sd_with(self, *steps: CureStep) -> dict[str, float]:
         """Return the standard uncertainties after the remedies ``steps``, in internal units.
 
-        A remedy is a change of the plan or a certificate of the instrument. There is one standard
+        A remedy is a certificate of the instrument or a change of the plan. There is one standard
         uncertainty for each parameter, and one for each change of a compliance with force. The keys
         are the names that `sd_by_name` uses. The result is empty if the remedies cannot be applied
         one after the other.
@@ -129,7 +129,7 @@ class TriedCures:
     def confounded_with(self, *steps: CureStep) -> set[str]:
         """Return the names of the parameters that are confounded after the remedies ``steps``.
 
-        A remedy is a change of the plan or a certificate of the instrument. A parameter is
+        A remedy is a certificate of the instrument or a change of the plan. A parameter is
         confounded if effects whose standard uncertainty is assumed cause more than half of its
         variance. The result is empty if the remedies cannot be applied one after the other.
         """
@@ -147,7 +147,7 @@ class TriedCures:
     def circles_with(self, *steps: CureStep) -> int:
         """Return the number of circles that the remedies ``steps`` add to the campaign.
 
-        A remedy is a change of the plan or a certificate of the instrument. Return zero if the
+        A remedy is a certificate of the instrument or a change of the plan. Return zero if the
         remedies cannot be applied one after the other.
         """
         changed = self.bound_with(*steps)
@@ -163,7 +163,7 @@ class TriedCures:
 def _with_cure(bound: BoundModel, step: CureStep) -> BoundModel | None:
     """Return the model of the campaign or plan that results from one remedy.
 
-    A remedy is a change of the plan or a certificate of the instrument. Return None if the
+    A remedy is a certificate of the instrument or a change of the plan. Return None if the
     instrument already has the certificate, or if the plan does not need the change.
     """
     if step.certificate:

@@ -101,7 +101,7 @@ class ModelVariance:
 
     @cached_property
     def gaussian_variance(self) -> Array:
-        """Variances of the quantities in the linear Gaussian model, shape (q,)."""
+        """Variances of the q quantities according to the linear Gaussian model, shape (q,)."""
         return self._variance(self.information)
 
     def errors(self) -> dict[tuple[str, Origin], Array]:

@@ -161,7 +161,7 @@ class ParameterIdentifiability(Result):
     #: standard uncertainty that the parameter would have if the effects in ``partners`` were known
     #: exactly; None if ``partners`` is empty
     sd_if_known: float | None
-    #: cheapest remedy (a change of the plan or a certificate) for a large standard uncertainty of
+    #: cheapest remedy (a certificate or a change of the plan) for a large standard uncertainty of
     #: the parameter, with the standard uncertainty after this remedy. None if no remedy reduces the
     #: standard uncertainty by more than 10 %, or if no remedies were looked for.
     remedy: Remedy | None
@@ -223,7 +223,7 @@ class ChangeIdentifiability(Result):
     #: share of the variance of the change that each of these effects causes. Empty if the change is
     #: not confounded.
     partner_shares: dict[str, float]
-    #: cheapest remedy (a change of the plan or a certificate) for a large uncertainty of the
+    #: cheapest remedy (a certificate or a change of the plan) for a large uncertainty of the
     #: compliance's change with force; None if no remedy reduces ``sd`` by more than 10 %, or if no
     #: remedies were looked for
     remedy: Remedy | None
@@ -867,7 +867,7 @@ def _remedies_of(
 ) -> dict[str, Remedy | None]:
     """Return the cheapest remedy for every parameter and every change of a compliance with force.
 
-    A remedy for a large uncertainty is a change of the plan or a certificate. The keys are the
+    A remedy for a large uncertainty is a certificate or a change of the plan. The keys are the
     names that `remedies` uses. ``tried`` holds the campaign, with the uncertainties of its
     parameters after each remedy.
     """

@@ -194,10 +194,10 @@ def _flatten(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _numbers_of(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return the results for each parameter and each stiffness by direction in a batch's row.
+    """Return the mean, sd, median and credible interval of each parameter and stiffness.
 
-    The results are mean, sd, median and credible interval. The keys are the names of the parameters
-    and stiffnesses.
+    ``row`` is one row of a batch: the results of one campaign. The keys of the result are the names
+    of the parameters and of the stiffnesses by direction.
     """
     return {**row.get("parameters", {}), **row.get("stiffness", {})}
 

@@ -132,9 +132,9 @@ class _Polynomials:
     # standard deviations of the polynomials of degree two before they are scaled to a standard
     # deviation of one, shape (k,)
     square_sd: Array
-    # values of the polynomial of degree one in each coordinate, at n points, shape (n, k)
+    # values of the k orthonormal polynomials of degree one at n points, shape (n, k)
     linear: Array
-    # values of the polynomial of degree two in each coordinate, at n points, shape (n, k)
+    # values of the k orthonormal polynomials of degree two at n points, shape (n, k)
     square: Array
 
     def coefficients(self, of_linear: Array, of_square: Array) -> Array:

@@ -82,9 +82,9 @@ _UNITS = {
 # Attributes of a `CircularTest` that are arrays. In a posterior these arrays are kept in the group
 # constant_data, not in the JSON record of the campaign.
 _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
-# Angles [°] of the tests in the field ``foreseen`` of a campaign (tests that may be run later)
-# after the campaign is rebuilt from a posterior. The record of a posterior does not hold the angles
-# of these tests.
+# The field ``foreseen`` of a campaign holds tests that may be run later. The record of a posterior
+# does not hold their angles. If the campaign is rebuilt from a posterior, its foreseen tests get
+# these angles [°].
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 # Largest size of a posterior's arrays after decompression: ``_LARGEST_EXPANSION`` times the size of
 # the file plus ``_SMALL_FILE_BYTES``. A file with larger arrays counts as damaged.

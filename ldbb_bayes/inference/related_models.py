@@ -52,13 +52,12 @@ class RelatedModels:
         self._tolerance = tolerance
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
-        """Return the nodes of another model, which are weighted values of its hyper-parameters.
+        """Return nodes (weighted values of the hyper-parameters) that represent a posterior.
 
-        ``posterior`` is the posterior of the hyper-parameters under the other model. The result
-        consists of the nodes of the given model with other weights. If possible, the density of the
-        other model is evaluated only at some of the nodes (`density_ratio`). If the other model has
-        other hyper-parameters, or if the error of its log evidence would exceed the tolerance, new
-        nodes are computed.
+        ``posterior`` belongs to another model than the nodes of this object. The same nodes are
+        used again, with new weights. If possible, the new density is evaluated only at some of the
+        nodes (`density_ratio`). New nodes are computed if the other model has other
+        hyper-parameters, or if the error of its log evidence would exceed the tolerance.
         """
         if posterior.bound.hyper_prior.names != self._names:
             return posterior.nodes(self._tolerance)

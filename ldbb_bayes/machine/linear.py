@@ -199,10 +199,9 @@ class Kept:
     #: proportional to the effect of the kept compliance (proportional set, Table 2 of the paper);
     #: the kept compliance comes first
     sets: tuple[tuple[str, ...], ...]
-    #: for each kept compliance, the weights of the compliances in its set. The effects of these
-    #: compliances on the readings are proportional to each other. A weight is the effect of a
-    #: compliance on the reading divided by the effect of the kept compliance; the unit of a weight
-    #: is a power of mm.
+    #: for each kept compliance, the weights of the compliances that ``sets`` names. A weight is the
+    #: effect of such a compliance on the reading divided by the effect of the kept compliance; its
+    #: unit is a power of mm.
     weights: tuple[tuple[float, ...], ...]
     #: for each kept compliance, further compliances that change its estimated value, and the
     #: weights with which they do so. The effect of such a further compliance on the readings is a

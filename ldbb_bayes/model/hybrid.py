@@ -848,10 +848,10 @@ class BoundModel(Shown):
         return physical_rows(self._of_interest, self.parameters, levers, reference_force_N)
 
     def _interest_columns(self) -> Array:
-        """Return the reading per unit of each of p free parameters, shape (tests, 25, p).
+        """Return the effects of the p free parameters on the readings, shape (tests, 25, p).
 
-        The reading is described by 25 Fourier coefficients. Free parameters are the parameters that
-        are not fixed at zero.
+        An effect is the change of a test's 25 Fourier coefficients per unit of the parameter. Free
+        parameters are the parameters that are not fixed at zero.
         """
         return interest_columns(self.setting, self.model.degree)[:, :, self._free]
 

@@ -180,7 +180,7 @@ def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
 
 
 def _is_inseparable(text: str) -> bool:
-    """Return whether a text states where angles begin and, in the same words, another subject.
+    """Return whether a text states where angles begin in a phrase about another subject, too.
 
     An example is ``Angles from +Y with the travel clockwise``.
     """

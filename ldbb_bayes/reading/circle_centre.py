@@ -57,9 +57,9 @@ class _Centre(NamedTuple):
 def take_centres(recordings: Iterable[Recording]) -> None:
     """Set the centre of each test if a line states it, and add a note to the log.
 
-    A coordinate that the line does not state is set to zero. If the lines state different centres,
-    or a centre that may not be in machine coordinates, no centre is set, and a note says so. The
-    tests are then treated as if their centre were the zero of the machine.
+    A coordinate that the line does not state is set to zero. No centre is set if the lines state
+    different centres, or if it is uncertain that the centre is in machine coordinates. A note then
+    says so, and the centre is assumed to be the zero of the machine.
     """
     for recording in recordings:
         stated = recording.stated | recording.fields

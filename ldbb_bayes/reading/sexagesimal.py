@@ -49,9 +49,9 @@ def columns_in_sexagesimal(rows: Iterable[Sequence[str]]) -> set[int]:
 
 
 def seconds_in(cell: str, *, is_named: bool = False) -> str:
-    """Return an angle as its number of arcseconds, in a text: 45015 for 12° 30' 15".
+    """Return the number of arcseconds of an angle as a string: "45015" for 12° 30' 15".
 
-    The decimal mark of the seconds is kept. The text is empty if the cell is not an angle in
+    The decimal mark of the seconds is kept. The string is empty if the cell is not an angle in
     degrees, minutes and seconds.
 
     Parameters

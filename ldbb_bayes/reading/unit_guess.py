@@ -43,9 +43,11 @@ _SMALL_SCATTER = 0.01
 _TEXT_SHOWN = 60
 # Largest deviation from the radius that a bar can measure [µm].
 _LARGEST_DEVIATION_UM = 1500.0
-# Smallest possible ratio of the largest reading to the largest force [µm/N]: no machine is stiffer.
+# The ratio of the largest reading to the largest force is assumed to be at least this [µm/N],
+# because hardly any machine is stiffer.
 _STIFFEST_UM_PER_N = 0.003
-# Largest possible change of the readings with the force [µm/N]: no machine is softer.
+# The change of the readings with the force is assumed to be at most this [µm/N], because hardly any
+# machine is softer.
 _SOFTEST_UM_PER_N = 1.0
 # If the largest force of all tests is below this number, forces without a unit are not taken as
 # newtons, because loaded bars exert larger forces.

@@ -111,9 +111,9 @@ def _is_of_role(unit: str, role: str) -> bool:
 def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str:
     """Return the unit that the words after "in" state; empty if they state none.
 
-    If the remark states another unit, as in ``mm (0.0001 in)``, both units are joined by "and". A
-    word such as "tenths" is returned as written if the remark does not say of which unit. So is a
-    unit that is not a unit of length. Later code raises an error for these texts.
+    If the remark states another unit, as in ``mm (0.0001 in)``, the result names both units, joined
+    by "and". A word such as "tenths" without a unit, or the unit of another quantity than length,
+    is returned as written. Later code raises an error for such results.
 
     Parameters
     ----------

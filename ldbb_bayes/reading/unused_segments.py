@@ -20,8 +20,8 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, unit_named
 
 __all__ = ["unused_segments"]
 
-# A segment with fewer letters than this is not shown in a note, unless it is an equation. Examples
-# are a unit and the number of a page.
+# A segment with fewer letters than this, such as a unit or the number of a page, is not shown in a
+# note, unless it is an equation.
 _FEWEST_LETTERS = 4
 _LETTER = re.compile(r"[^\W\d_]")
 # Regular expression for an equation between quantities, such as "e = L0 - L".

@@ -107,11 +107,10 @@ def _plans_table(result: GoalDesign) -> Table:
 
 
 def _forecasts_table(result: GoalDesign) -> Table:
-    """Return a table of the goals after each of the cheapest campaigns.
+    """Return a table of the uncertainties that each of the cheapest campaigns is expected to give.
 
-    For each campaign and goal, the table states the median of the expanded uncertainty U (k = 2), a
-    limit for U, and the probability that the goal is reached. The probability that U is at most the
-    limit is 90 %.
+    For each campaign and goal, the table states the median and the 90 % quantile of the expanded
+    uncertainty U (k = 2), and the probability that the goal is reached.
     """
     rows = []
     for number, plan in enumerate(result.plans, start=1):

@@ -34,12 +34,12 @@ __all__ = ["believed_scales", "fisher_information"]
 # The normal score of a scale is the standard normal quantile of the scale's cumulative prior
 # probability. The prior probability of a score beyond the limit is below 1e-9 on each side.
 _LARGEST_SCORE = 6.0
-# Derivatives of variances with respect to the normal scores are computed by central differences
-# with this step of the scores.
+# Derivatives of variances with respect to the normal scores of the scales are computed by central
+# differences with this step.
 _STEP = 0.1
-# If a plan has more circles than this number, the analysis is assumed to know the true scales. With
-# so many circles, an average over the posterior of the scales would take a long time, and would
-# hardly differ from the result for the true scales.
+# If a plan has more circles than this number, the analysis is assumed to know the true scales of
+# the noise and of other effects. With so many circles, an average over the posterior of the scales
+# would take a long time, and would hardly differ from the result for the true scales.
 _MOST_CIRCLES = 24
 
 

@@ -185,11 +185,11 @@ class _LogBayesFactorDistribution:
         mean_of_point = np.arange(self.points.shape[1]) % mean.shape[1]
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
-        # The log Bayes factor depends on several independent components of the slopes' posterior
-        # mean. The components are sorted, so that the first component has the largest variance.
-        # Given the other components, the probability is computed from the normal distribution of
-        # the first component. The probability is then averaged over quasi-random samples of the
-        # other components.
+        # The log Bayes factor depends on independent components of the slopes' posterior mean. They
+        # are sorted, so that the first component has the largest variance. If the other components
+        # are known, the probability that the log Bayes factor exceeds ``level`` follows from the
+        # normal distribution of the first. This probability is averaged over quasi-random samples
+        # of the others.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]

@@ -346,12 +346,12 @@ def expected_uncertainties(
         K possible states of the machine before the tests: hyper-parameters and parameters.
     covariance
         Posterior covariances of the p parameters in each state, shape (K, p, p), in units of the
-        prior standard deviations. Compliances may be negative, and the noise has the same size in
-        all circles.
+        prior standard deviations. They are computed as if compliances could be negative, and as if
+        the noise had the same size in all circles.
     believed
         Posterior covariances of the p parameters in each state, given each of n random draws from
         the posterior of the hyper-parameters, shape (K, n, p, p), in units of the prior standard
-        deviations. Compliances may be negative.
+        deviations. They are computed as if compliances could be negative.
     floor
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
         standard deviations.

@@ -422,11 +422,10 @@ def _near_misses(
 ) -> dict[str, NearMiss]:
     """Return the goals that the campaign ``nearest`` meets on too few machines, with the reasons.
 
-    Campaigns of one family have the same ball angles, radii and certificates. Of the campaigns with
-    the largest number of circles in all families, ``nearest`` comes nearest to the goals. A goal is
-    missed if the share of the possible machines on which it is met is below ``probability``. If
-    ``nearest`` meets each goal on enough machines, but not all goals together, all goals are
-    returned.
+    ``nearest`` has the largest number of circles allowed and, of all such campaigns, comes nearest
+    to meeting the goals. A goal is returned if the share of the possible machines on which it is
+    met is below ``probability``. If ``nearest`` meets each goal on enough machines, but not all
+    goals together, all goals are returned.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
     missed = [name for name in goals if forecasts[name].probability < probability]

@@ -128,8 +128,9 @@ class NextCircle(Result):
     #: are not enough
     more_circles: int | None
     #: table of the best next circles, the best first. The columns are force_N, the angles of the
-    #: balls, the radius, other settings in which circles differ, and share: the fraction by which
-    #: the circle reduces the total distance from all aims
+    #: balls, the radius, other settings in which circles differ, and share: how much nearer the
+    #: circle is expected to bring the campaign to its aims, from 0 (no nearer) to 1 (all aims
+    #: reached)
     table: Annotated[Records, Field(alias="next")]
     #: the best next circle, and the possible circles that it was chosen from; None if the result
     #: was read from a file
@@ -416,21 +417,22 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
 def _best_circles(
     space: Space, order: Array, distance_now: float, distances: Array
 ) -> pd.DataFrame:
-    """Return a table of the best next circles, and how much each reduces the total distance.
+    """Return a table of the best next circles, with their progress towards the campaign's aims.
 
-    The distance is the total distance of the campaign from all aims. ``order`` are the indices of
-    the best circles among the possible circles, the best first. ``distance_now`` is the present
-    distance. ``distances`` holds, for each possible circle, the distance expected after it.
+    ``order`` are the indices of the best circles among the possible circles, the best first.
+    ``distance_now`` is the campaign's present total distance from all aims (`total_distance`).
+    ``distances`` holds, for each possible circle, the total distance expected after it.
     """
     table = space.frame([space.tests[k] for k in order])
     return table.assign(share=_shares_of_the_way(distance_now, distances[order]))
 
 
 def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
-    """Return the fraction, 0 … 1, by which each circle reduces the total distance from all aims.
+    """Return how much nearer each circle brings the campaign to its aims, from 0 to 1 (all
+    reached).
 
-    ``distance_now`` is the present total distance. ``distances`` holds, for each circle, the total
-    distance expected after it.
+    ``distance_now`` is the campaign's present total distance from its aims (`total_distance`).
+    ``distances`` holds, for each circle, the total distance expected after it.
     """
     if distance_now <= 0.0:
         return np.ones(len(distances))

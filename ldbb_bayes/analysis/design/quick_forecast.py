@@ -47,9 +47,9 @@ _VERY_MANY = 1e6
 def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[str]) -> Array:
     """Return, for every goal, the largest standard uncertainty it permits, shape (K, goals).
 
-    The limit of a goal in percent of a parameter depends on the machine. ``states`` are the
-    parameters of K possible machines. ``names`` are the names of the parameters, in the order in
-    which ``states`` lists them. The limits are in internal units (mm, N, rad).
+    A goal may be a percentage of the parameter, so that its limit depends on the machine.
+    ``states`` holds the parameters of K possible machines, and ``names`` the names of these
+    parameters. The limits are in internal units (mm, N, rad).
     """
     columns = []
     for name, goal in goals.items():
