@@ -411,7 +411,7 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 
 @dataclass(frozen=True)
 class _ComparisonPlan:
-    """The models whose evidences a comparison computes, and the further results that it computes.
+    """The models that are compared by evidence, and the further results to compute for them.
 
     ``by_slope_scale``, ``unchanged`` and ``by_assumption`` are dictionaries. Each key names a prior
     of the slopes or an assumption, and each value holds the first two models with this prior or

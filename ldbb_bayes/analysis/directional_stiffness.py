@@ -527,7 +527,7 @@ def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> 
 def _principal_stiffness(
     bound: BoundModel, force_N: float, compliances: Array, prob: float
 ) -> PrincipalStiffness:
-    """Return the principal stiffnesses in space, in the centre of the first circle.
+    """Return the principal stiffnesses in space at the centre of the first circle.
 
     ``compliances``, shape (draws, n), holds posterior draws of the model's n compliances at the
     force ``force_N`` of the bar [N]. ``prob`` is the probability of the credible intervals.

@@ -40,7 +40,7 @@ class Session:
     wrong: list[str] = field(default_factory=list)
     #: Number of changes that the user made to files and entries so far.
     edition: int = 0
-    #: Value of ``edition``, the number of changes, when the session's report was made; -1 if there
+    #: Number of changes (``edition``) at the time when the session's report was made; -1 if there
     #: is no report.
     fitted: int = -1
     #: Values of the page's sliders, which describe the plan of the next tests.

@@ -67,7 +67,7 @@ _SMALLEST_VARIANCE_SHARE = 0.05
 
 
 class State(StrEnum):
-    """Whether the results of a fit can be used; `Fit.state` states how this is decided."""
+    """Whether the results of a fit can be used; `Fit.state` explains how this is decided."""
 
     USABLE = "usable"
     DOUBTFUL = "doubtful"

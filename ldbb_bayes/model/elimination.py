@@ -281,13 +281,13 @@ class EliminationPlan:
         return updates
 
     def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
-        """Return the rows of the workspace that hold the entries of P changed by one `Update`.
+        """Return the rows of the workspace that hold the entries P_ij changed by one `Update`.
 
-        The workspace is the array with the entries of P. ``border`` holds the indices of the m
-        later columns that change when a group of columns is eliminated. The changed entries are
-        P_ij, where i is the number of a column in ``border`` from ``first`` to ``stop`` − 1. j is
-        such a number from ``first`` to m − 1, or m for the right-hand side. The result has the
-        shape (stop − first, m + 1 − first).
+        P is the matrix that is factorised, and the workspace is the array that stores its entries.
+        ``border`` holds the indices of the m later columns that change when a group of columns is
+        eliminated; i and j are positions in ``border``. i runs from ``first`` to ``stop`` − 1, and
+        j from ``first`` to m, where m stands for the right-hand side. The result has the shape
+        (stop − first, m + 1 − first).
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]

@@ -414,7 +414,7 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the model: the sd σ of white noise, then the scales of nuisances.
+        """Hyper-parameters of the model: the sd σ of white noise, then those of the nuisances.
 
         Nuisances are effects modelled but not of interest. Most of their hyper-parameters are sds
         of effects; some are numbers without unit, such as the decay of form errors with their

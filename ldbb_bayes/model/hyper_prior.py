@@ -209,9 +209,9 @@ class HyperPrior:
         """Return unbounded coordinates of the h hyper-parameters φ, shape (..., h).
 
         ``phi``, shape (..., h), holds the hyper-parameters, with lengths in mm. The coordinate of a
-        hyper-parameter is ln(φ − lower), where ``lower`` is its lower bound. For a decay, which is
-        bounded on both sides, the coordinate is ln(s / (1 − s)), where s is the position of the
-        decay between its bounds, from 0 to 1.
+        hyper-parameter is ln(φ − lower), where ``lower`` is its lower bound. The exponent with
+        which form errors decrease with their order (the decay) is bounded on both sides. Its
+        coordinate is ln(s / (1 − s)), where s is its position between the bounds, from 0 to 1.
         """
         with np.errstate(divide="ignore"):
             free = np.log(phi - self.lower)

@@ -165,11 +165,11 @@ class _SheetColumns:
         return numbers
 
     def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
-        """Return, for each of the n rows, whether a number may be missing in a column, shape (n,).
+        """Return, for each of the n rows of a table, whether a reading is missing, shape (n,).
 
-        In a column of readings (``role`` is reading), this is true for rows whose reading is
-        missing. In any other column, it is true for rows in which the readings of all tests are
-        missing. ``column`` is the index of the column.
+        In such rows, a number in the column with the index ``column`` may be missing too. If this
+        column holds readings (``role`` is reading), the result is about the readings in this column
+        alone. For any other column, the result is true for rows without any reading.
         """
         if role == "reading":
             return missing_in(self.cells[column])

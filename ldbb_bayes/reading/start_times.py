@@ -37,11 +37,12 @@ _NIGHT_S = 6 * 3_600.0
 _SHORTEST_CIRCLE_S = 5.0
 # Longest list of tests or sources in a note [characters].
 _LIST_SHOWN = 200
-# Command-line options that change the start times of tests, if the files state such times.
+# Command-line options that replace the start times of tests. They are named in a note if the files
+# state such times.
 _OPTIONS_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
-# Command-line options that change the order of the tests, if the files state no start times.
-# Without such an option, the tests are assumed to have been run in the order in which they are
-# listed.
+# Command-line options that state the order of the tests. They are named in a note if the files
+# state no start times. Without such an option, the tests are assumed to have been run in the order
+# in which they are listed.
 _OPTIONS_LISTED = "--order, time_s of a [[test]] in --layout, --no-drift"
 
 

@@ -304,10 +304,10 @@ def _advice(recording: Recording, usual_advice: str) -> str:
 
 
 def _advice_on_directions(recording: Recording) -> str:
-    """Return the advice of a message on rows of one test that differ in direction.
+    """Return advice for the error message if rows of one test state different directions.
 
-    If another column may name the tests, and all rows with the same name have the same direction,
-    the advice is to state that this column names the tests.
+    Another column may hold the names of the tests, so that all rows with the same name have the
+    same direction. The advice is then to state that this column names the tests.
     """
     if "test" not in recording.layout.columns:
         column = recording.heading.roles["direction"]

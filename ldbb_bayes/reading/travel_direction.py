@@ -200,7 +200,7 @@ def _stated_in_segments(text: str) -> set[str]:
 
 
 def _segments(text: str) -> list[str]:
-    """Return the segments of a text. A direction alone, such as CW, stays with its label.
+    """Return the segments of a line. A direction alone, such as CW, is joined to its label.
 
     In ``Spindle;CW``, the direction belongs to the spindle. In ``Force 238 N;CW``, the words in
     front of the direction are a complete statement.

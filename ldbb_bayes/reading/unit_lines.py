@@ -455,7 +455,7 @@ def mentions_scale(text: str) -> bool:
 
 
 def multiplies_readings(text: str) -> bool:
-    """Return whether a line says that readings are multiplied or divided: ``Values x 10``."""
+    """Return whether a line, such as ``Values x 10``, says that readings are scaled."""
     return _MULTIPLIED.search(text[:LONGEST_TEXT]) is not None
 
 

@@ -85,10 +85,10 @@ class _Joint(NamedTuple):
 
 
 class _Phrase(NamedTuple):
-    """A key of the catalogue that has placeholders, and its translation with the same placeholders.
+    """An English text that has placeholders, and its translation with the same placeholders.
 
-    ``pattern`` is a regular expression made from the key. ``size`` is the number of characters of
-    this expression outside the placeholders.
+    ``pattern`` is a regular expression made from the English text. ``size`` is the number of
+    characters of this expression outside the placeholders.
     """
 
     pattern: re.Pattern[str]
@@ -100,8 +100,8 @@ class Catalogue(NamedTuple):
     """Translations of English texts into one language."""
 
     entries: Mapping[str, str]  #: The translations; the keys are English texts.
-    #: keys with placeholders, in descending order of the number of characters outside the
-    #: placeholders
+    #: translations of English texts that have placeholders; texts with the most characters outside
+    #: the placeholders come first
     phrases: tuple[_Phrase, ...]
 
 

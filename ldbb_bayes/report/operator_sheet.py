@@ -10,11 +10,11 @@ from ldbb_bayes.report.next_circle_text import aims_passages
 
 __all__ = ["NAME", "page"]
 
-NAME = "sheet.html"  # name of the file that holds the operator's sheet
+NAME = "sheet.html"  # name of the file with the sheet for the operator
 
 
 def page(step: NextCircle, plan: Campaign) -> str:
-    """Return the operator's sheet as an HTML page that can be printed.
+    """Return a sheet for the machine's operator, with the next circle to run, as an HTML page.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def page(step: NextCircle, plan: Campaign) -> str:
 
 
 def _settings(plan: Campaign) -> list[tuple[str, str]]:
-    """Return the entries of the operator's sheet for the plan's only circle.
+    """Return the entries of the sheet for the operator, for the plan's only circle.
 
     Each entry is a tuple of name and text. The texts state the settings of the circle with their
     units. Entries that the operator fills in have an empty text.

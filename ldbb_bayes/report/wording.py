@@ -1376,7 +1376,7 @@ def annex_words(degree: int, averaged: bool) -> str:
 
 
 def averaged_over(probabilities: Mapping[str, float]) -> str:
-    """Return a heading that names the models and explanations that were averaged.
+    """Return a heading that names the models and alternative explanations averaged over.
 
     An alternative explanation is an effect other than compliance, such as a nonlinear mount, that
     may explain why the readings change with force. ``probabilities`` holds the probabilities of the

@@ -298,7 +298,7 @@ class _EffectColumns(NamedTuple):
 
 
 def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _EffectColumns:
-    """Return the effects on the readings of all tests, including the parameters of interest."""
+    """Return the effects that are common to all tests, those of the parameters included."""
     factors = [test.factor for test in bound.reduced]
     interest = [factor @ bound.interest[r] for r, factor in enumerate(factors)]
     columns = [np.concatenate(interest)]

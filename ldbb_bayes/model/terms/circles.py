@@ -229,9 +229,9 @@ class Hysteresis(Term):
     #: prior sd, at Fourier order 1, of the part of hysteresis that is proportional to force
     #: [µm/kN]; in planes with one direction of travel, the prior sd is 0.6 of this value
     proportional_um_per_kN: float = 2.0
-    #: prior sd, in planes with both directions of travel, of the part of hysteresis that does not
-    #: depend on force. At Fourier order 1, the sd is the hyper-parameter η if this field is
-    #: ``sampled``, and ``constant_um`` if it is ``fixed``
+    #: kind of prior for the part of hysteresis that does not depend on force, in planes with both
+    #: directions of travel: if ``sampled``, its sd at Fourier order 1 is the hyper-parameter η; if
+    #: ``fixed``, the sd is ``constant_um``
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
