@@ -290,9 +290,10 @@ class _TextLayout:
         return max(len(text) for text in [*head_lines, *cells])
 
     def _break_heads(self, least_width: int) -> None:
-        """Break the heads of columns between words into lines, to make the columns narrower.
+        """Break long column headings into several lines, to make the columns narrower.
 
-        No head is made narrower than ``least_width`` [characters].
+        Headings are broken between words. No heading is made narrower than ``least_width``
+        [characters].
         """
         for column in self._columns:
             words = _glued(self._heads[column]).split(" ")
@@ -300,10 +301,10 @@ class _TextLayout:
             self._head_lines[column] = textwrap.wrap(" ".join(words), line_width)
 
     def _lines_of_heads(self) -> list[str]:
-        """Return the lines of text with the heads of all columns.
+        """Return the lines of text with the headings of all columns.
 
-        Heads may have several lines. Empty lines are put above heads with fewer lines than the
-        longest head.
+        Headings may have several lines. Empty lines are put above headings with fewer lines than
+        the longest one.
         """
         height = max(len(self._head_lines[column]) for column in self._columns)
         lines = []

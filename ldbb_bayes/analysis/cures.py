@@ -33,8 +33,8 @@ _ANGLE_DECIMALS = 6
 # Angles by which a ball is turned in its socket in further tests [°], to separate the form error of
 # the ball from the machine's errors.
 _CLOCKINGS_DEG = (45.0, 90.0)
-# Further tests at other forces are run at two forces: ``_LOWER_FORCE_SHARE`` times the lowest force
-# of the plan, and ``_HIGHER_FORCE_SHARE`` times the highest force of the plan.
+# If tests at other forces are added to a plan, their forces are ``_LOWER_FORCE_SHARE`` times the
+# lowest force of the plan and ``_HIGHER_FORCE_SHARE`` times the highest force.
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
 # Factor by which a radius of the plan is multiplied to obtain the radius of further tests.

@@ -28,7 +28,7 @@ from ldbb_bayes.results import Table
 
 __all__ = ["batch", "population", "trend"]
 
-# largest number of failed campaigns that a batch prints; the same limit applies to doubtful ones
+# largest number of failed campaigns that the command ``batch`` lists, and of doubtful campaigns
 _LISTED = 10
 
 _CAMPAIGNS_HELP = (

@@ -65,8 +65,8 @@ class FleetStatistics:
     #: names of the s instrument errors whose values are the same in all campaigns; empty if the
     #: campaigns used different instruments
     instrument: tuple[str, ...]
-    #: reference sds of the c parameters (see `reference_sd`), then prior sds of the s instrument
-    #: errors, in internal units (mm, N, rad), shape (c + s,)
+    #: standard deviations that serve as units, in mm, N and rad, shape (c + s,): first those of the
+    #: c parameters (see `reference_sd`), then the prior sds of the s instrument errors
     prior_sd: Array
     #: likelihoods of the c parameters and s instrument errors from the n campaigns, in units of
     #: ``prior_sd``, shape (n, c + s)

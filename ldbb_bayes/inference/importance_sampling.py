@@ -37,8 +37,8 @@ _SCRAMBLES = 8
 # ``_FEWEST_POINTS``, rounded up to a power of two.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Factor by which the number of points at the start of a round grows from one round of importance
-# sampling to the next. The number of points is limited to the largest number allowed.
+# Each round of importance sampling starts with this many times the number of points with which the
+# round before started, unless the largest number allowed is smaller.
 _GROWTH = 4
 # Points are drawn from a mixture, the proposal. For each of its components, a component that is
 # wider by the factor ``_WIDE`` is added, so that points in the tails do not get very large weights.

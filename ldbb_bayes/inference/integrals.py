@@ -57,9 +57,10 @@ _BEYOND_EDGE = 3.0
 # integrals from the lattice's two grids. The log integral from the lattice is the logarithm of the
 # mean of the integrals from the two grids.
 _MEAN_OF_TWO = 0.25
-# Let d be the difference between the log integrals from a lattice's two grids [nat]. If d is at
-# most ``_LARGEST_LINEAR``, the error of the log integral is ``_MEAN_OF_TWO`` times d. For a larger
-# d, the error is d², but at least ``_MEAN_OF_TWO`` times ``_LARGEST_LINEAR``.
+# A lattice consists of two grids, each of which gives a log integral. Let d be the difference
+# between the two [nat]. If d is at most ``_LARGEST_LINEAR``, the error of the log integral is
+# ``_MEAN_OF_TWO`` times d. For a larger d, the error is d², but at least ``_MEAN_OF_TWO`` times
+# ``_LARGEST_LINEAR``.
 _LARGEST_LINEAR = 0.02
 # The error of a log integral is computed from the difference between the results of a lattice's two
 # grids, which may be small by chance. The difference is therefore taken to be at least this

@@ -129,13 +129,13 @@ class Assessment:
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
-        """Return the smallest effective sample size, as a fraction of the value that it must reach.
+        """Return the effective sample size reached, as a fraction of the one required by ``rule``.
 
-        Effective sample sizes suffice for ``rule`` if this fraction is at least one. Those for the
-        mean and for the tails must reach ``ess`` of the rule. For walkers, the effective sample
-        size for the mean must also reach ``lengths`` times the number of walkers, because the draws
-        must span ``lengths`` autocorrelation times. ``walkers`` is the number of walkers of all
-        ensembles together, or 0 for independent draws.
+        The effective sample sizes for the mean and for the tails must reach ``rule.ess``. For
+        walkers, the effective sample size for the mean must also reach ``rule.lengths`` times the
+        number of walkers, because the draws must span this number of autocorrelation times. Each
+        sample size is divided by the size required; the smallest quotient is returned. ``walkers``
+        is the number of walkers of all ensembles together, or 0 for independent draws.
         """
         shares = [self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess]
         if walkers > 0:

@@ -562,13 +562,12 @@ class HyperPosterior:
     def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
         """Return gradient and Hessian of the smooth log density at a point, shapes (h,) and (h, h).
 
-        ``point``, shape (h,), holds the normal scores of the h hyper-parameters. The log density is
-        the log posterior density of these scores. If this density includes, as a factor, the
-        probability that no compliance is negative, the smooth log density is computed with an upper
-        bound of the probability instead. Among the hyper-parameters are the noise factors of the
-        circles; the noise factors of two circles hardly depend on each other. Unless ``exact`` is
-        True, mixed second derivatives with respect to two noise factors are not computed, so that
-        the work grows in proportion to the number of circles.
+        ``point``, shape (h,), holds the normal scores of the h hyper-parameters. The density is
+        their posterior density. If the probability that no compliance is negative is a factor of
+        this density, it is replaced by a smooth upper bound. Among the hyper-parameters are the
+        noise factors of the circles; the noise factors of two circles hardly depend on each other.
+        Unless ``exact`` is True, mixed second derivatives with respect to two noise factors are not
+        computed, so that the work grows in proportion to the number of circles.
         """
         of_circle = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)

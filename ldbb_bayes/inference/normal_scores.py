@@ -92,10 +92,10 @@ class NormalScores:
         return self._log_probability_above(self._bounds[0])
 
     def _log_probability_above(self, values: Array) -> Array:
-        """Return log prior probabilities, before truncation, of intervals up to the upper bounds.
+        """Return log prior probabilities, before truncation, of values between ``values`` and b.
 
-        The intervals begin at ``values``, which are values of the k hyper-parameters with truncated
-        normal priors. ``values`` and the result have the shape (..., k).
+        b are the upper bounds of the k hyper-parameters with truncated normal priors. ``values``
+        and the result have the shape (..., k).
         """
         log_tail = log_ndtr(-(values - self._mean) / self._sd)
         log_share = np.minimum(self._log_above - log_tail, _LARGEST_LOG_PROBABILITY)

@@ -48,9 +48,9 @@ __all__ = ["StructuredGaussian"]
 # allocator of the GNU C library (malloc) keeps freed memory of up to this size for reuse, which
 # saves time.
 _MALLOC_BYTES = 31 << 20
-# Variances of noise and of priors whose absolute value is smaller than this number [mm², or no
-# unit] are replaced by this number, because the likelihood divides by variances. A coefficient with
-# this prior variance is numerically zero.
+# Variances of noise [mm²] and of priors (without unit) are replaced by this number if their
+# absolute value is smaller, because the likelihood divides by variances. The number is so small
+# that a coefficient with this prior variance is practically zero.
 _LEAST_VARIANCE = 1e-60
 
 

@@ -398,13 +398,13 @@ def _rotate(
     *,
     uniform: bool,
 ) -> _Rotated:
-    """Return the matrix Q that makes the noise of one test diagonal, and the rotated matrices.
+    """Return a matrix Q that rotates the readings of one test, and the rotated matrices.
 
-    R is ``test.factor``, the matrix that converts 25 Fourier coefficients into the reduced readings
-    of the test. If all tests are circles with nearly uniform angles (``uniform``), Q = S R⁻¹, where
-    the diagonal matrix S holds the norms of the Fourier functions; this Q makes any number of noise
-    terms diagonal. Otherwise ``noise`` has at most one term, and Q follows from the singular value
-    decomposition of R times the sd of this noise.
+    The rotated noise has a diagonal covariance. R is ``test.factor``, the matrix that converts 25
+    Fourier coefficients into the reduced readings of the test. If all tests are circles with nearly
+    uniform angles (``uniform``), Q = S R⁻¹, where the diagonal matrix S holds the norms of the
+    Fourier functions. This Q serves for any number of noise terms. Otherwise ``noise`` has at most
+    one term, and Q follows from the singular value decomposition of R times the sd of this noise.
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms
@@ -491,11 +491,11 @@ def _prior_variance_factors(
 ) -> Array:
     """Return factors v, shape (coefficients, sources), from which prior variances are computed.
 
-    The prior variance of each nuisance coefficient, in units of ``unit``, shape (coefficients,), is
-    Σ v · source². A source of variance is a hyper-parameter or a product of hyper-parameters. A
-    coefficient whose prior sd is zero gets the factor one; this has no effect, because the rescaled
-    column of the coefficient is zero. Rows that belong to flat priors are placeholders, which the
-    caller removes.
+    The prior variance of each nuisance coefficient is Σ v · source². A source of variance is a
+    hyper-parameter or a product of hyper-parameters. The coefficients are in units of ``unit``,
+    shape (coefficients,). A coefficient whose unit is zero gets the factor one; this has no effect,
+    because its rescaled column is zero. For flat priors the factors are zero; the caller removes
+    these rows.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)

@@ -187,10 +187,10 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
 def _evidence_of_header(
     recording: Recording, role: str, evidence: Sequence[_UnitEvidence]
 ) -> list[_UnitEvidence]:
-    """Return the unit that the header of a column, or the row of units below it, states.
+    """Return a list with the unit that a header, or the row of units below it, states.
 
-    The list is empty if they state none. ``evidence`` holds the units that cells state for each
-    row.
+    The list is empty if they state none. ``evidence`` holds units that are stated separately for
+    each row, as in a column of units.
     """
     heading = recording.heading
     column = heading.roles[role]

@@ -78,7 +78,7 @@ def _length_of_readings(text: str) -> str:
 
 
 def _without_numbers_of_others(text: str) -> str:
-    """Return a text in the form in which texts are compared, without loads and column numbers."""
+    """Return a text in the form of `comparable`, without loads and numbers of columns."""
     return _NUMBER_OF_COLUMN.sub("", LOAD_IN_NAME.sub("", comparable(text[:LONGEST_TEXT])))
 
 

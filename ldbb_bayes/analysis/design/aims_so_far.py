@@ -56,8 +56,8 @@ _LEAST_TARGET = 1e-3
 class GoalSoFar(Result):
     """Uncertainty of a parameter compared with its goal: now, and after the best next circle.
 
-    The goal is an upper limit of the expanded uncertainty U (k = 2). The
-    probabilities have no unit; all other values are in the unit ``unit``.
+    The goal is an upper limit of the expanded uncertainty U (k = 2). The probabilities have no
+    unit; all other values are in the unit ``unit``.
     """
 
     unit: str

@@ -295,14 +295,13 @@ class _Search:
         return True
 
     def _inflation_of(self, campaign: FoundCampaign, counts: Array) -> float:
-        """Return ln(u/u*) in the full forecast of a campaign minus ln(u/u*) in its quick forecast.
+        """Return how much larger ln(u/u*) is in a full forecast than in the quick forecast.
 
-        u is the standard uncertainty of a goal's parameter, and u* the largest standard uncertainty
-        that the goal permits. The full forecast states ln(u/u*) of every goal on each possible
-        machine. On each machine, the largest of these values is taken. The result for the full
-        forecast is the quantile of these largest values over the machines, at the required
-        probability. The quick forecast states a single value. ``counts`` is the campaign's number
-        of circles of every candidate test.
+        u is the standard uncertainty of a goal's parameter after the campaign, and u* the largest
+        that the goal permits. The full forecast, stored in ``campaign``, gives ln(u/u*) of every
+        goal for many possible machines. The largest value is taken on each machine, and then the
+        quantile of these values at the required probability. The quick forecast gives a single
+        value, computed from ``counts``, the campaign's number of circles of every candidate test.
         """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)

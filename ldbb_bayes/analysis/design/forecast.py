@@ -505,9 +505,9 @@ def _draw_posterior_means(
     prior_mean = states.before.mean[is_possible]
     prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
     weight = np.eye(len(scale)) - covariance @ prior_precision[:, None]
-    # Use symmetric square roots of the matrices, because they change little if the scales change
-    # little. In other kinds of square roots, columns may change their signs. With the same random
-    # numbers, the posterior means for different sets of scales then belong to the same readings.
+    # Use symmetric square roots, because they change little if the hyper-parameters change little.
+    # The columns of other square roots may change their signs. The same random numbers would then
+    # no longer stand for the same readings at all values of the hyper-parameters.
     root = _symmetric_root(weight @ covariance)
     deviation = (states.beta[is_possible] - prior_mean) / scale
     mean = (prior_mean / scale)[:, None] + np.einsum("knij,kj->kni", weight, deviation)

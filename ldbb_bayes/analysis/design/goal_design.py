@@ -347,10 +347,10 @@ def _describe(
     probability: float,
     steps: _Steps,
 ) -> GoalDesign:
-    """Return the design for the goals that the pilot's readings do not meet.
+    """Return the design for the goals that are not yet met.
 
-    ``needed`` are the goals that are not met. ``known`` are all goals, with the present estimates
-    and uncertainties of their parameters. The keys of both dictionaries are the names of the
+    ``needed`` are these goals. ``known`` are all goals, with the present estimates and
+    uncertainties of their parameters. The keys of both dictionaries are the names of the
     parameters. ``space`` holds the circles to choose from, and ``offers`` are the certificates that
     could be bought. ``probability`` is the minimum share of the possible machines on which all
     goals are to be met. ``steps`` counts the steps that are done.
