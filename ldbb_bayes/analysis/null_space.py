@@ -27,10 +27,9 @@ _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # changes no reading by more than this share of ``NullSpace.limit``, the largest change of a reading
 # that is too small to be seen.
 _SPARSE_LIMIT_SHARE = 0.5
-# Each row of a matrix belongs to one coefficient, and some coefficients are preferred as pivots.
-# One row after the other is chosen as a pivot. Before each choice, the directions of the rows
-# chosen before are projected out of all rows. A preferred coefficient is chosen before all others
-# if the length of its projected row is above this number.
+# Rows of a matrix are chosen as pivots, one after the other. In each step, only the part of a row
+# that is orthogonal to the rows chosen before is considered. A preferred row is chosen before all
+# other rows if the length of this part is above this number.
 _LEAST_PIVOT_LENGTH = 0.05
 # Relative cut-off for singular values when the effect of one coefficient on the readings is fitted
 # by the effects of others: singular values below this share of the largest count as zero.

@@ -151,7 +151,7 @@ class House:
 def _result_or_refusal(
     session: Session, computation: Computation, outcome: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return the outcome of a computation: its result, or a refusal that states a reason.
+    """Return the result of a computation, or an error message if there is no result.
 
     ``outcome`` is what the process of the computation wrote; it is empty if the process has ended
     without writing anything.

@@ -413,11 +413,11 @@ def _several_errors(
 ) -> InputError:
     """Return the `InputError` for a certificate that states several errors of a bar's length.
 
-    ``candidates`` holds the quantities that state the errors. ``lengths`` holds lists of all
-    quantities in units of length; its keys state what the quantities are. The message lists the
-    first twelve errors. For each of them, it gives a name that distinguishes the error from the
-    others, and the two numbers that the user may enter instead of the certificate: length_error_um
-    and U_um.
+    The message lists the first twelve errors. For each of them, it gives a name that distinguishes
+    the error from the others, and the two numbers that the user may enter instead of the
+    certificate: length_error_um and U_um. ``candidates`` holds the quantities of the certificate
+    that state the errors. ``lengths`` holds all quantities in units of length, grouped by what they
+    are (the keys).
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:

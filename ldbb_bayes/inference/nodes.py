@@ -509,13 +509,13 @@ class HyperPosterior:
 
     @cached_property
     def _corners(self) -> list[tuple[Array, Array]]:
-        """Maxima of the density with one scale held near zero: one maximum for each scale.
+        """Maxima of the posterior density with one hyper-parameter held near zero.
 
-        The posterior density may extend far towards the value zero of a scale, a region in which
-        the other hyper-parameters have other values than at the mode. The proposal, which is the
-        density from which points are drawn, covers this region if it is also fitted at these
-        maxima. Negligible maxima are left out. Each maximum is described by the same pair of arrays
-        as in `modes`.
+        There is at most one maximum for each hyper-parameter that is a length; negligible maxima
+        are left out. The posterior density may extend far towards zero in one hyper-parameter, and
+        the other hyper-parameters there may have other values than at the mode. The proposal (the
+        density from which points are drawn) covers this region if it is also fitted at these
+        maxima. Each maximum is described by the same pair of arrays as in `modes`.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior

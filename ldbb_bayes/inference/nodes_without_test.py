@@ -144,10 +144,10 @@ class NodesWithoutTest:
     def _with_prior_of_noise_factor(self, integral: Integral, factor: GaussianFactor) -> Integral:
         """Return an integral whose nodes have new values of a noise factor, drawn from its prior.
 
-        The nodes of ``integral`` are values of the hyper-parameters. One of the hyper-parameters is
-        the noise factor of the test that is left out. In ``integral``, the prior of this noise
-        factor is replaced by the Gaussian density ``factor``; in the result, the prior is a factor
-        of the density again. The weights of the nodes and the value of the integral do not change.
+        The nodes are values of the hyper-parameters. One of the hyper-parameters is the noise
+        factor of the test that is left out. The density of ``integral`` contains the Gaussian
+        density ``factor`` in place of the prior of this noise factor; the density of the result
+        contains the prior. The weights of the nodes and the value of the integral do not change.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))

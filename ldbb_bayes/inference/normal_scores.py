@@ -235,7 +235,7 @@ class _FreeProposal:
     of_scores: ProposalDensity
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density at n points, shape (n,).
+        """Return the log of this density at n points, shape (n,).
 
         ``points``, shape (n, h), holds the unbounded coordinates of h hyper-parameters.
         """

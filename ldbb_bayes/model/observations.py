@@ -122,7 +122,7 @@ class _Nuisances(NamedTuple):
 
     @property
     def private_size(self) -> int:
-        """Number of nuisance coefficients that belong to one test alone, the same for each test."""
+        """Number of nuisance coefficients that each test has in addition to the shared ones."""
         return len(self.private_signs)
 
 

@@ -69,7 +69,7 @@ class _StatedValue(NamedTuple):
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
-    """Fill in the fields that are stated by the files, but not by an option.
+    """Fill in the fields of a campaign and its tests that the files state, but no option sets.
 
     Files state fields in the lines above their tables; the names of files and sheets may state the
     plane. Planes and temperatures become fields of each test. All other fields become fields of the
@@ -79,9 +79,10 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
     Parameters
     ----------
     campaign
-        Fields of the campaign that options state; fields found in the files are added.
+        Fields of the campaign that options set. The fields found in the files are added.
     recordings
-        Recordings of the tests; planes and temperatures are added to their fields.
+        Rows and statements of each test in the files. The planes and temperatures of the tests are
+        added.
     """
     for key in _OPTIONS:
         places = _places_by_value(recordings, key)

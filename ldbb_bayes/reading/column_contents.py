@@ -1,4 +1,4 @@
-"""Recognition of columns of planes, of directions and of additional angles by their cells."""
+"""Recognise columns of planes, directions and additional angles by the contents of their cells."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ _PART = re.compile(r"\s*Columns? \d+(?: (?:through|and|to) \d+)?\s*")
 _ASSIGNED_NUMBER = re.compile(rf"\b[A-Za-z]\w*\s*=\s*(?P<number>{NUMBER_IN_TEXT})\s*(?=[;,%]|$)")
 # Regular expression for a number as MATLAB shows it.
 _NUMBER = re.compile(r"[+\-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+\-]?\d+)?")
-# Name that is put before the number of a force or pressure; the keys are the roles of columns.
+# Word that is written before the value of a load, as in "Force: 490 N"; the keys are kinds of load.
 _LOADS = {"force": "Force", "pressure": "Pressure"}
 # Smallest number of successive rows of numbers that are a table.
 _FEWEST_ROWS = 9

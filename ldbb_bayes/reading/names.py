@@ -46,7 +46,7 @@ _AMBIGUOUS_LOAD = re.compile(
 # Longer numbers after F, such as F2000, are feeds.
 _FORCE_AFTER_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
 # Regular expression for a radius of at least 50 mm in a name, such as R100. A smaller number after
-# R is the number of a run.
+# R does not match, because it is probably the number of a run.
 _RADIUS_AFTER_R = re.compile(
     r"(?<![a-zA-Z0-9])(?:R|[Rr]adius)[ _=\-]?([5-9]\d(?:\.\d+)?|[1-9]\d{2,3}(?:\.\d+)?)"
     r"(?:[ _]?mm)?(?![a-zA-Z\d.,])(?![ _](?:N|kN|daN|lbf|kgf|bar|psi)(?![^\W_]))"

@@ -244,8 +244,8 @@ def loads_of(recording: Recording) -> dict[str, float]:
 def _load_of_lines(recording: Recording, in_lines: Sequence[LoadInLine]) -> dict[str, float]:
     """Return the load of a test from lines that do not call it force or pressure, and note it.
 
-    The result is empty if the lines have no load, have different loads, or are not clear.
-    ``in_lines`` are the loads in the lines above the table.
+    ``in_lines`` are the loads in the lines above the table. The result is empty if there is no
+    load, if the loads differ, or if it is not clear that they are the load of the test.
     """
     load = load_of_lines(in_lines)
     if load is None:

@@ -438,7 +438,7 @@ def partner_of_units(header: str) -> str:
 
 
 def has_factor(text: str) -> bool:
-    """Return whether a text is a unit with a factor that this package does not read.
+    """Return whether a text is a unit with a factor in a form that this package cannot read.
 
     An example is ``x 10 µm``.
     """

@@ -171,9 +171,9 @@ def _unknown_unit(phrase: str) -> str:
 
 
 def fraction_mentioned(text: str) -> str:
-    """Return the decimal fraction of a unit of readings in a line about readings: ``0.0001 inch``.
+    """Return the unit of readings from a line that states it as a fraction, such as 0.0001 inch.
 
-    The result is empty for any other line.
+    The result is empty if the line is not about readings or has no such fraction.
     """
     text = text[:LONGEST_TEXT]
     match = _FRACTION.search(text)

@@ -136,8 +136,8 @@ def _of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuant
 def _principal_axis_note(plane: PlaneStiffness, words: Words) -> str:
     """Return a remark that names the compliances from which a principal axis is computed.
 
-    These compliances describe displacements without rotations. The remark says so, because the
-    directions of least and greatest stiffness are computed from all compliances.
+    The remark is needed because the directions of least and greatest stiffness are computed from
+    more compliances: they include the tilts of the axes.
     """
     symbols = [f"C_{axis}{axis}{axis}" for axis in plane.plane]
     if plane.cross_name:

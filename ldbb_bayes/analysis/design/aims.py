@@ -91,8 +91,8 @@ class UncertaintyAim:
     def distance(self, covariance: Array) -> Array:
         """Return the distances ln(u/u*) from the aim, shape (...), averaged over hyper-parameters.
 
-        u is the standard uncertainty that is expected for the combination of the parameters, and u*
-        is ``target``. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in
+        u is the expected standard uncertainty of the weighted sum of the parameters, and u* is the
+        ``target``. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in
         units of their prior standard deviations, at K values of the hyper-parameters. If there are
         further dimensions (...), they stand for possible circles.
         """

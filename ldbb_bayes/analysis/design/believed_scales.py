@@ -44,11 +44,12 @@ _MOST_CIRCLES = 24
 
 
 def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Array:
-    """Return draws from the posterior of the scales, for each of several possible machines.
+    """Return posterior draws of the hyper-parameters that are expected after the planned tests.
 
-    The scales of the noise and of other effects are the hyper-parameters. The readings of planned
-    tests are not known. For each possible machine, one estimate of the true scales is therefore
-    simulated; the draws come from the approximate posterior given this estimate.
+    The hyper-parameters are the scales of the noise and of other effects. The readings of the
+    planned tests are not known. For each of several possible machines, one estimate of the true
+    hyper-parameters is therefore simulated, and values are drawn from the approximate posterior
+    given this estimate.
 
     Parameters
     ----------

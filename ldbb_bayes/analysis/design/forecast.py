@@ -53,9 +53,9 @@ _STATES = 64
 # Number of posterior draws of the hyper-parameters (scales of the noise and of other effects) for
 # each possible machine. The posterior variance of a parameter is computed from these draws.
 _BELIEFS = 4
-# Number of posterior means that are drawn at random for each possible machine if the analysis is
-# assumed to know the scales of noise and effects. Several means are drawn because the posterior
-# mean depends on the readings, which are not known yet.
+# Number of posterior means of the parameters that are drawn at random for each possible machine, if
+# the forecast assumes that the scales of noise and effects are known. Several means are drawn
+# because the posterior mean depends on the readings, which are not known yet.
 _MEANS_PER_STATE = 4
 # Share of the possible machines on which the standard uncertainty of a parameter is at most
 # `Expected.likely_sd`.

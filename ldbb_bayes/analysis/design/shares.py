@@ -50,9 +50,10 @@ _UNDETERMINED_LOSS = 1e6
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
-# The optimization of shares ends when it makes no progress, even if its tolerance is not reached.
-# This is the case if no candidate can be added, and if a round with the smallest solver tolerance
-# increases the criterion by at most this share of `Optimum.bound`.
+# The best shares of tests are computed in rounds. The last round is the one that makes no progress,
+# even if the tolerance of the result is not reached. A round makes no progress if no candidate can
+# be added and if the criterion increases by at most this fraction of `Optimum.bound`, although the
+# solver has its smallest tolerance.
 _NO_GAIN = 1e-13
 
 

@@ -331,7 +331,7 @@ def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ..
 def _with_temperature(
     tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel
 ) -> tuple[CircularTest, ...]:
-    """Return the tests with a temperature, which a drift that depends on temperature needs.
+    """Return the tests with a temperature, if the model has a drift that depends on temperature.
 
     The temperature is the mean temperature of ``pilot``, the campaign that the design starts from.
     For a model without such a drift, the tests are returned unchanged.
