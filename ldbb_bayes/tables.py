@@ -419,7 +419,7 @@ class _RowsInstead(NamedTuple):
     #: substitutes: the keys are the names of the rows, and each value is a dictionary of cells
     #: whose keys are the names of the columns
     displayed: Mapping[str, Mapping[str, Any]]
-    position: int  #: index of the row of the data frame above which the substitutes are displayed
+    position: int  #: index of that row of the data frame above which ``displayed`` is inserted
     length: int  #: number of rows of the whole data frame
 
 

@@ -346,11 +346,10 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # The p-value is the share of replicates (simulated circles) that deviate, in at least one
-    # Fourier order, as strongly as the observed circle deviates in its worst order. For each order,
-    # ``nearer_counts`` is the number of replicates that deviate less than the observed circle, and
-    # ``most_nearer`` is the largest of these numbers, m. In each order, the m replicates that
-    # deviate least do not count as strongly deviating; all others do.
+    # For each Fourier order, ``nearer_counts`` is the number of replicates (simulated circles) that
+    # deviate less than the observed circle. Let m be the largest of these numbers. In each order,
+    # all replicates except the m with the smallest deviations count as strongly deviating. The
+    # p-value is the share of replicates that deviate strongly in at least one order.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

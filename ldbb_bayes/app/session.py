@@ -61,8 +61,8 @@ class Session:
     #: The fit. The outcome of the fit holds the warnings of the report and the sentence on whether
     #: the results can be used; if the fit is refused, the outcome states the reason.
     fit: Computation = field(init=False)
-    #: The search for the cheapest campaign. Its outcome is what the page shows, or the reason for a
-    #: refusal.
+    #: The search for the cheapest campaign. The outcome of the search holds the tables and
+    #: sentences that the page shows; if the search is refused, the outcome states the reason.
     search: Computation = field(init=False)
 
     def __post_init__(self) -> None:

@@ -65,10 +65,10 @@ _SPIKE_SCATTERS = 8.0
 # level. The noise level is the standard deviation of the noise or the resolution of the readout,
 # whichever is larger.
 _OPEN_SCATTERS = 10.0
-# Number of fits in each of the two steps of the search for spikes. In the first step, each fit
-# gives new weights to the readings, and exactly this number of fits is made. In the second step,
-# each fit leaves out the spikes that the previous fit shows, and at most this number of fits is
-# made.
+# Largest number of fits in each of the two steps of the search for spikes. In the first step, the
+# readings get new weights after each fit, and all these fits are made. In the second step, each fit
+# leaves out the spikes that the previous fit shows; the step ends early if the spikes no longer
+# change.
 _MAX_ROUNDS = 20
 # The sign of the readings is examined if at least this number of tests of the same circle each
 # cover a whole turn, which is an arc of more than `_WHOLE_TURN_DEG` [deg]. A remark is made if the

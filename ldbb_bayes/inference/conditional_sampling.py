@@ -93,8 +93,8 @@ def draw_parameters_given(
 
     The parameters are compliances, their changes with force, and geometric errors. ``free`` holds w
     values of the hyper-parameters (scales of the noise and of other effects). For each value, the
-    parameters are drawn conditional on this value and on the readings. Draws that are not exact are
-    repeated. The arguments are the same as in `conditional_draws`.
+    parameters are drawn conditional on this value and on the readings. The arguments are the same
+    as in `conditional_draws`. A draw is repeated if it does not follow the density exactly.
 
     Raises
     ------

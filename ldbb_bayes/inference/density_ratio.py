@@ -50,8 +50,8 @@ _NODES_PER_SAMPLE = 2
 # (points) to which the polynomial is fitted.
 _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
 # A node (weighted point) is picked with a probability that is the mean of two probabilities. One of
-# them is proportional to the weight of the node, the other to this power of the weight. Because of
-# the power, nodes in the tails, where the ratio of the densities is largest, are picked more often.
+# them is proportional to the weight of the node, the other to this power of the weight. The power
+# makes it more probable that nodes with small weights, in the tails of the density, are picked.
 _TAIL_POWER = 0.5
 # A polynomial is fitted by a singular value decomposition of a matrix, whose columns hold the terms
 # of the polynomial at the sampled points. Singular values below this fraction of the largest one

@@ -347,8 +347,9 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # Errors of the probability that may be common to all nodes do not cancel, and are added.
-        # Random errors of different nodes are independent, and their squares are added.
+        # The probability has two errors at each node. An error that may have the same sign at all
+        # nodes does not cancel, and is added. Random errors are independent; their squares are
+        # added.
         counts = truncated.weight > 0.0
         weight = truncated.weight[counts]
         error = float(weight @ errors[counts] + np.linalg.norm(weight * noise[counts]))

@@ -79,10 +79,7 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice that selects the values of this batch from the values that the caller gave.
-
-        The values are those of the hyper-parameters.
-        """
+        """Slice of the values of this batch in the caller's array of hyper-parameters."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property

@@ -293,12 +293,12 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 
 
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
-    """Return log tail probabilities, from which a normal variable is drawn in an interval.
+    """Return logarithms of random tail probabilities of a standard normal variable in an interval.
 
-    The variable is standard normal before it is restricted to the interval. Its tail is to its left
-    if ``interval.direction`` is −1, and to its right if it is 1. The tail probability is uniformly
-    distributed between the tail probabilities of the two ends of the interval. It is computed from
-    the random numbers ``uniform``, which are between 0 and 1.
+    The variable is drawn at random in the interval, as the value that has this tail probability.
+    The tail is to its left if ``interval.direction`` is −1, and to its right if it is 1. The tail
+    probability is uniformly distributed between those of the two ends of the interval. It is
+    computed from the random numbers ``uniform``, which are between 0 and 1.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:

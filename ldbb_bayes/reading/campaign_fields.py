@@ -65,7 +65,7 @@ class _StatedValue(NamedTuple):
 
     value: Any
     source: str  # line or name that states the value, such as "line 3"
-    place: str  # the source and, for a line, also its file
+    place: str  # source as error messages name it; for a line, with the file, as in "line 3 of …"
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:

@@ -90,9 +90,8 @@ def _may_be_neighbours(
     """Return, for each row, whether it is evidence that the rows next to it belong to a table.
 
     A row of numbers with units is such evidence. A row of numbers without units is evidence only in
-    a sheet with at least three rows of numbers with units. ``numbers`` has an entry for each row,
-    as `_numbers_of` returns it: the numbers in a row of numbers with units, and an empty dict for
-    any other row.
+    a sheet with at least three rows of numbers with units. ``numbers`` holds one dict for each row;
+    the dict of a row that is not a row of numbers with units is empty (see `_numbers_of`).
     """
     with_units = [bool(entries) for entries in numbers]
     if sum(with_units) < _FEWEST_ROWS:

@@ -359,10 +359,10 @@ def _size_of_count(text: str) -> str:
 
 
 def _role_of_label(label: str) -> str | None:
-    """Return the role of a column whose unit a label announces, such as force for ``Force unit``.
+    """Return the role of the column to which a label of a unit refers: force for ``Force unit``.
 
-    The result is an empty string for a label such as ``Units``, which announces the units of all
-    roles. The result is None if the label contains any other word, or names several roles.
+    The result is an empty string for a label such as ``Units``, which refers to all columns. The
+    result is None if the label contains a word that names no role, or names several roles.
     """
     words = []
     for word in _LABEL_WORD.findall(comparable(label)):

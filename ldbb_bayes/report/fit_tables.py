@@ -406,11 +406,11 @@ def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) ->
     """Return a table of the posterior and the prior of each parameter.
 
     The columns are the posterior mean, sd and credible interval, and the prior mean and sd. The
-    column of prior means is left out if all prior means are zero. The change of each compliance
-    over the tested forces has a row in place of slopes, which are the coefficients of this change.
-    The table shows the factor λ of a circle only if the posterior median of λ is at least 2.5; λ
-    states how many times larger the circle's random shift and unexplained deviations are than those
-    of the other circles.
+    column of prior means is left out if all prior means are zero. Instead of the slopes, which are
+    the coefficients of compliances as functions of force, the table shows the change of each
+    compliance over the tested forces. The table shows the factor λ of a circle only if the
+    posterior median of λ is at least 2.5; λ states how many times larger the circle's random shift
+    and unexplained deviations are than those of the other circles.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tables and sentences on a machine: the parameters that circular tests can show."""
+"""Tables and sentences on the parameters of a machine that circular tests can determine."""
 
 from __future__ import annotations
 

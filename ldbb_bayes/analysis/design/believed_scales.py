@@ -183,7 +183,7 @@ class _EffectBlock(NamedTuple):
     """
 
     readings: slice  # the n rows of the block: the readings that its effects change
-    effects: slice  # the c columns of the block: its effects
+    effects: slice  # the c columns of the block, one for each effect
     columns: Array  # changes of the readings per unit of each effect, shape (n, c)
 
 

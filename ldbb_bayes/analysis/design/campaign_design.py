@@ -51,7 +51,8 @@ __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 # sensitivity exceeds the mean of the sensitivities, weighted by the shares. An excess of at most
 # this fraction of the mean is allowed.
 _CERTIFICATE_TOLERANCE = 1e-4
-# Candidate tests with a share below this number are left out of the table of the best shares.
+# Candidate tests whose share (number of runs divided by the number of all runs) is below this
+# number are left out of the table of the best shares.
 _LISTED_SHARE = 1e-4
 # Further circles are said to be of little use for a parameter if its standard uncertainty after
 # very many runs of every circle would still exceed this fraction of the standard uncertainty that

@@ -129,7 +129,7 @@ def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> d
 
 @dataclass
 class _Progress:
-    """Progress of the search in one family of campaigns: circles tried, and forecasts made."""
+    """Progress of the search among campaigns with the same clockings, radii and certificates."""
 
     family: CampaignFamily
     circles: int  #: number of circles that is tried next
@@ -145,7 +145,7 @@ class _Progress:
     inflation: float | None = None
     forecasts: int = 0  #: number of full forecasts made
     last_failed: int = 0  #: largest number of circles for which the full forecast missed the goals
-    started: bool = False  #: whether the number of circles that the family needs has been estimated
+    started: bool = False  #: whether the number of circles needed has been estimated
 
 
 @dataclass(order=True)
@@ -249,9 +249,10 @@ def _with_more_circles(
 
 
 class _Search:
-    """Search for the cheapest campaigns in all families of campaigns.
+    """Search for the cheapest campaigns in one family of campaigns after the other.
 
-    Forecasts made in one family are also used in the families that are searched later.
+    A family is all campaigns with the same clockings (pairs of ball angles), radii and
+    certificates. Forecasts for one family are also used in the families that are searched later.
     """
 
     def __init__(self, goals: Mapping[str, Goal], costs: Costs, probability: float) -> None:
@@ -324,13 +325,13 @@ class _Search:
         return self._share_met(campaign) >= self._probability
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
-        """Return a campaign that meets the goals; None if the campaign that is tried does not.
+        """Return a campaign of a family that meets the goals; None if the attempt fails.
 
-        ``progress`` states the family and the number of circles that is tried, ``circles``. The
-        campaign returned has this number of circles, or fewer if fewer are enough. The result is
-        None if the family's best campaign of ``circles`` circles does not meet the goals, needs too
-        much machine time, or does not use every clocking (pair of ball angles) and every radius of
-        the family.
+        A family is all campaigns with the same clockings (pairs of ball angles), radii and
+        certificates. ``progress`` holds the family and the number of circles to try. The campaign
+        returned has this number of circles, or fewer if fewer are enough. The attempt fails if the
+        best campaign with this number of circles misses the goals, needs too much machine time, or
+        does not use all clockings and radii of the family.
         """
         family = progress.family
         circles = progress.circles

@@ -63,7 +63,7 @@ class NearMiss(Result):
     the uncertainty that remains after very many circles.
     """
 
-    circles: int  #: number of circles of the largest campaign
+    circles: int  #: number of circles of the largest campaign that was tried
     #: on nine in ten possible machines, the expanded uncertainty (k = 2) that the analysis of the
     #: largest campaign states is at most this value, in the parameter's unit
     likely_U: float
