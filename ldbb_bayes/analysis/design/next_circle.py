@@ -428,9 +428,9 @@ def _best_circles(
 
 
 def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
-    """Return how much nearer each circle brings the campaign to its aims, from 0 to 1 (all
-    reached).
+    """Return how much nearer each circle brings the campaign to its aims, as a fraction.
 
+    The fraction is 0 if the circle does not help, and 1 if all aims are reached after it.
     ``distance_now`` is the campaign's present total distance from its aims (`total_distance`).
     ``distances`` holds, for each circle, the total distance expected after it.
     """
