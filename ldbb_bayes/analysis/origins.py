@@ -55,7 +55,7 @@ class Origin(StrEnum):
     MEASURED = "measured here"  #: the readings of this campaign determine the standard uncertainty
     #: a certificate, or a prior that the user gave, states the standard uncertainty
     STATED = "stated"
-    ASSUMED = "assumed"  #: the default prior states the standard uncertainty
+    ASSUMED = "assumed"  #: the standard uncertainty is that of a default prior
 
 
 def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str], Origin]:

@@ -25,10 +25,10 @@ _UNCHANGED = "as in the model"
 
 
 class _Alternative(NamedTuple):
-    """Assumption about random differences between circles, as a change of one model term."""
+    """Alternative assumption about random differences between circles."""
 
     label: str
-    kind: type[Term]  #: class of the model term that is replaced or left out
+    kind: type[Term]  #: class of the model term that the assumption changes
     #: model term that replaces the term of the class ``kind``; None if the term of this class is
     #: left out
     term: Term | None

@@ -259,8 +259,8 @@ def _analyse_for_sheets(
     """Return a fit of compliance linear in force, and an average over two models.
 
     The two models have constant and linear compliance. The arguments are the same as in `_analyse`.
-    Models are not compared and no tests are chosen, because these results are shown only in the
-    report's annex (the sections after the certificate), which is not made.
+    The function is used for reports without an annex (the sections after the certificate). It
+    therefore compares no models and chooses no tests, because only an annex shows these results.
     """
     seed = settings["seed"]
     begin_step("fit")

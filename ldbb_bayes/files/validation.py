@@ -88,7 +88,7 @@ class _Location(NamedTuple):
 
     # keys that lead from the outermost table to the entry; entries of lists are numbered from 1
     keys: list[str]
-    owner: Any  # class that describes the table that contains the last key
+    owner: Any  # pydantic class of the table in which the last key stands
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
@@ -107,7 +107,7 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     owner = model
     for key in loc:
         if not isinstance(content, dict | list):
-            break  # the rest of the location consists of types, not of keys
+            break  # all further items of ``loc`` are types, not keys
         keys.append(str(key + 1) if isinstance(key, int) else key)
         entries = dict(enumerate(content)) if isinstance(content, list) else content
         content = entries.get(key)

@@ -63,9 +63,9 @@ class Dependence:
     coordinates with a smaller index.
     """
 
-    #: coefficients from which the means of the h coordinates are computed, shape (1 + 2 k, h)
+    #: coefficients for the means of the h coordinates, shape (1 + 2 k, h)
     mean: Array
-    #: coefficients from which the logarithms of the widths are computed, shape (1 + 2 k, h)
+    #: coefficients for the logarithms of the widths of the h coordinates, shape (1 + 2 k, h)
     log_width: Array
     #: constants that are subtracted last, in z = (u − mean) / width − offset, shape (h,)
     offset: Array

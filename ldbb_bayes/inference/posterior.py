@@ -458,10 +458,10 @@ def _rebuild_campaign(posterior: xr.DataTree) -> Campaign:
 
 
 def model_of(posterior: xr.DataTree) -> HybridModel:
-    """Return the model that was fitted to obtain a posterior, as its record describes it.
+    """Return the model that was fitted to obtain a posterior.
 
-    If the posterior is an average over several models, return the one model that has the parameters
-    of all these models.
+    The model is read from the record that is stored in the posterior. If the posterior is an
+    average over several models, return the one model that has the parameters of all these models.
     """
     return model_from_toml(record_of(posterior)["model"]["toml"])
 

@@ -74,7 +74,7 @@ class RelatedModels:
         return posterior.nodes(self._tolerance)
 
     def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
-        """Return the nodes of the given model with the weights that another model gives them.
+        """Return the nodes of one model, with new weights for the posterior of another model.
 
         ``posterior`` is the posterior density of the hyper-parameters under the other model. It is
         evaluated at all nodes.

@@ -210,9 +210,9 @@ class Kept:
     #: the direction of its load, for example, cannot be negative
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
-    #: names of compliances whose effect on the reading is a linear combination of the effects of
-    #: several kept compliances. If several such compliances have effects proportional to each
-    #: other, only one of them is named.
+    #: names of compliances that are not kept, because their effect on the reading is a linear
+    #: combination of the effects of several kept compliances. If several such compliances have
+    #: effects proportional to each other, only one of them is named.
     dependent: tuple[str, ...]
     #: rank of the matrix that holds the effects of all compliances on readings at equally spaced
     #: angles of full circles

@@ -121,9 +121,9 @@ class _ConvexFunction(NamedTuple):
     #: normal variable, for the d ratios of each of w sets of constraints, shape (w, d). The
     #: derivative is between 0 and 1.
     slope: Array
-    #: Relative magnitude of the gradient for each of w sets of constraints, shape (w,). Each
-    #: element of ``gradient`` is a sum. Its absolute value is divided by 1 plus the absolute values
-    #: of the summands; the largest of these ratios is stored.
+    #: Largest relative magnitude of an element of ``gradient``, for each of w sets of constraints,
+    #: shape (w,). An element is a sum; its relative magnitude is its absolute value divided by 1
+    #: plus the sum of the absolute values of the summands.
     error: Array
 
 

@@ -229,7 +229,7 @@ def _with_factor_apart(header: str) -> str:
 
 
 def _unit_at_end(header: str) -> Header:
-    """Return name and unit of a header that ends with its unit, such as ``reading_um``."""
+    """Return the name and the unit of a header that ends with its unit, such as ``reading_um``."""
     header = _with_factor_apart(header)
     match = _UNIT_AT_END.fullmatch(header)
     if not match:

@@ -101,7 +101,7 @@ class Imported(Result):
     #: assumptions that were made, each with the command-line option that changes it
     assumptions: tuple[Assumption, ...]
     #: names of the fields of the campaign that neither the files nor the user state; these fields
-    #: have their usual values
+    #: have their default values
     unsaid: tuple[str, ...]
 
 

@@ -87,9 +87,10 @@ def _lines_of_columns(
 
     The texts are loads, names, planes or directions. The lines stand directly above the header, and
     one of them must state loads; if none does, the list is empty. The line of loads is the first in
-    the list, because a number at the end of a name must not precede a load. The first column has no
-    text. ``rows`` are the rows above the header, and ``width`` is the number of cells of the
-    header. ``merged_lines`` are the numbers of the lines with merged cells.
+    the list. If a name such as ``Run 2`` preceded a load such as ``100 N``, its number could be
+    mistaken for a part of the load. The first column has no text. ``rows`` are the rows above the
+    header, and ``width`` is the number of cells of the header. ``merged_lines`` are the numbers of
+    the lines with merged cells.
     """
     lines: list[list[str]] = []
     line_of_loads: list[str] = []

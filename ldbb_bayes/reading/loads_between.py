@@ -138,9 +138,9 @@ def _heading_with_loads(
 
 
 def _with_load_in_words(sheet: Sheet, row: Row, load: NamedLoad) -> Row:
-    """Return a row of one cell: the text of a row, and a text such as ``Force: 200 N``.
+    """Return a row whose single cell holds the text of ``row`` and then, say, ``Force: 200 N``.
 
-    The second text is left out if the first already states the load in a form that is understood.
+    Nothing is added if the text of ``row`` already states the load in a form that is understood.
     """
     text = sheet.text_of(sheet.cells_as_written(row))
     if load.key in statements_in([(row.line, text)]):

@@ -20,7 +20,7 @@ __all__ = [
 _WORDS = WORDS["diameters"]
 # Regular expression for a header or text that names a diameter.
 _DIAMETER = re.compile(rf"(?<![a-zäöüéèáâ])(?:{_WORDS['header']})")
-# Regular expression for a diameter inside a longer word, such as Kreisdurchmesser.
+# Regular expression for a word for diameter inside a longer word, such as Kreisdurchmesser.
 _LONG_WORD = re.compile("durchmesser|diamet")
 # Regular expression for the letter D alone in a header.
 _LETTER = re.compile(_WORDS["letter"])

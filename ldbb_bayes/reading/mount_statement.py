@@ -90,11 +90,10 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
 
 
 def unread_mount(lines: Iterable[tuple[int | str, str]]) -> str:
-    """Return a note on the first line about the mount's deflection or raw data.
+    """Return a note that a line about the mount's deflection or raw data was not understood.
 
-    The note says that the line was not understood. An example of such a line is ``Mount deflection
-    2.33 µm/bar``. The note is empty if there is no such line, or if an earlier line clearly says
-    whether the readings are raw.
+    The note names the first such line, for example ``Mount deflection 2.33 µm/bar``. The note is
+    empty if there is no such line, or if an earlier line clearly says whether the readings are raw.
     """
     for line, text in lines:
         for statement in divide_line(text[:LONGEST_TEXT]):

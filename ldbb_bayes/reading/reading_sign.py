@@ -219,11 +219,11 @@ def _is_open(source: str, text: str) -> bool:
 
 
 def _statements(text: str) -> list[str]:
-    """Return the statements of a line, some of which may have another subject than the sign.
+    """Divide a line into statements, not all of which need be about the sign of readings.
 
-    In ``Angles from Y, clockwise; positive: bar shorter``, the last statement is about the sign of
-    readings. A line is not divided if the whole line states one sign, or if none of its statements
-    is about the sign of readings.
+    In ``Angles from Y, clockwise; positive: bar shorter``, only the last statement is about the
+    sign of readings. A line is not divided if the whole line states one sign, or if none of its
+    statements is about the sign of readings.
     """
     text = text[:LONGEST_TEXT]
     is_about_signs_alone = _OTHER_SUBJECT.search(text) is None

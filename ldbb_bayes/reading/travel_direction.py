@@ -62,8 +62,8 @@ _SIDES = {
     "CW": re.compile(rf"[\s:=;,|]*(?:{_WORDS['right']})(?!\w|\sto\b|\snach\b)", re.IGNORECASE),
     "CCW": re.compile(rf"[\s:=;,|]*(?:{_WORDS['left']})(?!\w|\sto\b|\snach\b)", re.IGNORECASE),
 }
-# Regular expression for words that may state the direction of travel: words for a turn to the left
-# or right, and words such as "positive" or "reversed" for the travel.
+# Regular expression for words that may state the direction of travel, such as "left", "positive" or
+# "reversed".
 _TURNED = re.compile(f"{_WORDS['turned']}|{_WORDS['stated']}", re.IGNORECASE)
 # Regular expression for words which show that a line is about angles.
 _ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)

@@ -82,7 +82,7 @@ def sheets(
 
 
 def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
-    """Yield the content of the certificate's sheet 1: figures, tables and lists."""
+    """Yield the figures, tables and lists of sheet 1 of the report."""
     words = numbers.words
     findings = numbers.findings
     yield banner(numbers)

@@ -65,8 +65,8 @@ class UncertaintyAim:
     ``inflation``, because unknown hyper-parameters increase the uncertainty.
     """
 
-    #: weights w of the p parameters in the combination, shape (p,); the parameters are in units of
-    #: their prior standard deviations
+    #: weights w of the p parameters β in the combination w·β, shape (p,); the parameters are in
+    #: units of their prior standard deviations
     weights: Array
     target: float  #: largest standard uncertainty of w·β at which the aim is reached
     #: factor by which the standard uncertainty of w·β is larger because the hyper-parameters are

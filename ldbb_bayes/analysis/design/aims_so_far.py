@@ -63,7 +63,7 @@ class GoalSoFar(Result):
     unit: str
     value: float  #: posterior mean of the parameter
     U: float  #: expanded uncertainty of the parameter now
-    #: largest U that the goal permits. A goal in percent refers to ``value``.
+    #: largest U that the goal permits; a goal in percent is taken as a percentage of ``value``
     limit: float
     #: probability that the goal is already met. It is 0 or 1 for a goal with a fixed limit. For a
     #: goal in percent of the parameter, it may lie between 0 and 1, because the parameter, and

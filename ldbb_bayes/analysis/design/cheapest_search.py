@@ -77,7 +77,7 @@ class FoundCampaign:
 
 @dataclass(frozen=True, eq=False)
 class CheapestCampaigns:
-    """Result of the search: campaigns that reach all goals, or the one nearest to the goals."""
+    """Campaigns that reach all goals; if there are none, the campaign that comes nearest."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
     #: campaign that comes nearest to the goals, if no family reaches them. Only the campaign with

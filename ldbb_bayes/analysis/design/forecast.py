@@ -446,7 +446,7 @@ def _is_possible(bound: BoundModel, states: States) -> Array:
 
 
 def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return means and variances of the parameters under the condition T that truncates them.
+    """Return means and variances of the parameters, given that no compliance is negative.
 
     T is the condition that no compliance is negative.
 
@@ -458,7 +458,7 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
         Posterior means of the p parameters without the condition T, in internal units (mm, N, rad),
         shape (repetitions, states, n, p). A state is one possible machine, for which posterior
         means are drawn ``repetitions`` times. In each draw, there is one mean for each of n sets of
-        scales.
+        hyper-parameters.
     covariance
         Posterior covariances without the condition T, shape (states, n, p, p), in internal units.
 

@@ -79,8 +79,8 @@ class StatedGoal(Result):
     #: estimate of the parameter from the pilot's readings; if there are no readings, the median of
     #: the parameter's absolute value under the prior
     value: float
-    #: expanded uncertainty (k = 2) of the parameter given the pilot's readings, or under the prior
-    #: if there are no readings
+    #: expanded uncertainty (k = 2) of the parameter before the design's tests: given the pilot's
+    #: readings, or under the prior if there are no readings
     U: float
     #: whether the pilot's readings already meet the goal, without further circles
     met_by_pilot: bool

@@ -295,7 +295,7 @@ def _states_of_tolerances(
     before: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return, for every tolerance, the present decision and the uncertainty needed to decide.
+    """Return, for each tolerance, the decision at present and the uncertainty needed to decide.
 
     The keys are the names of the quantities with tolerances. ``space`` holds the model and the
     campaign, and ``known`` is the posterior given the circles run so far. ``before`` are the

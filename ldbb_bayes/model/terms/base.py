@@ -78,9 +78,9 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """What nuisance terms assume about the instrument, and names of calibration certificates.
+    """Uncertainties assumed for the instrument, and names of its calibration certificates.
 
-    Nuisance terms are effects that are modelled but not of interest.
+    The assumptions are made by nuisance terms, effects that are modelled but not of interest.
 
     Examples
     --------
