@@ -55,8 +55,8 @@ class JointDifference(NamedTuple):
     #: posterior mean of the difference of each parameter, second campaign minus first, shape (n,)
     difference: Array
     sd: Array  #: standard uncertainty of ``difference``, shape (n,)
-    #: nuisance coefficient of the common instrument about which the campaigns disagree most; None
-    #: if there is no coefficient about which the readings of both campaigns are informative
+    #: the error of the common instrument on whose size the campaigns disagree most; None if there
+    #: is no error about which the readings of both campaigns are informative
     conflict: Conflict | None
 
 

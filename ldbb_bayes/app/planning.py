@@ -533,7 +533,7 @@ _PILOT_LABELS = (
 
 
 def pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
-    """Return the texts on the machine and the instrument for an operator's sheet.
+    """Return what the operator's sheet states about the campaign that a plan is based on.
 
     Parameters
     ----------

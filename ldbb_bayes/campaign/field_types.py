@@ -26,7 +26,7 @@ __all__ = [
     "SetupNumber",
 ]
 
-# Largest number that a set-up may have.
+# Set-ups are numbered from 1. This is the largest permitted number.
 _LARGEST_SETUP = 1000
 # Configuration of pydantic, the library that checks input. With this configuration, pydantic
 # refuses arguments that do not correspond to a field of the class.

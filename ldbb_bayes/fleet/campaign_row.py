@@ -56,8 +56,8 @@ class Settings:
     ess: float = 1000.0
     prob: float = 0.95
     compare: bool = True
-    #: fields of `Campaign` for campaigns that are read from tidy CSV files, which cannot state
-    #: these fields; the keys are the names of the fields
+    #: fields of `Campaign` for campaigns in tidy CSV files, because such a file holds only the
+    #: fields of the tests; the keys are the names of the fields
     table: Mapping[str, Any] = field(default_factory=dict)
     #: fields of `Instrument` that certificates state; the keys are the names of the fields. The
     #: values replace the values that the campaigns state for the same fields.

@@ -245,7 +245,8 @@ class _FreeProposal:
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return ``size`` independent random draws of h unbounded coordinates, shape (size, h).
 
-        The widths of the density of normal scores are first multiplied by the square root of
-        ``temperature``. ``rng`` generates the random numbers.
+        Normal scores are drawn and then transformed to unbounded coordinates. The widths of the
+        density of the normal scores are multiplied by the square root of ``temperature`` for these
+        draws. ``rng`` generates the random numbers.
         """
         return self.coordinates.free(self.of_scores.draw(size, rng, temperature=temperature))

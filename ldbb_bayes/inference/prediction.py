@@ -174,7 +174,7 @@ def _draw_shared_of_plan(
     beta: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Return random draws of the effects of machine and shared nuisances on the planned tests [mm].
+    """Draw the effects of the machine and of the shared nuisances on planned tests at random [mm].
 
     Shared nuisances are effects that are modelled but not of interest and that are common to
     several tests. The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests,

@@ -41,8 +41,8 @@ class ComplianceName:
     moment j (component of a wrench) that causes it.
     """
 
-    twist: str  #: displacement i (X, Y or Z) or rotation i (A, B or C)
-    wrench: str  #: force j (X, Y or Z) or moment j (A, B or C)
+    twist: str  #: direction of displacement i (X, Y or Z) or axis of rotation i (A, B or C)
+    wrench: str  #: direction of force j (X, Y or Z) or axis of moment j (A, B or C)
     joint: str  #: axis of the joint k: X, Y or Z
 
     @property

@@ -61,10 +61,10 @@ class _SharedCoefficients(NamedTuple):
 class _StackedReadings(NamedTuple):
     """Readings of all tests; the readings of each test are reduced to m ≤ 25 numbers."""
 
-    #: Matrices that convert the 25 Fourier coefficients of a test into its m reduced readings,
-    #: shape (tests, m, 25).
+    #: Matrices that convert the 25 Fourier coefficients of a test into the m numbers to which its
+    #: readings are reduced, shape (tests, m, 25).
     factors: Array
-    readings: Array  #: reduced readings [mm], shape (tests, m, 1)
+    readings: Array  #: readings, reduced to m numbers for each test [mm], shape (tests, m, 1)
 
 
 @dataclass(frozen=True, eq=False)

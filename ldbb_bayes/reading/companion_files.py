@@ -73,7 +73,7 @@ def holds_text_only(sheet: Sheet) -> bool:
 
 
 def holds_temperatures(heading: Heading) -> bool:
-    """Return whether the header states a unit of temperature for every column of readings."""
+    """Return whether all columns of readings in a table have a unit of temperature."""
     units = [heading.units[column] for column in heading.readings]
     return bool(units) and all(unit in _UNITS_OF_TEMPERATURE for unit in units)
 

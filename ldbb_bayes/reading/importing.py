@@ -420,9 +420,10 @@ def _note_unused_columns(
 def _note_unused_entries(
     recordings: Iterable[Recording], layout: Layout, log: AssumptionLog
 ) -> None:
-    """Add a note to the log for every entry [[test]] of the layout whose ``file`` names no test.
+    """Add a note to the log for each entry [[test]] of the layout that belongs to no test.
 
-    An entry [[test]] states fields of one test, such as its force.
+    An entry [[test]] states fields of one test, such as its force. The key ``file`` of the entry
+    names the test.
     """
     names: set[str] = set()
     for recording in recordings:

@@ -37,7 +37,7 @@ _WHOLE_PERCENT = 100.0
 # An arc in a programme is the circle of a test, and not a path to it or from it, if its radius
 # differs from that of the test by at most this fraction.
 _SAME_RADIUS = 1e-3
-# Two starts of a circle agree if they differ by at most this [deg].
+# Two starts of a circle agree if they differ by at most this angle [deg].
 _SAME_START_DEG = 0.01
 # The start of a circle lies in the plane of the test if its coordinate along the third axis,
 # divided by the radius, is at most this value.

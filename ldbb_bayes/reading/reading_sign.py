@@ -50,7 +50,7 @@ _LABEL = re.compile(_WORDS["label"], re.IGNORECASE)
 _NAMED = re.compile(_WORDS["named"], re.IGNORECASE)
 # Regular expression for a word such as "means", which shows that a text defines something.
 _MEANS = re.compile(_WORDS["means"], re.IGNORECASE)
-# Regular expressions for the words "in" and "out" after a sign, as in "+ = in", and before a sign.
+# Regular expressions for the meaning of a sign: "+ = in" or "+ = out", and "in = +" or "out = +".
 _IN_OR_OUT = re.compile(_WORDS["in_or_out"], re.IGNORECASE)
 _IN_OR_OUT_FIRST = re.compile(_WORDS["in_or_out_first"], re.IGNORECASE)
 # Regular expression for a text that defines the reading as nominal radius minus actual radius.
@@ -321,7 +321,7 @@ def _note_unread(recording: Recording, source: str, text: str) -> None:
 
 
 def _explains_sign(text: str) -> bool:
-    """Return whether a text may say what a sign of readings means: ``Positive: see drawing``."""
+    """Return whether a text may explain the sign of readings, such as ``Positive: see drawing``."""
     if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text):
         return False
     return _MEANING.search(text) is not None

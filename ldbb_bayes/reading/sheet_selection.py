@@ -299,8 +299,8 @@ def _holds_readings(table: HeadedSheet, layout: Layout) -> bool:
 def _fits_stated_columns(table: HeadedSheet, layout: Layout) -> bool:
     """Return whether the columns that the user states hold angles and readings in this sheet.
 
-    The user may state columns by their numbers. In a list of tests, the column with the stated
-    number may hold texts, forces or pressures.
+    The user may state columns by their numbers. If the sheet is a list of tests, a column with a
+    stated number may hold texts, forces or pressures instead; the result is then False.
     """
     heading = table.heading
     rows = table.sheet.rows[heading.first_row : heading.first_row + _FIRST_ROWS]

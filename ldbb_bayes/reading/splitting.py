@@ -869,9 +869,10 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
 
 
 def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int]]) -> list[str]:
-    """Return the headers of the columns that are not used, except perhaps as start times.
+    """Return the headers of the columns that are not used.
 
-    Whether a column of times is used is decided later, when start times are taken.
+    A column of times may be among them; it may still be used later, as the start times of the
+    tests.
 
     A column without a role (angle, reading, …) counts as used only if it states a field, such as
     the radius, for every test. Two columns that together identify the tests also count as used.

@@ -234,7 +234,7 @@ def _without_fields(text: str, fields: Set[str]) -> str:
         if not _keys_of_text(segment) & fields:
             segments.append(segment.strip())
     remaining = "; ".join(segments)
-    # Segments that state a field only together, as in "Operator;Meier", are left out as well.
+    # If segments state one of the fields only together, as in "Operator;Meier", nothing remains.
     if _keys_of_text(remaining) & fields or not re.search(r"[^\W\d_]", remaining):
         return ""
     return remaining

@@ -78,7 +78,8 @@ _UNIT_ALONE = re.compile(
 # Regular expression for the word "in" beside a sign, as in "+ = in". The word then means inward and
 # not inches.
 _SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*", re.IGNORECASE)
-# Regular expression for the signs between two pairs of a quantity and its unit.
+# Regular expression for the separators in a list of quantities and units, such as the comma in
+# "Angle: deg, Force: N".
 _BETWEEN_PAIRS = re.compile(r"[;,|\t](?!\d)|\s{2,}(?=[^\W\d]+\s*[:=])")
 # Regular expression for a pair of a quantity and its unit, such as "Angle: deg".
 _PAIR = re.compile(r"\s*(?P<label>[^:=]+)[:=](?P<unit>[^:=]+)")

@@ -730,10 +730,10 @@ def machine_sentences(machine: Any) -> tuple[str, ...]:
 
 
 def sum_in_words(parameter: VisibleParameter) -> str:
-    """Return a string with the sum of parameters that one parameter represents.
+    """Return the sum of parameters that ``parameter`` stands for, such as "C_XXX + C_XXY".
 
-    An example is "C_XXX + C_XXY". A weight in the sum is stated only if it differs from 1; its unit
-    is mm or mm².
+    Circular tests determine only this weighted sum. A weight is stated only if it differs from 1;
+    its unit is mm or mm².
     """
     text = ""
     for name, weight in parameter.members.items():

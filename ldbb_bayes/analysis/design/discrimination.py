@@ -161,11 +161,11 @@ class _LogBayesFactorDistribution:
     points: Array  # standard normal numbers for s − 1 components of z, shape (K, samples, s − 1)
 
     def expected(self, mean: Array, variance: Array) -> float:
-        """Return the mean of the log Bayes factor [nat], averaged over the hyper-parameters.
+        """Return the expected log Bayes factor of the models with and without slopes [nat].
 
-        The posterior mean of the slopes has s independent normal components. ``mean``, shape (K, 1,
-        s), and ``variance``, shape (K, s), are the means and variances of these components, for K
-        values of the hyper-parameters.
+        The expectation is averaged over the hyper-parameters. The posterior mean of the slopes has
+        s independent normal components. ``mean``, shape (K, 1, s), and ``variance``, shape (K, s),
+        are the means and variances of these components, for K values of the hyper-parameters.
         """
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
         return float(0.5 * (self.log_volume + squares).mean())

@@ -389,13 +389,13 @@ def expected_uncertainties(
 def stated_variances(
     bound: BoundModel, states: States, covariance: Array, *, truncated: bool = True
 ) -> Array:
-    """Return the variances that analyses of planned tests would state on possible machines.
+    """Forecast the posterior variances of the parameters from analyses of planned tests.
 
     A state is one possible machine. States in which a compliance is negative at a force of the new
     tests are left out, unless no state would remain. For every remaining state, possible results of
     an analysis (posterior means) are drawn at random. In the analysis, several sets of scales (of
-    the noise and of other effects) represent the posterior of the scales. The variance that the
-    analysis states is the mean of the posterior variances over these sets, plus the variance of the
+    the noise and of other effects) represent the posterior of the scales. The resulting variance of
+    a parameter is the mean of its posterior variances over these sets, plus the variance of its
     posterior means over these sets.
 
     Parameters

@@ -488,9 +488,10 @@ def _customary_plans(
     """Return campaigns as they are usually run, each with the best campaign of the same size.
 
     Campaigns of the same size have the same number of circles. The campaigns as they are usually
-    run have only the certificates that the instrument already has. All their circles have the first
-    radius of the family of ``best``, the cheapest campaign. The best campaigns belong to this
-    family, too. ``steps`` counts the steps that are done.
+    run use no further certificates of the instrument, and only one radius: the first of the
+    possible radii. The best campaigns belong to the same family (same radii, certificates and
+    angles of the balls) as ``best``, the cheapest campaign. ``steps`` counts the steps that are
+    done.
     """
     steps.finish(2 * _SHOWN)
     family = best.family

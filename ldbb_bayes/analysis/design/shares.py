@@ -22,9 +22,9 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
 
-# Rounding errors must not decide which of two candidates is better. Two values of the criterion, or
-# two sensitivities, are therefore treated as equal if their difference is below this share of the
-# largest value. Among candidates with equal values, the first is chosen.
+# Rounding errors must not decide which of two candidates is better. Two values are therefore
+# treated as equal if their relative difference is below this number. Among candidates with equal
+# values, the first is chosen.
 _EQUALITY_TOLERANCE = 1e-9
 # Largest number of rounds in the optimization of shares. Each round adds a few candidates to those
 # with a share above zero, and then optimizes the shares of all these candidates.
