@@ -70,8 +70,8 @@ class Degeneracy:
     #: whether the model has a term for every nuisance coefficient in ``combination``. If a term is
     #: missing, its effect is not included in the credible intervals of the parameters.
     modelled: bool
-    #: whether the standard uncertainty of every nuisance coefficient in ``combination`` is stated:
-    #: by a certificate, or by the user, who has set it in the model instead of keeping the default
+    #: whether the standard uncertainty of every nuisance coefficient in ``combination`` is stated
+    #: by a certificate or has been set by the user; false if one of them has its default value
     stated: bool
     #: root sum of squares of the changes in ``combination``, where each change is divided by the
     #: prior standard deviation of its coefficient

@@ -420,7 +420,8 @@ class _ComparisonPlan:
 
     #: the first two models to compare, by the names that the caller gave
     pair: dict[str, HybridModel]
-    #: model with the most parameters; it is fitted to the tests at neighbouring forces
+    #: model with the most parameters; it is also fitted separately to the tests at each pair of
+    #: neighbouring forces
     largest: HybridModel
     #: the largest model, with its compliances reduced to constant or linear functions of force;
     #: models in which only some compliances change with force are derived from this model
@@ -745,12 +746,13 @@ def _begin_assumptions(
     evidences: Evidences,
     executor: Executor | None,
 ) -> Callable[[], tuple[tuple[Assumed, ...], list[Evidence]]]:
-    """Begin to compute evidences of the first two models under other assumptions.
+    """Start to compute the evidences of the first two models under alternative assumptions.
 
-    The assumptions are about the random differences between circles; ``plan`` lists them. Return a
-    function that waits for the log Bayes factors and evidences, and returns them.
-    ``nodes_by_model`` holds the evidences under the assumption in the models. ``executor`` runs the
-    computation in parallel; if it is None, this process runs it.
+    The assumptions are about the random differences between circles; ``plan`` lists the
+    alternatives to the assumption that the models make. Return a function that waits for the log
+    Bayes factors and evidences, and returns them. ``nodes_by_model`` holds the evidences of the
+    models as they are. ``executor`` runs the computation in parallel; if it is None, this process
+    runs it.
     """
     best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
     separate = evidences.apart()

@@ -64,15 +64,14 @@ class NullSpace:
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
 
     def sparse_basis(self) -> list[tuple[int, Array]]:
-        """Return the pivot and the vector of each combination in the basis.
+        """Return a basis of the combinations that change no reading: the pivot and vector of each.
 
-        Combinations whose pivot is a nuisance coefficient come first. A vector, shape (m,), holds
-        the values of the m coefficients in a combination that changes no reading. The pivot is the
-        index of the coefficient that has the value one and whose effect the other coefficients
-        cancel. The search begins with combinations of parameters alone. Combinations of one
-        nuisance coefficient with those parameters that have not become pivots follow, and then all
-        other combinations. A nuisance coefficient is left out if its effect alone changes no
-        reading noticeably.
+        The vector of a combination, shape (m,), holds the values of the m coefficients. The pivot
+        is the index of a coefficient with the value one, whose effect the other coefficients
+        cancel. First, combinations of parameters alone are searched. Then follow combinations of
+        one nuisance coefficient with parameters that are not pivots yet, and at last all other
+        combinations. A nuisance coefficient is left out if its effect alone changes no reading
+        noticeably. In the result, combinations with a nuisance coefficient as pivot come first.
         """
         columns = np.arange(len(self.largest))
         is_parameter = columns < self.parameters

@@ -147,7 +147,6 @@ def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object
     - the hyper-parameters by which this factor is multiplied;
     - the part of the prior sd that is not multiplied by hyper-parameters, because the user or a
       certificate states it.
-      user or a certificate states it.
 
     Return None if the term has no coefficient of this name.
     """

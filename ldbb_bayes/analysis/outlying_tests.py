@@ -237,9 +237,10 @@ def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
 def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
     """Return the judged tests with family-wise p-values by Holm's method.
 
-    Holm's method compares the tests in the order of their p-values and never lets an adjusted
-    p-value be smaller than that of a test compared before. ``lowest`` is therefore the least value
-    that a family-wise p-value may have: the largest one of the tests that were flagged before.
+    Holm's method orders the tests by their p-values. The family-wise p-value of a test must not be
+    smaller than that of a test before it. Tests that were flagged earlier come before all judged
+    tests: ``lowest`` is the largest of their family-wise p-values. A smaller family-wise p-value is
+    raised to this number.
     """
     p_values = np.array([judged_test.p_value for judged_test in judged.values()])
     family_wise = np.maximum(holm(p_values), lowest)

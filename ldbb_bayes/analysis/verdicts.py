@@ -161,9 +161,9 @@ class ParameterIdentifiability(Result):
     #: standard uncertainty that the parameter would have if the effects in ``partners`` were known
     #: exactly; None if ``partners`` is empty
     sd_if_known: float | None
-    #: cheapest remedy (a certificate or a change of the plan) for a large standard uncertainty of
-    #: the parameter, with the standard uncertainty after this remedy. None if no remedy reduces the
-    #: standard uncertainty by more than 10 %, or if no remedies were looked for.
+    #: cheapest remedy (a change of the plan or a certificate) that would reduce the standard
+    #: uncertainty of the parameter, with the standard uncertainty after this remedy. None if no
+    #: remedy reduces the standard uncertainty by more than 10 %, or if no remedies were looked for.
     remedy: Remedy | None
     #: ``remedy`` together with a second remedy, if the parameter is still confounded after
     #: ``remedy`` alone. None if ``remedy`` is None, if the parameter is no longer confounded after

@@ -116,13 +116,12 @@ def chart_points(
 
 
 def _history(carried: Gaussian) -> Gaussian:
-    """Return the distributions of parameters and instrument errors given the earlier campaigns.
+    """Return, for every campaign but the first, the posterior from all campaigns before it.
 
     ``carried``, shape (r, n, q), holds the likelihoods of q parameters and instrument errors from n
     campaigns in order of time, for each of r values of the machine's scatter from campaign to
-    campaign. The result has the shape (r, n − 1, q): one Gaussian distribution of the q quantities
-    for each value of the scatter and each campaign except the first. The distribution is the
-    posterior for the prior N(0, I) and all campaigns before that campaign.
+    campaign. The result has the shape (r, n − 1, q): one Gaussian posterior of the q quantities for
+    each value of the scatter and each campaign except the first. Their prior is N(0, I).
     """
     precision = np.cumsum(carried.precision[:, :-1], axis=1)
     shift = np.cumsum(carried.shift[:, :-1], axis=1)

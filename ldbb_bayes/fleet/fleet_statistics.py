@@ -303,8 +303,8 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
         Row of the campaign in the table of a batch, with the posterior moments and the priors of
         the campaign's fit.
     wanted
-        Names of the q quantities: parameters and instrument errors. Precision and shift are zero
-        for quantities that the campaign does not have.
+        Names of the q quantities (parameters and instrument errors). In the likelihood, precision
+        and shift are zero for quantities that are not in the campaign's fit.
     force_N
         Reference force common to all campaigns [N]. Compliances are converted to this force by
         means of their slopes and curvatures.

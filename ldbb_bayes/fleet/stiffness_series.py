@@ -24,12 +24,12 @@ _NOT_DETERMINED = "not determined"
 
 @dataclass(frozen=True)
 class StiffnessOfVisit(Result):
-    """One stiffness by direction at the reference force of a campaign, from this campaign alone.
+    """Stiffness in one direction, computed from the readings of one campaign alone.
 
-    The quantity may also be a ratio of stiffnesses, a direction, or a difference of compliances. If
-    the readings do not determine the quantity, its mean, uncertainties and interval are None. Only
-    the lower end of the interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower
-    limit.
+    It is given at the reference force of the campaign. The quantity may also be a ratio of
+    stiffnesses, a direction, or a difference of compliances. If the readings do not determine the
+    quantity, its mean, uncertainties and interval are None, except for the lower end of the
+    interval of a stiffness or of a ratio of stiffnesses, which is then a lower limit.
     """
 
     campaign: str  #: label of the campaign

@@ -691,8 +691,8 @@ def _conformities(
         Tolerances of quantities; the keys are the names of the quantities. If there are none,
         ``newest_tolerances`` are used.
     newest_tolerances
-        Tolerances that the newest campaign states, as JSON text. Tolerances of quantities that the
-        trend does not have are ignored.
+        Tolerances in the record of the newest campaign, as JSON text. Tolerances of quantities that
+        are not followed over time are ignored.
     """
     followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
     wanted: Mapping[str, str | Tolerance] = tolerances or {}

@@ -78,9 +78,10 @@ class Dependence:
     def remove(self, u: Array) -> IndependentPoints:
         """Convert the coordinates u of n points to nearly independent coordinates z.
 
-        z and ``u`` have the shape (n, h), with h coordinates of each point. The conversion z = (u −
-        mean) / width − offset removes the dependence of the mean and the width on the first k
-        coordinates. The result also holds the sum of the logarithms of all widths at each point.
+        z and ``u`` have the shape (n, h), with h coordinates of each point. The mean and the width
+        of a coordinate depend on the first k coordinates. The conversion z = (u − mean) / width −
+        offset removes this dependence. The result also holds the sum of the logarithms of all
+        widths at each point.
         """
         terms = _terms(u[:, : self.leading])
         log_width = _limited(terms @ self.log_width)

@@ -28,11 +28,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["log_likelihood_of_tests", "with_predictive"]
 
-# Values of ln λ at which the integrand is evaluated when λ is integrated out; the integral is
-# computed as a sum. λ is the noise factor of a circle. It multiplies two random effects on this
-# circle: the set-up shift (of zero and centre) and the discrepancy (unexplained deviations of the
-# orders 2 to 12). The distance between successive values is small compared with the width of the
-# density of ln λ.
+# Values of ln λ for integrals over λ, which are computed as sums over these values. λ is the noise
+# factor of a circle: it multiplies the random shift of the circle's zero and centre, and its
+# unexplained deviations of the orders 2 to 12. The distance between successive values is small
+# compared with the width of the density of ln λ.
 _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
 # Error allowed in each log evidence [nat], and in each logarithm of the probability that no
 # compliance is negative.

@@ -221,11 +221,11 @@ def _extend_sample(
     size: int,
     earlier: Integral | None,
 ) -> Integral:
-    """Return a sample of weighted points: new points, and the points of ``earlier`` if any.
+    """Return an earlier sample of weighted points together with new points.
 
-    ``size`` points are drawn from ``proposal`` with each of the randomised quasi-random sequences
-    ``engines``. ``log_density`` is the logarithm of the density to be integrated. ``earlier`` is a
-    sample from the same proposal, or None.
+    ``earlier`` is a sample from the same proposal; if it is None, only new points are returned.
+    ``size`` new points are drawn from ``proposal`` with each of the randomised quasi-random
+    sequences ``engines``. ``log_density`` is the logarithm of the density to be integrated.
     """
     uniform = np.concatenate([engine.random(size) for engine in engines])
     free = proposal.transform(uniform)

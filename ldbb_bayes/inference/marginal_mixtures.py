@@ -120,10 +120,11 @@ def marginal_mixtures(posterior: xr.DataTree) -> MarginalMixtures:
 
 
 def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
-    """Return the mixtures that the draws of one of the averaged models give for p parameters.
+    """Return mixture densities of p parameters, computed from posterior draws of one model.
 
-    ``draws`` holds the indices of the draws of ``model`` that are used, each of which gives one
-    component. Parameters that the model lacks are zero, with a standard deviation of zero.
+    ``model`` is one of the averaged models, and ``draws`` are the indices of the draws to use. Each
+    draw gives one component of the mixtures. If a parameter is not in the model, all its components
+    have the mean zero and the standard deviation zero.
     """
     beta = model.beta[draws]
     mean = np.zeros(beta.shape)

@@ -371,10 +371,10 @@ def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Arra
     """Return the draws of a run after burn-in, evenly thinned, shape (ensembles, draws, d).
 
     ``blocks`` holds the stored draws of d coordinates, in order of time. In later blocks, more
-    steps lie between successive stored draws. The first draws of the run, a fraction ``discard`` of
-    ``rule``, are left out as burn-in. In the result, all draws of a walker are next to each other.
-    The number of steps between successive draws is that of the last block, or larger if there are
-    very many draws.
+    steps lie between successive stored draws. The fraction ``rule.discard`` of all draws is left
+    out at the start of the run, as burn-in. In the result, all draws of a walker are next to each
+    other. The number of steps between successive draws is that of the last block, or larger if
+    there are very many draws.
     """
     steps_between_draws = blocks[-1].thin
     evenly_spaced = []
@@ -430,9 +430,9 @@ class RedrawMove:
     def _log_weight_of(self, coordinates: Array) -> Array:
         """Return the log importance weights of all walkers, shape (walkers,).
 
-        ``coordinates``, shape (walkers, d), holds the d coordinates of each walker. The weights
-        after the last `RedrawMove` are stored. They are computed anew only for walkers that a move
-        of another kind has displaced since.
+        ``coordinates``, shape (walkers, d), holds the d coordinates of each walker. The stored
+        weights are used for walkers that have not moved since the last `RedrawMove`. For all other
+        walkers, the weights are computed.
         """
         displaced = np.ones(len(coordinates), dtype=bool)
         if self._last_coordinates.size:

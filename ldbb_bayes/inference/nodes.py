@@ -418,9 +418,9 @@ class HyperPosterior:
         """Weighted random values of the hyper-parameters, drawn from a mixture.
 
         The mixture is fitted to the posterior density, and further values can be drawn from it. The
-        weights represent the posterior density. If this density includes, as a factor, the
-        probability that no compliance is negative (``truncated``), the probability is replaced by
-        an upper bound.
+        weights represent the posterior density. If ``truncated`` is true, this density has the
+        probability that no compliance is negative as a factor; here, an upper bound takes the place
+        of this probability.
         """
         sample = importance_sample(
             self._smooth_of_scores,

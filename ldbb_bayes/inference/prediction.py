@@ -216,9 +216,9 @@ def readings_drawn(
 
 
 class _MeasuredAndPlanned(NamedTuple):
-    """One model, applied twice: to the measured tests and to the planned tests.
+    """The same model for the measured tests and for the planned tests.
 
-    In both cases the model has the same nuisances (effects that are modelled but not of interest).
+    Both versions have the same nuisances (effects that are modelled but not of interest).
     """
 
     measured: BoundModel

@@ -222,8 +222,8 @@ class HyperPrior:
     def phi(self, free: Array) -> Array:
         """Return the h hyper-parameters for given unbounded coordinates, shape (..., h).
 
-        ``free``, shape (..., h), holds the coordinates, which the method `free` defines. Lengths in
-        the result are in mm.
+        ``free``, shape (..., h), holds the coordinates. The method `free` explains how they are
+        computed from the hyper-parameters. Lengths in the result are in mm.
         """
         with np.errstate(over="ignore"):
             phi = self.lower + np.exp(free)

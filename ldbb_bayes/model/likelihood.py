@@ -142,8 +142,9 @@ class StructuredGaussian:
         )
         self._kinds = kinds.ravel()
         # Each row of ``rows.variance`` holds the factors from which the variance of one observation
-        # equation is computed. All factors of an equation have the same sign, or are zero. The sign
-        # is negative only if the equation is a prior with a negative variance.
+        # equation is computed. The nonzero factors of an equation have the same sign. They are
+        # negative only in the prior of a coefficient that removes noise from the readings instead
+        # of adding noise.
         self._kind_signs = np.where(rows.variance[first].sum(axis=1) < 0.0, -1.0, 1.0)
         self._kind_variance = sparse_or_dense(np.abs(rows.variance[first]))
         # Some observation equations depend on the parameters of interest and must be evaluated in

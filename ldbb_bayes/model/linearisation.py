@@ -163,9 +163,10 @@ def estimate_machine(
 def fit_nearest(
     columns: Array, near: Array, scale: Array, reduced: Sequence[Reduced], offset: Array
 ) -> Array:
-    """Return the least-squares estimate of p parameters that is nearest to a point, shape (p,).
+    """Return a least-squares estimate of p parameters from the readings, shape (p,).
 
-    For a plan, which has no readings, return the point itself.
+    If several estimates fit the readings equally well, the one nearest to the point ``near`` is
+    returned. If there are no readings, as for a plan, ``near`` itself is returned.
 
     Parameters
     ----------
@@ -173,8 +174,7 @@ def fit_nearest(
         Reading per unit of each of the p parameters, as 25 Fourier coefficients, shape
         (tests, 25, p).
     near
-        Point in the space of the parameters, shape (p,). If several estimates fit the readings
-        equally well, the estimate nearest to this point is returned.
+        Point in the space of the parameters, shape (p,).
     scale
         Unit of each parameter when the distance from the point is computed, shape (p,).
     reduced

@@ -143,11 +143,10 @@ def heights(groups: list[ColumnGroup]) -> list[int]:
 
 
 def _bit_sets(matrix: NDArray[np.bool_]) -> list[int]:
-    """Return, for each row of a matrix, the set of columns in which the row is true, as an integer.
+    """Return one integer for each row of a matrix: bit k is set if the row is true in column k.
 
-    Bit k of the integer is set if column k belongs to the set. Sets of columns are stored as
-    integers because Python's operations on the bits of long integers are faster than NumPy's
-    operations on short arrays.
+    Each integer stands for a set of columns. Python's operations on the bits of long integers are
+    faster than NumPy's operations on short arrays.
     """
     packed = np.packbits(matrix, axis=1, bitorder="little")
     return [int.from_bytes(row.tobytes(), "little") for row in packed]

@@ -135,11 +135,10 @@ class NoisyLogProbability(NamedTuple):
 class _Solved(NamedTuple):
     """Constraints on w random vectors, and shifted densities from which the vectors are drawn.
 
-    Each of w standard normal vectors e has q elements. ``axes``, shape (w, d, q), holds the d
-    orthonormal directions of each e on which the constraints depend. ``tilted`` states the
-    constraints on the d coordinates of e along these directions, with a triangular matrix of
-    coefficients. It also states the shifts (tilts) of the density from which the coordinates are
-    drawn at random.
+    Each of the w vectors e is standard normal and has q elements. Its constraints depend only on
+    the components of e along d orthonormal directions, which ``axes``, shape (w, d, q), holds.
+    ``tilted`` states the constraints on these d components, with a triangular matrix of
+    coefficients, and the shifts (tilts) of the density from which the components are drawn.
     """
 
     tilted: Tilted
@@ -699,8 +698,9 @@ def _lattice(
 ) -> Array:
     """Return the points of a lattice, not yet reduced modulo 1, shape (dimensions, size).
 
-    Point k has the coordinates k g / size, with an integer g for each dimension. ``seed`` has an
-    effect only beyond ten dimensions, for which the integers g are random.
+    Point k has the coordinates k g / size, with an integer g for each dimension. The integers of
+    the first ten dimensions are fixed; those of further dimensions are random numbers from
+    ``seed``.
     """
     rng = np.random.default_rng([seed, 1])
     generators = list(_LATTICE)

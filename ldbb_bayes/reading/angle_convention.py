@@ -206,8 +206,8 @@ def _convention_in_words(
 
     If ``zero`` is empty, angles begin at the plane's first axis. If ``sense`` is empty and angles
     begin at the plane's first axis, they run counter-clockwise. If ``sense`` is empty and angles
-    begin at another axis, raise an `OpenQuestionError`. ``words`` are the statements in the file;
-    each of them is noted.
+    begin at another axis, raise an `OpenQuestionError`. ``words`` are the statements about angles
+    in the file; a note is added for each of them.
     """
     first_axis = f"+{plane[0]}"
     zero = zero or first_axis

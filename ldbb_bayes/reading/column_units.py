@@ -83,8 +83,8 @@ def unit_size(
         recording.log.keep(**{f"{role}_unit": usual})
         return UNITS[role][usual]
     recording.log.keep(**{f"{role}_unit": None})
-    # If one source has no unit for some rows, these rows get their units from another source that
-    # states a unit for every row.
+    # Sources that state a unit for every row come first. A source that states no unit for some rows
+    # does not contradict them.
     first, *further_evidence = sorted(evidence, key=lambda entry: _NO_UNIT in entry.units)
     is_complete = _NO_UNIT not in first.units
     for other in further_evidence:

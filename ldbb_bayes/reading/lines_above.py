@@ -53,7 +53,7 @@ Lines = Sequence[tuple[int | str, str]]
 
 @dataclass(frozen=True)
 class LineStatement:
-    """Statement of one line above a table: the value of a field of a test or campaign."""
+    """Value that a line above a table states for a field of a test or campaign."""
 
     #: stated value, in the unit with which the name of the field ends, such as mm for
     #: ``radius_mm``; NaN for a number that can be read in two ways, such as 1,000

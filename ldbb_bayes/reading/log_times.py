@@ -105,7 +105,7 @@ def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Arr
 
 
 def _without_gaps(recording: Recording, steps: Array, usual: float) -> Array:
-    """Return the time steps [s]; gaps in which the machine stood still become usual steps.
+    """Return the time steps [s], with gaps in which the machine stood still reduced to one step.
 
     A gap is a step much longer than the usual step. If the user states that the machine stood still
     in gaps, each gap is replaced by the usual step. If the user states that the machine moved on,

@@ -243,7 +243,8 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
         Line number and text of every cell.
     """
     certain: str | None = None
-    single: dict[str, tuple[int, str]] = {}  # for each mark, the first cell with only this mark
+    # The keys are comma and point. Each value is the first cell with this mark but not the other.
+    single: dict[str, tuple[int, str]] = {}
     for line, cell in cells:
         has_comma = "," in cell
         has_point = "." in cell

@@ -47,10 +47,10 @@ class OverviewLines:
 def lists_tests(sheet: Sheet, names: Collection[str]) -> bool:
     """Return whether a sheet is a list of tests, with a row for each test.
 
-    In such a sheet, cells of one column name the tests, each test once. Hardly any row with numbers
-    is without such a name. A log of readings over time is therefore not taken for a list of tests,
-    although both may have columns of times. ``names`` are the names of the other sheets and files
-    that are imported.
+    A list of tests has one column with the names of tests, each test once, and nearly every row
+    with numbers has such a name. A log of readings over time is therefore not taken for a list of
+    tests, although both may have columns of times. ``names`` are the names of the other sheets and
+    files that are imported.
     """
     wanted = {_without_blanks(name) for name in names}
     rows = [sheet.cells_as_written(row) for row in sheet.rows[:LONGEST_OVERVIEW]]

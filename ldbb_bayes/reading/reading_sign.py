@@ -145,7 +145,9 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
         if words:
             sign = _sign_of(words)
         elif not _is_open(source, text):
-            if -1 not in sources:  # this note would say that a longer bar has a positive reading
+            # The note says that a longer bar is taken to give a positive reading. It would be wrong
+            # if another text has already stated the opposite.
+            if -1 not in sources:
                 _note_unread(recording, source, text)
             continue
         if sign is not None:

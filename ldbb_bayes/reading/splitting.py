@@ -64,7 +64,8 @@ _FEWEST_MARKED = 5
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
 # Regular expression for a number that may be a result. It does not match G2, G3 or a factor of −1.
 _RESULT = re.compile(r"(?<![^\W_])(?:\d\d|\d(?<![-−]1))")
-# Fields that lines below a table may state.
+# Lines below a table may state only these fields: the length that the readings measure, and the
+# treatment of the mount's deflection. Other values in these lines may be results.
 _STATED_BELOW = ("measured", "mount")
 # Fields of a test or campaign that lines in a sheet without a table may state for all tests.
 FIELDS_OF_ALL_TESTS = {

@@ -291,10 +291,11 @@ def _constant_load(recording: Recording, key: str) -> float | None:
 
 
 def _advice(recording: Recording, usual_advice: str) -> str:
-    """Return the advice of a message on rows of one test that differ in force or direction.
+    """Return the advice to a user whose file has rows of one test with different forces.
 
-    The usual advice does not help if two columns only together identify the tests, and the user
-    states one of them as the column that names the tests.
+    The rows may also differ in direction. The usual advice does not help if the tests are
+    identified by two columns together, but the user states only one of them as the column that
+    names the tests.
     """
     headers = recording.numbering_headers
     if not headers or "test" not in recording.layout.columns:

@@ -44,8 +44,8 @@ _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation is below this fraction of
 # their median.
 _SMALLEST_SCATTER = 0.01
-# Default values for a test for which no unit was assumed, because the user or the file states the
-# unit. The function `unit_size` then uses the stated unit and ignores the default value.
+# Placeholders for the assumed unit of a test whose unit is stated by the user or the file. The
+# function `unit_size` then uses the stated unit and ignores the placeholder.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
 # Fewest readings in one turn of a test whose table has times instead of angles. If a turn has
@@ -380,8 +380,8 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     angle = trace.angle_deg
     if len(angle) < 2:
         return trace
-    # Add one step of the angles: the last reading of a full circle is usually one step before the
-    # first.
+    # The last reading of a full circle is usually one step before the angle at which the circle
+    # began. This step is therefore added to the angle that the readings cover.
     step = np.median(np.abs(np.diff(angle)))
     n_laps = float(abs(angle[-1] - angle[0]) + step) / TURN_DEG
     _check_direction(recording, trace, n_laps)

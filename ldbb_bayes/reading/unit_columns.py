@@ -77,7 +77,10 @@ def _name_of(header: str) -> str:
 
 
 def _have_common_role(header: str, partner: str) -> bool:
-    """Return whether a header and the name ``partner`` have words for the same role."""
+    """Return whether two names of columns mean the same role, such as angle.
+
+    The first name is taken from ``header``; ``partner`` is the other name.
+    """
     name = _name_of(header)
     return any(has_role(name, role) and has_role(partner, role) for role in ROLES)
 

@@ -43,10 +43,10 @@ class SheetParts:
 
 
 def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
-    """Return a dict with the hidden rows, units and formulas without a value of each sheet.
+    """Return, for each sheet, its hidden rows, its units, and its formulas without a stored value.
 
-    The keys are the names of the sheets. The dict is empty for a workbook of another format, and
-    for a workbook whose contents cannot be read. ``raw`` is the content of the file.
+    The keys of the result are the names of the sheets. ``raw`` is the content of the file. The
+    result is empty if the file is not in the format XLSX or cannot be read.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:

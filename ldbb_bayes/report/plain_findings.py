@@ -210,9 +210,9 @@ def _soft_axes(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _changes(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield one finding, on the compliance whose change with force has the most certain sign.
+    """Yield a finding on the compliance whose change with force has the most certain sign.
 
-    Nothing is yielded if no compliance has a change with force.
+    Nothing is yielded if no compliance changes with force in the model.
     """
     words = numbers.words
     probabilities = {

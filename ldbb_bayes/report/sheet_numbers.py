@@ -332,10 +332,9 @@ class SheetNumbers:
     def _path_quantities(self, force_N: float, names: Sequence[str]) -> dict[str, StatedQuantity]:
         """Return circular-test quantities of the machine's path at the force ``force_N`` [N].
 
-        ``names`` are the names of the quantities, such as ``G``. The keys of the result begin with
-        these names. At 0 N, the suffix ``_no_load`` follows in the key, and the symbol of the
-        quantity ends in _0. If several planes were tested, each key ends in the plane, as in
-        ``G_YZ``.
+        ``names`` are the names of the quantities, such as ``G``. They are also the keys of the
+        result, with two additions: ``_no_load`` at 0 N, and the plane, as in ``G_YZ``, if several
+        planes were tested. At 0 N, the symbol of a quantity ends in _0.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.numbers, [force_N], prob=prob)
@@ -387,9 +386,10 @@ class SheetNumbers:
         )
 
     def _partners_of_geometry(self) -> tuple[str, ...]:
-        """Return the names of the effects that undetermined geometric errors are confounded with.
+        """Return the effects that the readings cannot separate from undetermined geometric errors.
 
-        A geometric error is undetermined if the readings hardly determine it.
+        The effects are returned by name. A geometric error is undetermined if the readings hardly
+        determine it.
         """
         partners: dict[str, None] = {}
         for name, quantity in self.parameters.items():

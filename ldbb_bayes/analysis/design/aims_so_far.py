@@ -92,7 +92,7 @@ class ToleranceSoFar(Result):
 class Known(NamedTuple):
     """Posterior of the p parameters given the readings so far, in internal units (mm, N, rad)."""
 
-    bound: BoundModel  # model set up for (bound to) the circles run so far
+    bound: BoundModel  # model of the circles run so far
     mean: Array  # posterior means, shape (p,)
     sd: Array  # posterior standard deviations, shape (p,)
     draws: Array  # posterior draws, shape (n, p)

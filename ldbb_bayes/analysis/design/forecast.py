@@ -302,8 +302,8 @@ def _evidence(
     ``states`` are K possible states of the machine before the tests: values of its parameters and
     hyper-parameters. ``covariance`` are the posterior covariances of the p parameters in each
     state, shape (K, p, p), in units of the prior standard deviations. ``run`` is the number of
-    tests that have already been run. ``slopes`` holds the names of the slopes, and their root mean
-    square if they exist.
+    tests that have already been run. ``slopes`` holds the names of the slopes, and the root mean
+    square that the slopes are assumed to have if the compliances change with force.
     """
     if not slopes.names:
         return None

@@ -162,8 +162,8 @@ def _most_helpful(
     """Return the most helpful certificate for a goal, and ln(u/u*) with this certificate.
 
     u is the standard uncertainty of the goal's parameter ``name``, and u* the largest standard
-    uncertainty that the goal permits. All values hold after very many circles. ``floor`` is
-    ln(u/u*) without further certificates. ``floors_with`` holds ln(u/u*) with each certificate; the
+    uncertainty that the goal permits. All values of u are limits, which very many circles would
+    reach. ``floor`` is ln(u/u*) without further certificates. ``floors_with`` holds ln(u/u*) with each certificate; the
     outer keys are the names of the certificates, and the inner keys are the names of the goals'
     parameters. The result is the first of the following certificates that exists:
 

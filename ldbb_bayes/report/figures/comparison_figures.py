@@ -41,9 +41,9 @@ class _Assumption(NamedTuple):
     name: str
     log_bayes_factor: float
     error: float
-    #: log evidence for this assumption, minus the log evidence for the assumption of the compared
-    #: models [nat]; None if the assumption is about the prior of slopes (changes of compliance with
-    #: force)
+    #: log evidence for this assumption, minus the log evidence for the assumption that the compared
+    #: models make [nat]; None if the assumption is about the prior of slopes (changes of compliance
+    #: with force)
     gain: float | None
     is_allowed: bool
 
