@@ -203,7 +203,7 @@ class Population(Result):
     #: such range, the lowest force is above the highest force
     forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: the weighted sum of joint compliances that each fitted compliance stands for; the keys are the
+    #: weighted sum of joint compliances that each fitted compliance stands for; the keys are the
     #: names of the fitted compliances; empty if the batch does not state the sums
     compliances: Mapping[str, Meaning]
     #: names of the instrument errors that are the same in all campaigns, such as "mount" for the

@@ -163,9 +163,10 @@ def _most_helpful(
 
     u is the standard uncertainty of the goal's parameter ``name``, and u* the largest standard
     uncertainty that the goal permits. All values of u are limits, which very many circles would
-    reach. ``floor`` is ln(u/u*) without further certificates. ``floors_with`` holds ln(u/u*) with each certificate; the
-    outer keys are the names of the certificates, and the inner keys are the names of the goals'
-    parameters. The result is the first of the following certificates that exists:
+    reach. ``floor`` is ln(u/u*) without further certificates. ``floors_with`` holds ln(u/u*) with
+    each certificate; the outer keys are the names of the certificates, and the inner keys are the
+    names of the goals' parameters. The result is the first of the following certificates that
+    exists:
 
     1. the first single certificate with which the goal is reached;
     2. "all certificates together", if the goal is reached with all certificates;
