@@ -86,7 +86,7 @@ class _WeightedModels:
 
     @property
     def bounds(self) -> list[BoundModel]:
-        """Return each model of the average, bound to the campaign."""
+        """Return the models over which the average is taken, each bound to the campaign."""
         return [nodes.bound for nodes in self.nodes]
 
     @property

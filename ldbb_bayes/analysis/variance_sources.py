@@ -335,9 +335,9 @@ def weights_of_parameters(information: Information) -> Array:
 
 
 def _without_noise(information: Information, known: Sequence[str]) -> Information:
-    """Return the information that the readings would give without the noise of some model terms.
+    """Return the linear model of the readings without the random effects of the terms ``known``.
 
-    ``known`` are the class names of these terms.
+    ``known`` holds class names of model terms.
     """
     if not known:
         return information

@@ -54,7 +54,7 @@ _COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "rea
 
 
 def campaign_from(path: Path, **options: Any) -> lb.Campaign:
-    """Return the campaign whose file or folder a command's argument names.
+    """Return the campaign in the file or folder that the user names as argument of a command.
 
     Parameters
     ----------

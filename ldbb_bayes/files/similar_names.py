@@ -10,8 +10,8 @@ from ldbb_bayes.errors import nearest
 
 __all__ = ["advice_on_path"]
 
-# Two names count as similar if their ratio (`difflib.SequenceMatcher.ratio`) is at least this
-# value.
+# Two names count as similar if their similarity, computed by `difflib.SequenceMatcher.ratio`, is at
+# least this value.
 _SIMILAR = 0.6
 # Largest number of names in a folder with which a misspelt name is compared.
 _MOST_NAMES = 2000

@@ -253,8 +253,8 @@ class RatioSampler:
     ) -> RatioIntegral | None:
         """Return the integral of a density g, computed from g / f at a sample of the nodes.
 
-        f is the similar density whose integral is known. The nodes are the points, with weights, of
-        this known integral.
+        f is a density that is similar to g, and its integral is known as a sum over weighted nodes
+        (points).
 
         Parameters
         ----------

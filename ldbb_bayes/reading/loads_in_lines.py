@@ -34,7 +34,7 @@ class LoadInLine(NamedTuple):
     value: float  #: load in N or bar, as ``key`` states; NaN if it is uncertain
     line: int | str  #: number of the line
     text: str  #: text of the line
-    is_clear: bool  #: whether the line has no words for anything but a test, its load and direction
+    is_clear: bool  #: whether the line states only a test, its load and its direction
 
 
 def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLine]:

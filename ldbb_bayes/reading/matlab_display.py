@@ -173,7 +173,8 @@ def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
 def _display(sheet: Sheet, shown: _Shown) -> _Display:
     """Return a displayed matrix, with its numbers multiplied by the factor above them.
 
-    A factor is not used if a command or the name of another variable follows before the numbers.
+    A factor is not used if a command or the name of another variable stands between the factor and
+    the numbers.
     """
     display = _Display()
     for row in shown.above:

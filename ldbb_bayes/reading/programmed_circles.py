@@ -172,10 +172,10 @@ def _coordinates(programme: _Programme, block: str) -> dict[str, float]:
 def _start_of_arc(programme: _Programme, block: str) -> dict[str, float] | None:
     """Return the start of an arc relative to its centre [mm]; None if it is not known.
 
-    The keys are the axes. The block states the centre relative to the start, or else the centre is
-    known relative to the zero point of the programme, as a pole is. In the second case, the arc
-    starts at the end of the last motion. If this point is not known, the end of the arc is used,
-    because a full circle ends where it starts.
+    The keys are the axes. ``block`` is the line of the programme that describes the arc. In most
+    programmes, it states the centre relative to the start. If the centre is stated relative to the
+    zero point of the programme instead, the arc starts at the end of the last motion. If this point
+    is not known, the end of the arc is used, because a full circle ends where it starts.
     """
     centre = {}
     for match in _CENTRE.finditer(block):

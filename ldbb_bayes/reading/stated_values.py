@@ -364,9 +364,9 @@ def _directions_above(recording: Recording) -> _StatedSenses:
 def _source_of_direction(recording: Recording) -> str:
     """Return a text for messages that says where the direction of travel is stated.
 
-    The places are a list of tests on another sheet, a line above or below the table, and the name
-    of the test. The cells of a list of tests are among the lines above the table, but have a text
-    such as "3 of notes.txt" in place of a line number.
+    The text names a list of tests on another sheet, a line above or below the table, or the name of
+    the test. In ``recording``, an entry of a list of tests is stored with the lines above the
+    table, but with a text such as "3 of notes.txt" in place of the line number.
     """
     for line, text in recording.heading.lines_above:
         if directions_stated([(line, text)]):

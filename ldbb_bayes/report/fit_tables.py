@@ -504,8 +504,8 @@ def results_table(
     """Return a table of the results of a fit, one row for each parameter.
 
     The columns are the value, u, U (k = 2), the credible interval, the stiffness and the verdict.
-    The change of each compliance over the tested forces has a row in place of slopes, which are the
-    coefficients of this change.
+    Instead of the slopes, which are the coefficients of compliances as functions of force, the
+    table shows the change of each compliance over the tested forces.
 
     Parameters
     ----------

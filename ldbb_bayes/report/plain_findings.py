@@ -349,12 +349,11 @@ def _not_determined(numbers: SheetNumbers) -> str:
 
 
 def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> Iterator[str]:
-    """Yield sentences on steps that reduce the uncertainty of further parameters.
+    """Yield one sentence for each further step that makes some parameters more certain.
 
-    A further parameter is one whose uncertainty the best step does not reduce. Each step reduces
-    one effect. The keys of ``helped_by_step`` are these effects, as class names of model terms.
-    Each value holds the symbols of the parameters that become more certain if the effect is
-    reduced.
+    These are the parameters whose uncertainty the best step does not reduce. A step makes one
+    effect smaller. The keys of ``helped_by_step`` are the effects, as class names of model terms;
+    each value holds the symbols of the parameters that the step makes more certain.
     """
     for name, symbols in helped_by_step.items():
         yield words(

@@ -264,9 +264,9 @@ class _Search:
         self._inflation = np.inf
         #: whether the largest campaign of at least one family reaches all goals
         self.is_reachable = False
-        #: campaign that comes nearest to the goals without reaching them. Only the largest campaign
-        #: of each family is considered. The campaign stored is the one that meets all goals on the
-        #: largest share of the possible machines.
+        #: campaign that comes nearest to the goals without reaching them: it meets all goals on a
+        #: larger share of the possible machines than any other. Only the campaign with the largest
+        #: number of circles is considered in each family.
         self.nearest: FoundCampaign | None = None
         #: computing effort so far: sum of n² over all full forecasts of campaigns of n circles,
         #: without the forecasts of the largest campaigns of the families

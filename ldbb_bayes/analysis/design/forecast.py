@@ -324,7 +324,7 @@ def _evidence(
 
 
 def _undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return the forecast of tests that do not determine all parameters, with infinite values."""
+    """Return the forecast if the tests do not determine all parameters: infinite uncertainties."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(

@@ -444,7 +444,7 @@ def _near_misses(
 def _plans_of(
     campaigns: Sequence[FoundCampaign], goals: Mapping[str, Goal], costs: Costs, steps: _Steps
 ) -> tuple[GoalPlan, ...]:
-    """Return campaigns with their costs and forecasts. ``steps`` counts the finished steps."""
+    """Return campaigns with their costs and forecasts. ``steps`` reports the progress."""
     steps.finish(_SHOWN)
     plans = []
     for campaign in campaigns:

@@ -1,6 +1,6 @@
 """Nuisance terms for form errors of the balls, and for geometric and cyclic errors of the machine.
 
-Nuisance terms are effects that are modelled but not of interest. Both effects are sums of harmonics
+Nuisance terms are effects that are modelled but not of interest. The errors are sums of harmonics
 cos nθ and sin nθ, where θ is the angle on the circle and n the order. Form errors of the balls have
 orders from 2. Only those errors of the machine that have orders from 4 are described here.
 """
