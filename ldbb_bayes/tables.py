@@ -414,7 +414,7 @@ class _RowsInstead(NamedTuple):
     The data frame itself keeps the replaced rows.
     """
 
-    #: names of the replaced rows, which only `ReadableFrame.details` displays
+    #: names of the rows that are not displayed; only `ReadableFrame.details` displays them
     replaced: tuple[str, ...]
     #: substitutes: the keys are the names of the rows, and each value is a dictionary of cells
     #: whose keys are the names of the columns

@@ -63,7 +63,7 @@ class Assumed:
 
     @property
     def best(self) -> float:
-        """Larger of the two log evidences under the assumption [nat]."""
+        """Log evidence of the better of the two models [nat]."""
         return max(self.log_evidence.values())
 
 

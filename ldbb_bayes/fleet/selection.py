@@ -57,14 +57,15 @@ class CaveatKind(StrEnum):
 
 @dataclass(frozen=True)
 class Caveat(Result):
-    """One limitation of a trend or a population, from which a sentence for the user is made."""
+    """One limitation of a trend or a population. Reports describe it to the user in a sentence."""
 
     kind: CaveatKind
     #: names of the campaigns, machines or parameters that the limitation concerns
     names: tuple[str, ...] = ()
-    #: numbers that the sentence on the limitation states, such as a force in N
+    #: numbers that appear in the sentence that describes the limitation, such as a force in N
     values: tuple[float, ...] = ()
-    text: str = ""  #: text that the sentence on the limitation quotes, such as a date
+    #: text, such as a date, that is quoted in the sentence that describes the limitation
+    text: str = ""
 
 
 def check_rows(rows: pd.DataFrame) -> None:

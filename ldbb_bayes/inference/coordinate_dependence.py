@@ -38,8 +38,8 @@ _FARTHEST = 5.0
 # replaced by the limit, so that the fit is not extrapolated.
 _LARGEST_LOG_WIDTH = 1.0
 # A coefficient of a polynomial is set to zero unless its absolute value exceeds this number of
-# standard errors. The polynomials state how the mean and the logarithm of the width of a coordinate
-# depend on other coordinates.
+# standard errors. The polynomials describe how the mean and the logarithm of the width of a
+# coordinate depend on other coordinates.
 _SIGNIFICANT = 3.0
 # Number of steps of Fisher's method of scoring by which the widths of the coordinates are fitted.
 _STEPS = 4
@@ -56,11 +56,11 @@ class IndependentPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """Coefficients that state how means and widths of h coordinates u depend on other coordinates.
+    """Polynomials for the means and widths of h coordinates u as functions of other coordinates.
 
-    The rows of ``mean`` and of ``log_width`` hold the coefficients of the constant 1, of the first
-    k coordinates, and of their squares. The mean and the width of a coordinate depend only on
-    coordinates with a smaller index.
+    The mean and the width of a coordinate depend only on coordinates with a smaller index. The rows
+    of ``mean`` and of ``log_width`` hold the coefficients of the constant 1, of the first k
+    coordinates, and of the squares of these coordinates.
     """
 
     #: coefficients for the means of the h coordinates, shape (1 + 2 k, h)

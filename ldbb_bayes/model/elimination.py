@@ -119,9 +119,9 @@ class Front(NamedTuple):
     #: m to the later columns that change when the group is eliminated, and one to the right-hand
     #: side.
     shape: tuple[int, int, int]
-    #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
-    #: all are positive. A pivot is negative where a prior variance is negative
-    #: (`Observations.signs`).
+    #: Signs (+1 or −1) of the pivots of the s columns of each group, shape (groups, s); None if all
+    #: are positive. A pivot is negative if the prior variance of its coefficient is negative, see
+    #: `Observations.signs`.
     signs: Array | None
     #: Indices of the s columns of each group in the design matrix, shape (groups, s).
     columns: NDArray[np.intp]

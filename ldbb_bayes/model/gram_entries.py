@@ -71,8 +71,9 @@ class _DenseGram(NamedTuple):
     #: For each group of columns, the indices of the k kinds of rows (rows with the same variance)
     #: over which the scalar products of the group's columns are summed, shape (groups, k).
     kinds: NDArray[np.intp]
-    #: Gram entries (scalar products of columns of the design matrix) for each of k kinds of rows,
-    #: shape (groups, columns, entries of a column, k).
+    #: Scalar products of columns of the design matrix, shape (groups, columns, entries of a column,
+    #: k). Each product is summed separately over the rows of each of k kinds; rows of one kind have
+    #: the same variance.
     products: Array
 
     def assemble(self, weight: Array, entries: Array) -> None:

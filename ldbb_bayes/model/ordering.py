@@ -222,10 +222,10 @@ def _merge(single: list[_Node]) -> list[_Node]:
     while merged:
         merged = False
         count = Counter(node.shape for node in nodes.values())
-        # Nodes (sets of columns) are called copies of each other if they have equal numbers of
-        # columns and change equal numbers of later columns. If a node is merged into its parent,
-        # copies of the node are merged into copies of the parent. The merged node therefore has as
-        # many copies as the parent had.
+        # Nodes (sets of columns) with the same shape are called copies of each other: they have
+        # equal numbers of columns, and change equal numbers of later columns. If a node is merged
+        # into its parent, its copies are assumed to be merged into copies of the parent. The merged
+        # node then has as many copies as the parent had.
         copies = {k: count[node.shape] for k, node in nodes.items()}
         for k in sorted(nodes):
             node = nodes[k]

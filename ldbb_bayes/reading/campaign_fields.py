@@ -107,7 +107,7 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
     Parameters
     ----------
     recordings
-        Recordings of all tests.
+        Rows and statements of each test in the files.
     key
         Name of the field.
     """

@@ -145,11 +145,11 @@ def _check_unread_planes(sheet: Sheet, heading: Heading, cells: Sequence[Sequenc
 def check_directions(
     sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]], layout: Layout
 ) -> None:
-    """Raise an `InputError` for a column without a role that may hold directions of travel.
+    """Raise an `InputError` for an unused column that may hold directions of travel.
 
     The cells of such a column are words such as CW, or they are signs such as + and − and the
     header has a word for travel. No error is raised if the user states directions, or if another
-    column has the role of direction. ``heading`` is the heading of the table, and ``cells`` holds
+    column is known to hold directions. ``heading`` is the heading of the table, and ``cells`` holds
     the cells of each column.
     """
     if "direction" in heading.roles or layout.direction is not None:
@@ -206,7 +206,7 @@ def check_angle_columns(sheet: Sheet, heading: Heading, cells: Sequence[Sequence
 
 
 def _free_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
-    """Return the indices of the columns that have cells but no role, such as angle."""
+    """Return the indices of the columns that have cells, but are not used for any quantity."""
     in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
     return [k for k, column_cells in enumerate(cells) if column_cells and k not in in_use]
 

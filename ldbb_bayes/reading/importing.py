@@ -232,8 +232,8 @@ def _select_tables(
 def _sheets_of_file(path: Path, layout: Layout, is_only_file: bool) -> list[Sheet]:
     """Return the sheets of a file.
 
-    If several files are imported, an error message advises leaving this file out. The message for
-    an empty file always gives this advice.
+    If the file cannot be read and other files are imported too, the error message advises leaving
+    this file out.
     """
     try:
         return read_sheets(

@@ -126,12 +126,10 @@ class _SheetColumns:
         yield RowUnits([format_units.get(place, "") for place in places], source)
 
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
-        """Return the cells of a column in some rows.
+        """Return the cells of a column in the given rows, with the units after their numbers.
 
-        Each cell is returned with the unit that stood after its number in the file. The function is
-        also used for a column of units: the cell "0.1 µm" of such a column is a unit with a factor,
-        which is returned in full. ``column`` and ``rows`` are the indices of the column and of the
-        rows.
+        In a column of units, a cell such as "0.1 µm" is a unit with a factor, and is therefore
+        returned in full. ``column`` and ``rows`` are the indices of the column and of the rows.
         """
         texts = []
         for row in rows:

@@ -73,15 +73,15 @@ def take_start_times(
     Start times are the dates and times that columns, lines above the tables, and names of files
     state. They are used, and noted, only if they are known for all tests and no test states the
     field ``time_s``. If start times are not known for all tests, the tests are assumed to have been
-    run in the order in which they are listed. This assumption is noted with the reason, unless
-    options state an order or state that there is no drift.
+    run in the order in which they are listed. This assumption is noted with the reason, unless the
+    user gives an order or says that there is no drift.
 
     Parameters
     ----------
     campaign
-        Fields of the campaign that options state.
+        Fields of the campaign that the user's options set.
     recordings
-        Recordings of all tests, to whose fields the times are added.
+        Rows and statements of each test in the files. The start times of the tests are added.
     log
         Log to which the assumptions are added.
 

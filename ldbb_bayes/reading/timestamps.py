@@ -126,7 +126,7 @@ def without_stamps(text: str) -> str:
 
 
 def _rank_of(words: str) -> Rank | None:
-    """Return the rank of a timestamp, which follows from the words before it.
+    """Return how reliable a timestamp is as the time of a test, judged by the words before it.
 
     ``words`` is the text before the timestamp. It begins at the previous timestamp in the line, or
     at the beginning of the line if there is none. The result is None if the words show that the

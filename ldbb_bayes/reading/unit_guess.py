@@ -70,7 +70,7 @@ _TURN_DEG = 360.0
 # multiple of a full turn by at most this number of steps. A step is the difference of successive
 # angles.
 _STEPS_OF_TURN = 1.5
-# Largest possible step from one angle of a circle to the next [deg].
+# Largest step from one angle of a circle to the next that is thought possible [deg].
 _LARGEST_STEP_DEG = 45.0
 
 

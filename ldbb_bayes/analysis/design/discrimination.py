@@ -21,7 +21,7 @@ __all__ = ["DECISIVE", "Discrimination", "discrimination_of"]
 # Evidence is called decisive if the absolute value of the log Bayes factor is at least this number
 # [nat] (Kass and Raftery 1995: "very strong").
 DECISIVE = 5.0
-# Probabilities of the log Bayes factor are computed from this number of quasi-random samples for
+# The distribution of the log Bayes factor is computed from this number of quasi-random samples for
 # each value of the hyper-parameters.
 _POINTS = 256
 # Lower limit for two quantities, to avoid a division by zero: the variances of the components of

@@ -324,10 +324,10 @@ def _goals_so_far(
 def _tolerances_so_far(
     tolerances: Mapping[str, ToleranceState], after: Array
 ) -> dict[str, ToleranceSoFar]:
-    """Return the decisions on tolerances: now, and after the best next circle.
+    """Return, for each tolerance, the present decision and whether the next circle may decide it.
 
-    ``after`` are the covariances of the parameters after the best next circle. The keys of the
-    result are the names of the quantities with tolerances.
+    ``after`` are the covariances of the parameters that are expected after the best next circle.
+    The keys of the result are the names of the quantities with tolerances.
     """
     return {name: state.so_far(after) for name, state in tolerances.items()}
 
