@@ -40,9 +40,9 @@ _TERMINAL_LINES = 24
 # Largest number of lines of a table that ``print`` shows with all columns. From a longer table,
 # ``print`` leaves out the columns that do not fit side by side.
 _SCREEN_LINES = 45
-# Smallest widths of the heads of columns [characters]. Heads are broken into lines, but are not
-# made narrower than the first of these widths. As long as the table is too wide, the next width is
-# tried.
+# Smallest widths of the headings of columns [characters]. Headings are broken into lines, but are
+# not made narrower than the first of these widths. As long as the table is too wide, the next width
+# is tried.
 _HEAD_WIDTHS = (12, 9, 7, 1)
 # Number of spaces between the columns of a displayed table.
 _GAP = 2
@@ -111,7 +111,7 @@ class Table:
     """
 
     caption: str
-    heads: tuple[str, ...]  #: heads of the columns, each with its unit, such as force (N)
+    heads: tuple[str, ...]  #: headings of the columns, each with its unit, such as force (N)
     numeric: tuple[bool, ...]  #: whether each column holds numbers, which are aligned right
     #: rows of cells; the first cell of a row is the name of the row
     rows: tuple[tuple[Any, ...], ...]
@@ -125,9 +125,9 @@ class Table:
         *,
         text: Collection[str] = (),
     ) -> Self:
-        """Return a table with a caption, the heads of its columns, and its rows of cells.
+        """Return a table with a caption, the headings of its columns, and its rows of cells.
 
-        All columns hold numbers, except the first column and the columns whose heads are in
+        All columns hold numbers, except the first column and the columns whose headings are in
         ``text``.
         """
         numeric = tuple(position > 0 and head not in text for position, head in enumerate(heads))
@@ -140,8 +140,8 @@ class Table:
     def text(self, width: int = 120) -> str:
         """Return the table as lines of at most ``width`` characters, if its cells are short enough.
 
-        If the table is too wide, the heads of its columns are broken into lines. If it is still too
-        wide, columns with the same value in every row are left out, and these values are stated
+        If the table is too wide, the headings of its columns are broken into lines. If it is still
+        too wide, columns with the same value in every row are left out, and these values are stated
         once below the table. If that is not enough, the cells of further columns are moved to lines
         beneath their rows: first the cells of columns with texts, then of columns with numbers, and
         finally of columns with an estimate or its uncertainty.
@@ -166,7 +166,7 @@ class Table:
         """Return the table as HTML; special characters in its texts are escaped."""
         heads = [typeset(head) for head in self.heads]
         head_tags = ['th scope="col"'] * len(heads)
-        # Narrow screens show each cell after the head of its column.
+        # Narrow screens show each cell after the heading of its column.
         cell_tags = [f'td data-head="{html.escape(head)}"' for head in heads[1:]]
         row_tags = ['th scope="row"', *cell_tags]
         head = self._html_row(head_tags, heads)
@@ -200,7 +200,7 @@ class _TextLayout:
         self._columns = list(range(len(self._heads)))
         self._constant: list[int] = []
         self._beneath: list[int] = []
-        # Lines into which the head of each column is broken; the unit is on a separate line.
+        # Lines into which the heading of each column is broken; the unit is on a separate line.
         self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
 
     def text(self) -> str:
@@ -241,10 +241,10 @@ class _TextLayout:
     def _fit(self) -> None:
         """Change the layout until the table fits the width, if possible.
 
-        First, the heads of columns are broken into lines. If the table is still too wide, columns
-        with the same value in all rows are left out, and these values are stated once below the
-        table. If that is not enough, the cells of further columns are moved to lines beneath their
-        rows.
+        First, the headings of columns are broken into lines. If the table is still too wide,
+        columns with the same value in all rows are left out, and these values are stated once below
+        the table. If that is not enough, the cells of further columns are moved to lines beneath
+        their rows.
         """
         self._break_heads(1)
         if self._is_too_wide() and len(self._rows) > 1:
@@ -282,7 +282,7 @@ class _TextLayout:
         return self._width_with(column, self._head_lines[column])
 
     def _width_with(self, column: int, head_lines: Sequence[str]) -> int:
-        """Return the width [characters] of a column whose head has the lines ``head_lines``.
+        """Return the width [characters] of a column whose heading has the lines ``head_lines``.
 
         ``column`` is the index of the column.
         """
@@ -329,7 +329,7 @@ class _TextLayout:
         return (" " * _GAP).join(aligned).replace(_NO_BREAK, " ").rstrip()
 
     def _entries(self, row: Sequence[str], columns: Iterable[int]) -> str:
-        """Return the cells of a row in the given columns as text, each with the head of its column.
+        """Return the cells of a row in the given columns as text, each after its column's heading.
 
         An example is "noise 0.12 µm; direction: CW". ``columns`` are indices of columns. Empty
         cells are left out.

@@ -37,7 +37,7 @@ _INSTRUMENT_HYPERS = ("tau", "decay")
 
 
 class Conflict(NamedTuple):
-    """The error of the common instrument on whose size two campaigns disagree most.
+    """Error of the common instrument for which the estimates from two campaigns differ most.
 
     ``coefficient`` is the name of the nuisance coefficient that describes the error.
     """

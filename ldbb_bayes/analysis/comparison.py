@@ -694,9 +694,9 @@ def _models_by_slope_scale(
 
 
 def _change_of_slope_scale(scale: float) -> sensitivity.Change:
-    """Return a function that takes a model and returns the model with another prior of slopes.
+    """Return a function that takes a model and returns it with another prior width of the slopes.
 
-    Slopes are changes of compliance with force; ``scale`` is the scale of their prior.
+    Slopes are changes of compliance with force; their prior sd is proportional to ``scale``.
     """
 
     def change(model: HybridModel) -> HybridModel:

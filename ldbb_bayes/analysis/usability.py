@@ -60,7 +60,7 @@ class Reason(Result):
 
 @dataclass(frozen=True)
 class Judgement(Result):
-    """Judgement whether the values on a certificate can be used.
+    """Whether the values on the certificate that a report contains can be used, and why not.
 
     ``reasons`` are all reasons against the use of the values, the most serious first.
     """

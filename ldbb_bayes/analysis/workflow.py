@@ -112,8 +112,8 @@ class Workflow(Result):
     #: comparison of every circle with the prediction from the other circles; the keys are names of
     #: tests
     left_out: dict[str, LeftOutCircle]
-    #: result of `calibrate_posterior`: ranks of true values among posterior draws of simulated
-    #: campaigns, for machines like this one
+    #: result of `calibrate_posterior`: ranks of true values among posterior draws, for simulated
+    #: campaigns whose true values are drawn from the posterior of this campaign
     calibration: Validation
     #: weights of the mixture of models that is best at predicting circles that were left out; the
     #: keys are names of models

@@ -158,7 +158,7 @@ def find_cheapest_campaigns(
 ) -> dict[str, Any]:
     """Find the cheapest campaigns that reach the goals, and write the files of these campaigns.
 
-    The search is that of the command ``design`` with ``--goal``, and so are the files.
+    The search and the files are the same as those of the command ``design`` with ``--goal``.
 
     Parameters
     ----------

@@ -593,7 +593,7 @@ def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
 
 
 def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark on the times from which a fit will compute the drift of bar and circle."""
+    """Add a remark on the run times from which a fit will compute the effects of drift."""
     number = len(campaign.tests)
     times_s = [test.time_s for test in campaign.tests if test.time_s is not None]
     span_min = None

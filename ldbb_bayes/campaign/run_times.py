@@ -21,9 +21,9 @@ class TimeSource(StrEnum):
 
     TIMES = "times"  #: the start time (``time_s``) given for every test
     LISTED = "listed order"  #: the order in which the tests are listed, one test every six minutes
-    #: no source: the times are unknown, because the tests were run in random order
+    #: the times are unknown, because the tests were run in random order
     RANDOM = "random order"
-    #: no source is needed, because the user has declared that nothing drifted between tests
+    #: no times are needed, because the user has declared that nothing drifted between tests
     NO_DRIFT = "no drift"
 
 

@@ -32,8 +32,8 @@ __all__ = [
     "summarize_nuisances",
 ]
 
-# Entries of a posterior's record that the JSON result of a fit leaves out: entries that serve only
-# to rebuild the campaign and the model, and entries whose contents the result states with each
+# Entries of a posterior's record that are not copied into the JSON result of a fit. Some of them
+# serve only to rebuild the campaign and the model; the result states the others with each
 # parameter.
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")

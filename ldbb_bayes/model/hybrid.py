@@ -735,7 +735,7 @@ class BoundModel(Shown):
         self.interest = self._interest_columns()
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
-        """Return the conditions of all tests, completed with estimates of the machine's parameters.
+        """Return the conditions of all tests, and effects linearised at estimated parameters.
 
         The module `linearisation` explains which effects on the readings depend on these estimates.
         If the campaign is a plan that was designed from another campaign (its pilot), the
@@ -1247,9 +1247,9 @@ def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
 
 
 def _reduce_plan(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return the angles of every test of a plan as a `Reduced` object without readings.
+    """Return a `Reduced` object without readings for every test of the plan ``campaign``.
 
-    ``campaign`` is the plan. Tests with equal angles share one `Reduced` object.
+    Tests with equal angles share one `Reduced` object.
     """
     reduced_by_angles: dict[bytes, Reduced] = {}
     for test in campaign.tests:

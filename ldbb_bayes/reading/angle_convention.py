@@ -190,9 +190,9 @@ def _is_inseparable(text: str) -> bool:
 
 
 def _states_only_unit(line: int | str, text: str, fields: Collection[str]) -> bool:
-    """Return whether a line states the unit of angles, and goes on with another statement.
+    """Return whether only the unit of angles was understood in a line that says more.
 
-    ``fields`` are the fields that the line states.
+    ``fields`` are the fields of a test or campaign whose values were found in the line.
     """
     if set(fields) != {"angle_unit"}:
         return False

@@ -95,7 +95,7 @@ class _Programme:
 
 
 def programs_arc(text: str) -> bool:
-    """Return whether a line of text is a block of a programme for an arc."""
+    """Return whether a line of text is a block of an NC programme that moves along an arc."""
     text = text[:LONGEST_TEXT]
     return _ARC.search(text) is not None or _ARC_AROUND_POLE.search(text) is not None
 

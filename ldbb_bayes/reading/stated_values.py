@@ -158,14 +158,14 @@ def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
 
 
 def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
-    """Return the values that lines above the table and names state for a quantity.
+    """Return the values of a quantity that are stated in lines above the table or in names.
 
     Such values are used only if neither the user nor a column states the quantity. ``key`` is the
-    field of the quantity, such as force_N. The values in lines come first; among them, values with
-    a reason in ``doubt`` are last. They are followed by the values in names of test, column, sheet
-    and file. For a radius, the radii of arcs in G-code are added at the end. The feed in G-code is
-    used only if no other line states a feed. ``recording`` holds the rows of the test in its file,
-    and all statements about the test.
+    field of the quantity, such as force_N. The values in lines come first; among them, doubtful
+    values are last. They are followed by the values in names of test, column, sheet and file. For a
+    radius, the radii of arcs in G-code are added at the end. The feed in G-code is used only if no
+    other line states a feed. ``recording`` holds the rows of the test in its file, and all
+    statements about the test.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):

@@ -117,13 +117,13 @@ def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> N
 
 
 def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutside]:
-    """Yield the lines and cells outside the table of a test.
+    """Yield the lines and cells outside the table of a test, and whether they were used.
 
     Lines above the table, and lines of sheets without a table, count as used if they state a field
-    of a test or campaign, or the direction of travel. A line below the table counts as used if it
-    states the direction of travel; whether it was used otherwise is known from notes that cite it.
-    Cells beside the table count as not used. ``last_line`` is the number of the last line of the
-    table.
+    of a test or campaign, or the direction of travel. A line below the table counts as used here
+    only if it states the direction of travel; other uses of it follow from notes that name the
+    line. Cells beside the table count as not used. ``last_line`` is the number of the last line of
+    the table.
     """
     for line, text in (*recording.heading.lines_above, *recording.lines_of_all_tests):
         fields = set(statements_in([(line, text)])) - _CITED_WHERE_USED

@@ -29,7 +29,7 @@ _EQUATION = re.compile(r"[^\W\d]\w*\s*=\s*[+\-−(]*[^\W\d]")
 
 
 def unused_segments(text: str, reasons: str) -> str:
-    """Return the unused segments of a line, divided by semicolons.
+    """Return the unused segments of a line, joined by semicolons.
 
     A segment is unused if nothing was taken from it. Centres of circles are left out, because
     another note shows them.

@@ -198,7 +198,7 @@ class GoalDesign(Result):
 
     @property
     def too_long(self) -> bool:
-        """Whether too short a machine time may be the reason that no campaign reaches the goals."""
+        """Whether a longer machine time might allow a campaign to reach the goals."""
         is_reachable = len(self.unreachable) < len(self.goals)
         is_limited = self.costs.hours is not None
         return not self.plans and is_reachable and is_limited and not self.near_misses

@@ -31,7 +31,7 @@ _EQUALITY_TOLERANCE = 1e-9
 _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round of the optimization of shares.
 _SOLVER_ITERATIONS = 40
-# Largest number of candidates that one round adds to those whose shares are optimized.
+# Largest number of candidates that one round of the optimization adds.
 _JOINING_CANDIDATES = 3
 # Number of candidate tests that take part in the first round of optimization. They are evenly
 # spread over the list of all candidate tests.
@@ -77,12 +77,12 @@ def is_better(value: float, reference: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Optimum(Shown):
-    """Shares (fractions) of N tests among candidates, their criterion Φ, and the sensitivities.
+    """How N tests are shared among candidates, the criterion Φ, and its sensitivities.
 
-    A candidate is a test that could be run; the criterion is the figure of merit. The sensitivity
-    of candidate i is N ∂Φ/∂n_i, the derivative of Φ with respect to its number n_i of tests, times
-    N. If the shares are the best, no sensitivity exceeds the mean of all sensitivities, weighted by
-    the shares.
+    A candidate is a test that could be run. Its share is the fraction of the N tests that are runs
+    of this candidate. The criterion is the figure of merit. The sensitivity of candidate i is N
+    ∂Φ/∂n_i, the derivative of Φ with respect to its number n_i of tests, times N. If the shares are
+    the best, no sensitivity exceeds the mean of all sensitivities, weighted by the shares.
     """
 
     #: share of each candidate test: its number of runs divided by the number of all runs, shape

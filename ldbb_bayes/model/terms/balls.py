@@ -263,14 +263,14 @@ class BallForm(Term):
         return np.asarray(np.sqrt(_VARIANCE_PER_SPHERICITY) * sphericity * relative)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield what the term assumes about the form error of each ball, order by order.
+        """Yield the assumed amplitudes of the balls' form errors, with their uncertainties.
 
-        ``campaign`` holds the certificates and grades of the balls. For each order, the result
-        holds an amplitude and its standard uncertainty. They are taken from a ball's certificate if
-        it states this harmonic; otherwise the amplitude is zero. If a certificate or grade states
-        the deviation from sphericity, the orders are 2 to 12. Otherwise they are 2, 3 and the
-        orders of all harmonics in the certificate. The contribution of the hyper-parameter τ to the
-        prior sds is not included. If the field ``law`` is ``1/n``, nothing is yielded.
+        ``campaign`` holds the certificates and grades of the balls. The amplitude and its standard
+        uncertainty are taken from a ball's certificate if it states the harmonic of this order;
+        otherwise the amplitude is zero. If a certificate or grade states the deviation from
+        sphericity, the orders are 2 to 12. Otherwise they are 2, 3 and the orders of all harmonics
+        in the certificate. The contribution of the hyper-parameter τ to the prior sds is not
+        included. If the field ``law`` is ``1/n``, nothing is yielded.
         """
         if self.law != "decay":
             return
@@ -383,7 +383,7 @@ class MachinePattern(Term):
     """Geometric errors of higher orders and cyclic errors: cos nθ, sin nθ, n = 4 … 12.
 
     These errors are called the machine's pattern; θ is the angle on the circle. The prior sd of
-    each coefficient is ω (n/6)^(−p), with the hyper-parameters ω (scale at order 6) and p (decay
+    each coefficient is ω (n/6)^(−p), with the hyper-parameters ω (prior sd at order 6) and p (decay
     with order, the same as for the form errors of the balls). The pattern is the same in all tests
     of one plane, direction of travel and radius. The term has an effect only if the clocking of a
     ball (the angle by which it is turned in its socket) differs between tests, or if a certificate

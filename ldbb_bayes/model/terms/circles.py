@@ -311,7 +311,7 @@ class Hysteresis(Term):
 def _columns_of_plane(
     setting: Setting, plane: GroupOfTests, prior: _HysteresisPrior
 ) -> list[Columns]:
-    """Return the columns of hysteresis in one plane of a campaign.
+    """Return the columns of the design matrix for hysteresis in one plane of a campaign.
 
     The columns of the part of hysteresis that does not depend on force come first, followed by the
     columns of the part proportional to force. ``setting`` describes the test conditions, ``plane``

@@ -209,10 +209,10 @@ class ForceError(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of gain error, curvature and random error of the force.
+        """Return the columns of the design matrix for the three kinds of force error.
 
-        ``setting`` describes the test conditions. A column holds the change of the reading per unit
-        of one coefficient in every test.
+        They are gain error, curvature and random error. ``setting`` describes the test conditions.
+        A column holds the change of the reading per unit of one coefficient in every test.
         """
         deflection = (setting.elastic @ setting.compliance_estimate)[:, :, None]
         sd = self._sd_by_name(setting.instrument)
