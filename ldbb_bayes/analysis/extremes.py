@@ -20,7 +20,11 @@ __all__ = ["CurveExtremes", "extremes_of", "without_noise_excess"]
 
 @dataclass(frozen=True)
 class CurveExtremes:
-    """Posterior draws of the largest and smallest value of a curve, corrected for noise."""
+    """Posterior draws of the largest and smallest value of a curve, corrected for their bias.
+
+    Without the correction, the largest values are too large on average, because the draws scatter
+    about the mean curve, and the smallest values are too small.
+    """
 
     largest: Array  #: draws of the largest value, shape (draws,), in the unit of the curve
     smallest: Array  #: draws of the smallest value, shape (draws,), in the unit of the curve
@@ -36,7 +40,7 @@ class CurveExtremes:
 
 
 def extremes_of(curves: Array) -> CurveExtremes:
-    """Return draws of the largest and the smallest value of a curve, corrected for noise.
+    """Return draws of the largest and the smallest value of a curve, corrected for their bias.
 
     ``curves``, shape (draws, points), are posterior draws of the curve. On average, noise makes the
     largest value of a draw too large, and the smallest value too small. All largest values are

@@ -62,7 +62,7 @@ class VisibleParameter:
     #: formula for the effect of the parameter on the reading; the keys are planes. The effect of a
     #: geometric error is the change of the reading [mm] per unit of the error. The effect of a
     #: compliance is the change of the reading [mm] per unit of the compliance and per N of force.
-    #: In the formula, c = cos θ and s = sin θ for the angle θ of the circle, and R is the radius of
+    #: In the formula, c = cos θ and s = sin θ for the angle θ on the circle, and R is the radius of
     #: the circle in mm.
     pattern: Mapping[str, str]
     #: whether the parameter cannot be negative, whatever the compliances of the joints are. If this

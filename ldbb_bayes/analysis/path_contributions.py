@@ -53,11 +53,11 @@ _VALUE_COLUMNS = ["maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high
 def decompose_deviation(
     posterior: xr.DataTree, force_N: float | None = None, *, prob: float = 0.95
 ) -> pd.DataFrame:
-    """Return the contributions of the machine's effects to the readings of circles [µm].
+    """Return the contributions of compliances and geometric errors to readings of circles [µm].
 
     In each plane, the contributions are computed for the circle of the first test in the plane. For
-    each effect (source), the table states the largest and the smallest contribution along the
-    circle, and the peak-to-peak value of the contribution.
+    each source (compliance or geometric error), the table states the largest and the smallest
+    contribution along the circle, and the peak-to-peak value of the contribution.
 
     Parameters
     ----------

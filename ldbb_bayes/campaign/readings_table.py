@@ -183,8 +183,9 @@ def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
 def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
     """Return the column of angles and the column of readings of a table; the keys are column names.
 
-    ``columns`` are all columns of the table. Raise an `InputError` if a column is missing or given
-    in both units, or if the range of the angles contradicts their unit.
+    ``columns`` are all columns of the table. Raise an `InputError` if the table has no column, or
+    two columns with different units, for the angles or for the readings. Also raise it if the range
+    of the angles contradicts their unit.
     """
     angle = _one_of(path, columns, _ANGLES)
     reading = _one_of(path, columns, _READINGS)

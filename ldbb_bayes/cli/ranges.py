@@ -20,10 +20,10 @@ _ROUNDING = 1e-8
 
 
 def read_range(entry: str, flag: str) -> tuple[float, ...]:
-    """Return the numbers that the typed string of an option states.
+    """Return the numbers that the user typed as the value of an option.
 
-    The string ``entry`` is a range LO:HI:STEP or a comma-separated list. Both ends of a range are
-    included. ``flag`` names the option in error messages.
+    The string ``entry`` is a range LO:HI:STEP, with both ends included, or a comma-separated list.
+    ``flag`` names the option in error messages.
     """
     if ":" not in entry:
         return numbers_in(entry, flag)

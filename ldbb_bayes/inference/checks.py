@@ -64,8 +64,9 @@ _DRAWS = 500
 # number of all checks (Bonferroni), is below this level.
 _FAILS = 0.01
 # Smallest p-value of a posterior predictive check. Checks are ranked by the logarithm of the
-# p-value, which must be finite; a smaller p-value is therefore replaced by this number. This number
-# also serves as the smallest standard error of a slope over force, to avoid a division by zero.
+# p-value, which must be finite; a smaller p-value is therefore replaced by this number. In the test
+# of whether a quantity changes with force, a standard error below this number is replaced by it, to
+# avoid a division by zero.
 _SMALLEST_P = 1e-300
 # Largest number of readings of a test from which the autocorrelation of its noise is computed.
 _LONGEST_STRETCH = 100_000

@@ -66,8 +66,8 @@ _LARGEST_LINEAR = 0.02
 # grids, which may be small by chance. The difference is therefore taken to be at least this
 # fraction of the difference before the spacing of the points was last reduced.
 _DECLINE = 0.35
-# Each of the two grids of a lattice gives a share of the integral. A share below this number is
-# replaced by it, so that the logarithm of the share is finite.
+# The integral over a lattice is the sum over its two grids. If the share of one grid in the sum is
+# below this number, the share is replaced by this number, so that its logarithm is finite.
 _TINY = 1e-300
 
 

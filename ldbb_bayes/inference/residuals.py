@@ -62,10 +62,11 @@ def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
 
 
 def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
-    """Return root-mean-square residual and fitness of predicted readings.
+    """Return the root-mean-square residual and the fitness of predicted readings.
 
-    ``predicted``, shape (tests, 25), holds the Fourier coefficients of the orders 0 to 12 that are
-    predicted for each test [mm]. ``bound`` is the model, applied to its campaign.
+    Fitness is defined by Eq. 35 of the paper. ``predicted``, shape (tests, 25), holds the Fourier
+    coefficients of the orders 0 to 12 that are predicted for each test [mm]. ``bound`` is the
+    model, applied to its campaign.
     """
     residuals = reduced_residuals(bound, predicted)
     squares = np.array(

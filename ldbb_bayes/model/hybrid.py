@@ -1145,11 +1145,11 @@ class BoundModel(Shown):
         )
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the test conditions for a machine whose parameters of interest are β.
+        """Return the test conditions, linearised about the parameters of interest β of a machine.
 
         ``beta``, shape (p,), holds the p parameters β in mm, N and rad. They replace the estimates
-        of the machine's parameters. Effects that depend on the machine, such as an error of the
-        angle, are then computed for β (``linearise``).
+        of the parameters. Effects that depend on the machine, such as an error of the angle, are
+        then computed for β (``linearise``).
         """
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta

@@ -53,7 +53,7 @@ class _Attempt(Generic[T]):
     """
 
     index: int  # index of the job, from 0
-    job: T  # the job: the argument of the call that is made
+    job: T  # the job: the argument of the function that is called
     is_last: bool  # whether this is the second attempt
 
 

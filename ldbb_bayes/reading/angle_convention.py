@@ -288,7 +288,7 @@ def _words_of(recording: Recording) -> list[_Words]:
 
 
 def _is_mixed(text: str) -> bool:
-    """Return whether a line is about angles and also about another subject, such as the travel."""
+    """Return whether a line is about angles and also about another subject, such as the feed."""
     return _SUBJECT.search(text) is not None and _OTHER_SUBJECT.search(text) is not None
 
 

@@ -423,10 +423,10 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Remove other roles from the columns of readings, and list a single column of readings.
+    """Complete the list of columns of readings, and make sure that they have no other role.
 
-    ``roles.readings`` is the list of the columns of readings. If it is empty, the column that has
-    the role of reading is added.
+    ``roles.readings`` is this list. If it is empty, the column that has the role of reading is
+    added.
     """
     for role, column in list(roles.columns.items()):
         if role != "reading" and column in roles.readings:

@@ -266,7 +266,8 @@ def is_about_sign(text: str) -> bool:
 def leaves_difference_unread(text: str) -> bool:
     """Return whether a text defines a difference of two radii, but also names another subject.
 
-    An example is ``Force 238 N nominal minus measured``, from which no sign is taken.
+    An example is ``Force 238 N nominal minus measured``. Such a text does not determine the sign of
+    the readings.
     """
     words = _words_of_header(text)
     is_difference = _NOMINAL_LESS_ACTUAL.search(words) or _ACTUAL_LESS_NOMINAL.search(words)

@@ -104,7 +104,8 @@ class Recording:
     #: lines below the table, each with its line number, without the segments that hold a number.
     #: These lines may say whether readings measure the radius or the diameter, and whether they
     #: contain the deflection of the ball's mount. They may also state the sign of readings, the
-    #: direction of travel, and the axis at which angles begin and their sense
+    #: direction of travel, the axis at which angles begin, and the direction in which angles
+    #: increase
     lines_below: Sequence[tuple[int | str, str]] = ()
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"

@@ -17,8 +17,8 @@ from ldbb_bayes.report.translation import Words
 __all__ = ["banner", "undetermined_texts"]
 
 _MOST_REASONS = 2  # largest number of reasons that the banner states
-# If a reason in the banner names at most this many quantities, it states their names in words. If a
-# reason names more quantities, it states their symbols.
+# The banner of a report states whether the results can be used, and why. If a reason concerns at
+# most this many quantities, their names are written in words; otherwise their symbols are written.
 _MOST_IN_WORDS = 2
 # largest number of undetermined quantities that the test certificate lists
 _MOST_UNDETERMINED = 12

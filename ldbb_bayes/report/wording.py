@@ -1424,9 +1424,9 @@ def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def percent_of(result: Mapping[str, Any]) -> str:
-    """Return a string with the probability of the intervals in the JSON record of a fit.
+    """Return the probability of a fit's credible intervals as text, such as "95 %".
 
-    An example is "95 %".
+    ``result`` is the JSON record of the fit.
     """
     entry = next(iter(result["parameters"].values()))
     return f"{_interval_key(entry).removeprefix('ci')} %"

@@ -103,9 +103,9 @@ class Judged(Forecast):
 class Limits(Result):
     """Limits of what the tests of a design can show."""
 
-    #: number of different forces of the tests, if there are too few of them to show whether
-    #: compliances are polynomials of force of a higher degree than in the model. None if there are
-    #: enough forces, or if the tests are analysed together with tests that have already been run.
+    #: number of different forces of the tests. To show whether compliances are polynomials in force
+    #: of a higher degree than in the model, more forces would be needed. None if there are enough
+    #: forces, or if the tests are analysed together with tests that have already been run.
     levels: int | None
     #: direction of travel of each plane whose circles all run in the same direction although the
     #: model includes hysteresis; the keys are the planes
@@ -750,7 +750,7 @@ def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) ->
 
 
 def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degeneracy, ...]:
-    """Return the degeneracies of the tests that involve a parameter in ``names``.
+    """Return those degeneracies of a campaign that involve a parameter in ``names``.
 
     A degeneracy is a combination of coefficients whose effects on every reading cancel.
     """

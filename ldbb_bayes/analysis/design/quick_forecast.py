@@ -202,10 +202,13 @@ class QuickForecast:
         return np.asarray(0.5 * np.log(variances) - np.log(self._limits))
 
     def _distance(self, variances: Array) -> Array:
-        """Return the distance of each campaign from its goals, shape (...).
+        """Return how far each campaign is from its goals, shape (...).
 
-        ``variances`` are the variances of the goals' parameters at K values of the hyper-parameters
-        φ, shape (..., K, goals). The dimensions (...), if there are any, run over campaigns.
+        The distance from one goal is ln(u/u*): u is the standard uncertainty of the goal's
+        parameter, and u* the largest standard uncertainty that the goal permits. The result is a
+        smooth maximum of the distances from all goals, averaged over the hyper-parameters φ.
+        ``variances`` are the variances u² at K values of φ, shape (..., K, goals). The dimensions
+        (...), if there are any, run over campaigns.
         """
         soft = logsumexp(_SHARPNESS * self._log_ratio(variances), axis=-1) / _SHARPNESS
         return np.asarray(soft.mean(axis=-1))

@@ -242,10 +242,11 @@ class Search:
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
-        """Return the best shares of ``tests`` tests among the candidates, and their sensitivities.
+        """Return the best shares of the candidates in ``tests`` tests, with their sensitivities.
 
         The share of a candidate (test that could be run) is its number of runs divided by the
-        number of all runs. The result is computed only once for each number of tests.
+        number of all runs. Its sensitivity is the derivative of the criterion with respect to its
+        share. The result is computed only once for each number of tests.
         """
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)
@@ -338,9 +339,9 @@ class Search:
 
         ``counts`` holds the number of tests of each candidate in the original design. This design
         is returned unchanged if it has enough different forces. Otherwise, one of its tests is
-        replaced by a candidate at another force, drawn at random with ``rng``. If no single
-        candidate gives the design enough different forces, all other tests are first moved to the
-        lowest force.
+        replaced by a candidate at another force, drawn at random with ``rng``. If no candidate
+        gives the design enough different forces, all tests that are not replaced are first moved to
+        the lowest force.
         """
         if self._is_feasible(counts):
             return counts

@@ -221,8 +221,8 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
     ``objective`` states the criterion as a function of the numbers of tests of these candidates,
     and ``tests`` is the number of all tests. Shares are not negative and sum to one. The solver
     SLSQP starts from the shares ``start``, shape (candidates,). For the solver, the criterion is
-    divided by the weighted mean of the sensitivities at the start; ``tolerance`` is the solver's
-    tolerance for this ratio.
+    divided by a typical value of its derivatives with respect to the shares; ``tolerance`` is the
+    solver's tolerance for this ratio.
     """
     n = objective.candidates
     if n == 1:
