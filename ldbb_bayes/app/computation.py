@@ -26,8 +26,7 @@ class Computation:
 
     kind: str  #: Kind of computation: fit or search.
     folder: Path  #: Folder in which the process of the computation reads and writes.
-    #: Result of the last computation, or the reason for a refusal; empty before the
-    #: first computation.
+    #: Result of the last computation, or an error message; empty before the first computation.
     outcome: dict[str, Any] = field(default_factory=dict)
     #: Task that runs the computation, or waits for its turn; None before the first computation.
     task: asyncio.Task[None] | None = None
@@ -66,7 +65,8 @@ class Computation:
         Returns
         -------
         dict
-            Result of the computation or a refusal; empty if the process ended without either.
+            Result of the computation, or an error message; empty if the process ended without
+            either.
         """
         (self.folder / CHOICES_NAME).write_text(json.dumps(choices), encoding="utf-8")
         nowhere = asyncio.subprocess.DEVNULL

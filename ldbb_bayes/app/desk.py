@@ -39,7 +39,7 @@ class Desk:
     async def ask(
         self, work: Callable[..., dict[str, Any]], session: Session, *arguments: Any
     ) -> dict[str, Any]:
-        """Return the result of a function that runs in the process, or the reason for a refusal.
+        """Return the result of a function that runs in the process, or an error message.
 
         The function must return within two minutes. The two minutes do not include the time spent
         waiting for the answers to other requests.

@@ -108,7 +108,7 @@ class House:
         """Write the report of a session (one browser tab) in a separate process.
 
         The process reads a copy of the session's files. An earlier report is replaced only after
-        the new report is complete. The outcome of the fit is then stored: its result, or a refusal.
+        the new report is complete. The result of the fit, or an error message, is then stored.
         """
         fit = session.fit
         try:
@@ -132,8 +132,8 @@ class House:
         """Search for the cheapest campaign that reaches the goals of a session.
 
         The session is one browser tab. The search runs in a separate process, which reads a copy of
-        the campaign of the session's report. The outcome of the search is then stored: its result,
-        or a refusal.
+        the campaign of the session's report. The result of the search, or an error message, is then
+        stored.
         """
         search = session.search
         try:

@@ -63,12 +63,12 @@ Answer = Callable[[House, Session, Request], Awaitable[Response]]
 
 
 def refused(message: str, status: int) -> Response:
-    """Return an HTTP response with the reason for a refusal. The page shows this reason.
+    """Return an HTTP response for a request that is refused. The page shows the reason.
 
     Parameters
     ----------
     message
-        Reason for the refusal.
+        Reason why the request is refused.
     status
         HTTP status code, such as 404.
 

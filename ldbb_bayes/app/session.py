@@ -146,14 +146,14 @@ class Session:
         }
 
     def word(self, key: str, **values: object) -> str:
-        """Return the text of a refusal in the language of the page.
+        """Return the text of an error message in the language of the page.
 
         ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def refusal(self, key: str, **values: object) -> dict[str, Any]:
-        """Return a refusal in the language of the page, as the page's templates need it.
+        """Return an error message in the language of the page, in the form that templates need.
 
         ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """

@@ -29,7 +29,7 @@ __all__ = ["CHOICES_NAME", "OUTCOME_NAME", "PROGRESS_NAME", "answer", "main", "w
 
 CHOICES_NAME = "said.json"  # name of the file with the texts that the user typed on the page
 PROGRESS_NAME = "progress.json"  # name of the file with the progress
-OUTCOME_NAME = "outcome.json"  # name of the file with the outcome: a result or a refusal
+OUTCOME_NAME = "outcome.json"  # name of the file with the result or an error message
 _LONGEST_MESSAGE = 300
 _LOOK_AT_PARENT_S = 1.0  # time between two checks of whether the server's process still runs [s]
 
@@ -39,7 +39,7 @@ def warm() -> None:
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) -> dict[str, Any]:
-    """Call a function with the folder of a session, and return its result or a refusal.
+    """Call a function with the folder of a session, and return its result or an error message.
 
     Parameters
     ----------

@@ -75,9 +75,10 @@ class _Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the name of the typed command, the command itself, and the remaining arguments.
 
-        For the name of a function in Python, such as preview, raise an `InputError` that says which
-        command does the same. ``args`` are the typed arguments. ``ctx`` is the context in which
-        Typer, the library that reads the command line, looks for the command.
+        If the user types the name of a function of this package, such as preview, raise an
+        `InputError` that names the command which does the same. ``args`` are the typed arguments.
+        ``ctx`` is the context in which Typer, the library that reads the command line, looks for
+        the command.
         """
         if args[0] in _COMMANDS_BY_FUNCTION:
             raise InputError(

@@ -129,12 +129,12 @@ def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
 def instrument_fields(
     *, balls: lb.Ball | None = None, bar_length_mm: float | None = None, **options: Any
 ) -> dict[str, Any]:
-    """Return the fields of `Instrument` that options state.
+    """Return the fields of `Instrument` that are set by options of the command line.
 
     Parameters
     ----------
     balls
-        Properties that the option ``--balls`` states for both the work ball and the tool ball.
+        Properties of both the work ball and the tool ball, from the option ``--balls``.
     bar_length_mm
         Nominal length of the bar [mm]. This length is used to choose a bar if a certificate states
         several bars.
@@ -270,7 +270,7 @@ def _read_sheets(text: str, flag: str) -> list[str]:
 
 
 def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
-    """Return the layout (how tables are to be read) that a layout file and options state together.
+    """Return the layout (how tables are to be read) from a layout file and options.
 
     ``layout`` is the path of the file; None if there is no file. ``options`` holds values of fields
     of `Layout`; the keys are names of fields. These values take precedence over the file.

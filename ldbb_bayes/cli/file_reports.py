@@ -98,7 +98,7 @@ def report_files(
         Context manager that shows the progress through the steps of `STEPS`, for example
         `ldbb_bayes.cli.progress.step_progress`.
     ask
-        Whether to ask the user for facts that neither files nor options state.
+        Whether to ask the user for information that neither the files nor the options give.
 
     Returns
     -------

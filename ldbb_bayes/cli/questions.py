@@ -104,8 +104,8 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
     campaign
         The campaign as read from files.
     unstated
-        What neither files nor options state: one or several of the names ``topology``, ``mount``
-        and ``balls``. The user is asked only about these.
+        What the user is asked about, because neither the files nor the options give it: one or
+        several of the names ``topology``, ``mount`` and ``balls``.
 
     Returns
     -------

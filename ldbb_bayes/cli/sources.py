@@ -130,9 +130,9 @@ class ReportSource:
     layout
         Layout of the tables, from a layout file and options.
     campaign_fields
-        Fields of the campaign that options state.
+        Fields of the campaign that the options set.
     certificates
-        Fields of the instrument that options state.
+        Fields of the instrument that the options set.
     """
 
     typed_paths: Sequence[Path]
@@ -190,7 +190,8 @@ class ReportSource:
         ----------
         ask
             Whether to ask the user for information that the files do not give. The user is also
-            asked about machine, mount and balls if neither files nor options state them.
+            asked about the machine, mount and balls if neither the files nor the options describe
+            them.
 
         Returns
         -------

@@ -218,7 +218,7 @@ def _note_contradictions(
     Parameters
     ----------
     recording
-        Recording of the test.
+        Rows and statements of the test in its file.
     key
         Name of the field.
     certain

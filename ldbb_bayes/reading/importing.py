@@ -252,7 +252,7 @@ def _split_into_tests(
 ) -> list[Recording]:
     """Return the tests of all sheets with a table, in the order of files, sheets and rows.
 
-    ``campaign`` are the fields of the campaign that options state.
+    ``campaign`` are the fields of the campaign that the user's options set.
     """
     recordings: list[Recording] = []
     for sheet, heading in selection.tables:
@@ -324,9 +324,9 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
 def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
     """Raise an error for a line with a force law, or an ambiguous line about the ball's mount.
 
-    A line with a force law is accepted if an option states the force law. A line about the mount is
-    accepted if an option states whether readings contain the deflection of the mount. ``campaign``
-    are the fields of the campaign that options state.
+    A line with a force law is accepted if the user gives the force law as an option. A line about
+    the mount is accepted if an option says whether readings contain the deflection of the mount.
+    ``campaign`` are the fields of the campaign that the user's options set.
     """
     for recording in recordings:
         for lines in (recording.heading.lines_above, recording.lines_of_all_tests):

@@ -73,7 +73,8 @@ class ProgrammedArc(NamedTuple):
     #: start of the arc relative to its centre [mm]; the keys are the axes X, Y and Z; it may be
     #: wrong if the arc is not a full circle; None if the blocks do not state the start
     start_mm: Mapping[str, float] | None
-    feed: ProgrammedFeed | None  #: feed that applies to the arc; None if the blocks state none
+    #: feed that applies to the arc; None if no block (line) of the programme states a feed
+    feed: ProgrammedFeed | None
     is_path: bool  #: whether the block describes a path, and is not only the word G2 or G3
 
 

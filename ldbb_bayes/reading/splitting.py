@@ -302,7 +302,7 @@ def split_sheet(
     layout
         Layout that the user states.
     campaign
-        Fields of the campaign that options state.
+        Fields of the campaign that the user's options set.
     log
         Log to which assumptions are added.
     left_out

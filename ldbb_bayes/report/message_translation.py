@@ -1,4 +1,4 @@
-"""Translation of messages: notes on files that were read, remarks, and reasons for a refusal.
+"""Translation of messages: notes on files that were read, remarks, and error messages.
 
 The messages are made in English where files are read and checked. To show a message in another
 language, the text of the message is looked up in the catalogues templates/messages_<language>.toml

@@ -419,12 +419,12 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return the factor by which a campaign's numbers of circles must be multiplied for the goals.
+    """Return the smallest factor for a campaign's numbers of circles with which goals are met.
 
-    It is the smallest factor with which the distance from the goals of ``family``, in the quick
-    forecast, is at most ``distance``; at a distance of zero, the goals are just met. ``counts`` are
-    the campaign's numbers of circles of all candidate tests, which are all multiplied by the
-    factor. The products need not be whole numbers.
+    ``counts`` are the campaign's numbers of circles of all candidate tests, which are all
+    multiplied by the factor. The products need not be whole numbers. The goals are those of
+    ``family``. They count as met if the distance from the goals in the quick forecast is at most
+    ``distance``.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)
