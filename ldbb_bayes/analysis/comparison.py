@@ -77,11 +77,10 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # another assumption if its log evidence is at least this number [nat] below that of the assumption
 # in the model.
 _REJECTED = 5.0
-# Difference of log evidences [nat] at which a rough computation is enough. If the readings clearly
-# reject another assumption about the random differences between circles, its evidences are computed
-# only roughly, to save time. This is the case if the log evidences of both models under the other
-# assumption are at least this number below the best log evidence under the assumption that the
-# models make.
+# Comparisons are repeated with other assumptions about the random differences between circles. The
+# readings clearly reject such an assumption if, under it, the log evidences of both models are at
+# least this number [nat] below the best log evidence of the models as given. Their evidences are
+# then computed only roughly, to save time.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000

@@ -326,11 +326,11 @@ def _tail_probability(outside: Array, score: float) -> float:
 
 
 def _probability_of_few_draws(count: int, n: int, normal_tail: float) -> float:
-    """Return the probability that a quantity lies on the side of a limit with few draws.
+    """Return the probability that a quantity lies on one side of a limit, if few draws lie there.
 
-    ``count`` of the ``n`` draws lie on this side of the limit, too few to estimate the probability
-    from their share. The result is therefore ``normal_tail``, the tail of a normal distribution.
-    However, the result is at least ``count`` / ``n`` and at most ``_FEWEST_DRAWS`` / ``n``.
+    Only ``count`` of ``n`` draws lie on this side, too few to estimate the probability from their
+    share. The result is therefore ``normal_tail``, the probability under a normal distribution, but
+    at least ``count`` / ``n`` and at most ``_FEWEST_DRAWS`` / ``n``.
     """
     largest_share = _FEWEST_DRAWS / n
     return max(count / n, min(normal_tail, largest_share))

@@ -93,7 +93,7 @@ class Curve:
 
 
 class AveragedSlopes(NamedTuple):
-    """Probabilities that compliances change with force (have slopes), and averaged curves."""
+    """Probabilities that compliances change with force, and compliances as curves against force."""
 
     slopes: dict[str, VaryingSlope]  #: probability that each compliance changes with force
     subsets: tuple[SlopeSubset, ...]  #: subsets of slopes, the most probable first

@@ -124,8 +124,8 @@ def read_campaign(
 def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
     """Return a sentence that tells the user to write values into campaign.toml.
 
-    ``options`` holds the values that the user gave as arguments instead; the keys are the names of
-    fields of `Campaign`. ``file_name`` is the name of the file for the sentence.
+    ``options`` holds these values, which the user gave as arguments; the keys are the names of
+    fields of `Campaign`. ``file_name`` is the name of the file in the sentence.
     """
     lines = []
     for name, value in options.items():

@@ -25,8 +25,8 @@ Meaning = Mapping[str, float]
 _DIGITS = 7
 # Two weighted sums of joints' compliances are treated as the same if the standard deviation of
 # their difference is at most this share of the fitted compliance's default prior sd. The limit is a
-# quarter of the default prior standard deviation of a step change of the compliance (see
-# `find_trend`).
+# quarter of the prior standard deviation that `find_trend` assumes, by default, for a sudden change
+# of a compliance.
 _NEGLIGIBLE = 0.05
 
 

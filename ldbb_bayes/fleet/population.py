@@ -89,9 +89,9 @@ class _DrawLimits(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: upper limit of the number of random draws of the spreads (standard deviations from machine to
-    #: machine) times the number of machines. With many machines, ``lowest`` draws may exceed this
-    #: limit.
+    #: largest product of the number of machines and the number of random draws of the spreads
+    #: (standard deviations from machine to machine). It is exceeded if there are so many machines
+    #: that fewer than ``lowest`` draws would be made.
     pairs: int
     #: smallest number of random draws of the spreads (standard deviations from machine to machine)
     #: that are made, however many machines there are

@@ -210,15 +210,14 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 
 
 def _explained_variance(root: Array, response: Array) -> Array:
-    """Return the parts of the variances of c values that are due to μ and b, shape (c, k, n).
+    """Return the variances that the uncertainty of μ and b causes, shape (c, k, n).
 
-    μ, the population's mean, and b, the instrument's errors, are q uncertain quantities. There are
-    c values for each of n machines and for each of k values of the spreads (standard deviations of
-    the machines about μ). The c values are either the parameters of the machine, or the differences
-    between the parameters and μ, divided by the spreads. ``root``, shape (k, q, q), is the
-    transposed square root of the covariance of μ and b. ``response``, shape (c, q, k, n), holds the
-    derivatives of the c values with respect to μ and b. The sign of the derivatives does not
-    matter.
+    μ, the population's mean, and b, the instrument's errors, are q quantities. They cause variances
+    of the c parameters of each of n machines, or of the parameters' deviations from μ in units of
+    the spreads (standard deviations of the machines about μ). The variances are computed for k
+    values of the spreads. ``root``, shape (k, q, q), is the transposed square root of the
+    covariance of μ and b. ``response``, shape (c, q, k, n), holds the derivatives of the parameters
+    or deviations with respect to μ and b. Their sign does not matter.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 

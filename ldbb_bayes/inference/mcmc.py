@@ -194,7 +194,7 @@ class Redraw(Protocol):
     def draw(self, size: int, random: np.random.RandomState) -> WeightedPoints:
         """Return ``size`` independent random points with their importance weights.
 
-        The weight of a point is the target density divided by the density of the source.
+        The weight of a point is the target density divided by the density from which it is drawn.
         """
 
     def log_weight(self, points: Array) -> Array:

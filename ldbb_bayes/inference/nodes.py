@@ -780,9 +780,9 @@ class Nodes:
         ``levels``, shape (n,), holds the probabilities. The quantiles are computed from a mixture
         of Gaussians. Each Gaussian is the density of a parameter given one value of the
         hyper-parameters; ``components`` values are picked from the nodes in proportion to the
-        weights. The condition that no compliance is negative, if there is one, restricts the
-        parameters along some directions only. The coordinates along these directions are drawn at
-        random with the given ``seed``, and each Gaussian is conditional on them too.
+        weights. The condition that no compliance is negative, if there is one, concerns only a few
+        linear combinations of the parameters. These are drawn at random with the given ``seed``,
+        and each Gaussian is conditional on them too.
         """
         rng = np.random.default_rng(seed)
 

@@ -148,10 +148,10 @@ def _is_row_of_numbers(row: Row) -> bool:
 
 
 def _end_run(shown: list[_Shown], run: Sequence[Row]) -> None:
-    """Make successive rows of numbers a matrix if they are enough for a table.
+    """Store successive rows of numbers as a matrix, if there are enough rows for a table.
 
-    In this case, a new item for the next matrix is added to ``shown``. Too few rows become part of
-    the lines above the next matrix.
+    A new item for the next matrix is then added to ``shown``. If there are too few rows, they are
+    added to the lines above the next matrix.
     """
     if len(run) < _FEWEST_ROWS:
         shown[-1].above += [Row(row.line, [" ".join(row.cells)]) for row in run]

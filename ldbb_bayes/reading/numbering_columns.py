@@ -50,7 +50,10 @@ def columns_that_number(
 def _are_settled(
     cells: Sequence[Sequence[str]], columns: Sequence[int], conditions: Sequence[int]
 ) -> bool:
-    """Return whether rows with equal cells in ``columns`` also have equal ``conditions``."""
+    """Return whether rows with equal cells in ``columns`` have equal conditions, such as the force.
+
+    ``conditions`` are the indices of the columns with the conditions.
+    """
     n_rows = len(cells[0])
     conditions_by_label: dict[tuple[str, ...], tuple[str, ...]] = {}
     for row in range(n_rows):

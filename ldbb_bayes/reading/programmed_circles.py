@@ -127,9 +127,10 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
 
 
 def _read_block(programme: _Programme, line: int | str, text: str) -> ProgrammedArc | None:
-    """Return the arc that a block describes; None if it describes no arc.
+    """Return the arc that one block of a programme describes; None if it describes no arc.
 
-    The feed, the end of the motion and the pole are stored in ``programme`` for later blocks.
+    ``text`` is the block. Its feed, the end of its motion and its pole are stored in ``programme``
+    for later blocks.
     """
     path = _ARC.search(text) or _ARC_AROUND_POLE.search(text)
     is_motion = path is not None or _STRAIGHT.search(text) is not None

@@ -328,9 +328,9 @@ def _on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _Eff
 
 
 def _scaled(columns: list[Array], sds: list[Array], sets: int) -> _EffectColumns:
-    """Return the columns of all effects as one matrix, with the variances of the effects.
+    """Return one design matrix for several groups of effects, with the variances of the effects.
 
-    ``columns`` and ``sds`` hold the columns and the standard deviations of groups of effects.
+    ``columns`` and ``sds`` hold the design matrix and the standard deviations of each group.
     ``sets`` is the number of sets of hyper-parameters; each effect has one variance for each set.
     """
     variances = []

@@ -176,9 +176,9 @@ class Design(Forecast):
     #: optimality certificate: states whether ``shares`` are proven to be the best shares of the
     #: tests
     certificate: Certificate
-    #: best division of the tests, one row per candidate test with a share above 0.0001: force_N,
-    #: the columns that `columns` names, and share, the number of runs of this candidate divided by
-    #: the number of all runs
+    #: best shares of the candidate tests (tests that could be run), one row per candidate with a
+    #: share above 0.0001. The share is the candidate's number of runs divided by the number of all
+    #: runs. The columns are force_N, the columns that `columns` names, and share.
     shares: Records
     #: expected standard deviation of each parameter for a design in equal steps of force. All tests
     #: of this design have the first radius and the first pair of ball angles in the lists to choose

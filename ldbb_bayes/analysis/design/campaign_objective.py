@@ -114,7 +114,7 @@ class _Layout(NamedTuple):
     covariance) of the coefficients.
     """
 
-    columns: NDArray[np.int_]  # indices of the coefficients needed, those of interest last
+    columns: NDArray[np.int_]  # indices of the coefficients used, those of interest last
     rows: NDArray[np.int_]  # indices of rows with an element other than zero in any test
     has_prior: NDArray[np.bool_]  # whether each coefficient has a proper prior, not a flat one
 

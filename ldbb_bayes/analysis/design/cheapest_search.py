@@ -402,15 +402,14 @@ class _Search:
         self._inflation = min(self._inflation, progress.inflation)
 
     def _expected_inflation(self, progress: _Progress) -> float:
-        """Return ln of the ratio of uncertainties that is expected for the next campaign.
+        """Return ln(u_full / u_quick), as expected for the next campaign.
 
-        The ratio is the uncertainty in the full forecast of the campaign, divided by the
-        uncertainty in its quick forecast. The ratio is estimated from the ratios of earlier
-        campaigns, which ``progress`` states.
-
-        Only the quick forecast assumes that the scales of noise and effects are known. In the full
-        forecast, more circles determine these scales better. The logarithm is therefore taken to be
-        a constant, plus a part that is inversely proportional to the number of circles.
+        u_full and u_quick are the standard uncertainties in the full and in the quick forecast of a
+        campaign. The quick forecast assumes that the scales of the noise and of other effects are
+        known. In the full forecast, more circles determine these scales better. ln(u_full /
+        u_quick) is therefore assumed to be a constant plus a term that is inversely proportional to
+        the number of circles. Both are estimated from the forecasts of earlier campaigns;
+        ``progress`` holds them.
         """
         inflation = progress.inflation
         if inflation is None:

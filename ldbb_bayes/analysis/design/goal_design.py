@@ -76,13 +76,13 @@ class StatedGoal(Result):
     #: largest U (k = 2) that the goal allows if the parameter equals ``value``, in the parameter's
     #: unit
     limit_U: float
-    #: estimate of the parameter from the pilot's readings; if there are no readings, the median of
-    #: the parameter's absolute value under the prior
+    #: estimate of the parameter from the readings of the campaign that the design starts from; if
+    #: there are no readings, the median of the parameter's absolute value under the prior
     value: float
-    #: expanded uncertainty (k = 2) of the parameter before the design's tests: given the pilot's
+    #: expanded uncertainty (k = 2) of the parameter before the design's tests: given these
     #: readings, or under the prior if there are no readings
     U: float
-    #: whether the pilot's readings already meet the goal, without further circles
+    #: whether the goal is already met by these readings, without further circles
     met_by_pilot: bool
 
 
