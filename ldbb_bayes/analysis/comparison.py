@@ -275,9 +275,8 @@ class Comparison(Result):
     #: assumption, an error of 0.1 nat is allowed if the log evidences of both models are at least
     #: 10 nat below the best log evidence of the models as given.
     tolerance: float
-    #: largest error of any log evidence [nat]. Another assumption about the random differences
-    #: between circles is ignored if both its log evidences are at least 10 nat below the best log
-    #: evidence under the assumption in the models.
+    #: largest error of any log evidence [nat], except of the rough log evidences with assumptions
+    #: that the readings clearly reject (see ``tolerance``)
     largest_error: Finite
     #: number of evidences whose error is infinite, because their quadrature weights are not
     #: reliable. The field keeps a name from an older version, because programs read this name in
@@ -318,9 +317,8 @@ class Comparison(Result):
     def within_tolerance(self) -> bool:
         """Return whether the largest error of any log evidence is at most ``tolerance``.
 
-        Another assumption about the random differences between circles is ignored if both its log
-        evidences are at least 10 nat below the best log evidence under the assumption in the
-        models.
+        Log evidences with assumptions that the readings clearly reject are not considered: they are
+        computed only roughly, because they are at least 10 nat below the best log evidence.
         """
         return self.largest_error <= self.tolerance
 

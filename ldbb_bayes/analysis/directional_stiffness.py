@@ -66,7 +66,7 @@ _SMALLEST_SHARE = 0.1
 # A direction counts as not determined if its credible interval is at least this wide [°], because
 # an interval of this width may contain both axes of the plane.
 _WIDEST_DEG = 90.0
-# Radius [mm] of a circle so small that the compliance on it practically equals the compliance in
+# Radius [mm] of a circle so small that the compliance on it practically equals the compliance at
 # its centre.
 _CENTRE_RADIUS_MM = 1e-6
 # Angles of the three directions in which compliance is needed to compute the compliance tensor of a
@@ -180,7 +180,7 @@ class PrincipalAxis(Result):
 class PrincipalStiffness(Result):
     """Principal stiffnesses of a machine tested in three planes, at one force of the bar.
 
-    The stiffnesses are the inverse eigenvalues of the compliance tensor in the centre of the first
+    The stiffnesses are the inverse eigenvalues of the compliance tensor at the centre of the first
     circle.
     """
 

@@ -326,10 +326,10 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
 
 
 def weights_of_parameters(information: Information) -> Array:
-    """Return changes of the p parameters when a coefficient changes by its prior sd, shape (p, m).
+    """Return the change of each parameter when each coefficient changes by its prior sd, (p, m).
 
-    There is one column for each of the m coefficients. The parameters are also coefficients. Every
-    row therefore has a single element that is not zero.
+    There is one row for each of the p parameters and one column for each of the m coefficients. The
+    parameters are themselves coefficients, so that every row has a single element that is not zero.
     """
     return (np.eye(len(information.names)) * information.scale)[information.interest]
 

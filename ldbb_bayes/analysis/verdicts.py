@@ -468,10 +468,10 @@ def _averaged_over_scales(
 
 
 def _weights_of_quantities(information: Information, changes: Mapping[str, CurveChange]) -> Array:
-    """Return changes of the q quantities when a coefficient changes by its prior sd, shape (q, m).
+    """Return the change of each quantity when each coefficient changes by its prior sd, (q, m).
 
-    There is one column for each of the m coefficients. The quantities are all parameters, then all
-    changes of compliances with force.
+    There is one row for each of the q quantities and one column for each of the m coefficients. The
+    quantities are all parameters, then all changes of compliances with force.
     """
     rows = [change.weights for change in changes.values()]
     return np.concatenate([weights_of_parameters(information), *(row[None] for row in rows)])

@@ -372,7 +372,7 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
 
 # Options that describe a tidy CSV, and labels of the measurement, such as its date.
 _TABLE_OPTIONS = options_of("table", "labels")
-# Options that state values from calibration certificates.
+# Options for values from calibration certificates.
 _CERTIFICATE_OPTIONS = options_of("certificates")
 # Arguments of `instrument_fields` whose values calibration certificates state. The last two have no
 # command-line option, because only the files of certificates can state them.

@@ -42,9 +42,9 @@ __all__ = [
     "spread_slices",
 ]
 
-# Largest number of draws of the spreads processed at once, times the number of machines. With this
-# limit, the arrays fit into the processor's cache. Spreads are the standard deviations of machines
-# about the mean of their population.
+# The spreads (standard deviations of machines about the mean of their population) are drawn at
+# random. At most this number of draws, divided by the number of machines, is processed at once, so
+# that the arrays fit into the processor's cache.
 _PAIRS_AT_ONCE = 4096
 # Degrees of freedom of the Student t distribution from which ln s is drawn. The spreads s are the
 # standard deviations of machines about the mean of their population.

@@ -497,11 +497,6 @@ def hybrid_jacobian(
     those that this circle alone can separate. Columns are named like the parameters in the results
     of a fit: first compliances such as C_XXX, then slopes such as C_XXX_1, then geometric errors
     such as E_XX1.
-    33. The column of a compliance is F j_C, where j_C is the reading per unit force and compliance.
-    The column of a slope of degree k, which is a change of the compliance with force, is F
-    (F − F0)^k j_C. The compliances are those that this circle alone can separate. Columns are named
-    like the parameters in the results of a fit: first compliances such as C_XXX, then slopes such
-    as C_XXX_1, then geometric errors such as E_XX1. Equations are those of the paper.
 
     Parameters
     ----------

@@ -73,11 +73,12 @@ class HyperPrior:
     """
 
     names: tuple[Hyper, ...]
-    #: scale of each half-normal prior [mm], or prior mean of a decay (no unit), for each of the h
-    #: hyper-parameters, shape (h,); not used for noise factors of circles
+    #: scale of each half-normal prior [mm], or prior mean of the decay exponent p of form errors
+    #: (no unit), for each of the h hyper-parameters, shape (h,); not used for noise factors of
+    #: circles
     scale: Array
-    #: lower bound of each of the h hyper-parameters [mm for lengths], shape (h,); not used for a
-    #: decay, whose bounds are 0.5 and 3.5
+    #: lower bound of each of the h hyper-parameters [mm for lengths], shape (h,); not used for the
+    #: decay exponent p of form errors, whose bounds are 0.5 and 3.5
     lower: Array
     laws: tuple[Law, ...]
     decay_sd: float

@@ -208,10 +208,11 @@ def fixed_point(
 ) -> MachineEstimate:
     """Return the estimate of a machine's parameters that is obtained by repeated linearisation.
 
-    ``posterior`` computes the posterior of the machine's parameters, with fixed scales of the noise
-    and of other effects. ``setting`` describes the test conditions. The estimate is computed in
-    three steps. In the first step, the model is linearised about ``start``; in each further step,
-    it is linearised about the estimate from the previous step.
+    ``posterior`` computes the posterior of the machine's parameters for given values of the
+    hyper-parameters (prior sds of the noise and of other effects). ``setting`` describes the test
+    conditions. The estimate is computed in three steps. In the first step, the model is linearised
+    about ``start``; in each further step, it is linearised about the estimate from the previous
+    step.
     """
     estimate = start
     for _ in range(_STEPS):

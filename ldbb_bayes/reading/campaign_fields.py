@@ -329,10 +329,11 @@ def _take_temperature(recording: Recording) -> None:
 def find_resolution(
     campaign: dict[str, Any], tests: Sequence[CircularTest], log: AssumptionLog
 ) -> None:
-    """Set the resolution of the bar's readout, unless it is stated, from the steps of the readings.
+    """Determine the resolution of the bar's readout from the steps between the readings.
 
-    The resolution is set only if, in every test, the smallest step between readings can be the
-    resolution of a readout: 0.001 µm to 5 µm, and at most a tenth of the range of the readings.
+    A resolution that the user or a file states is kept. The resolution is determined only if, in
+    every test, the smallest step between readings can be the resolution of a readout: 0.001 µm to 5
+    µm, and at most a tenth of the range of the readings.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ def measured_length_stated(text: str) -> dict[str, str]:
 
 
 def _length_of_readings(text: str) -> str:
-    """Return "radius" or "diameter" if a text says that readings measure this length, or ""."""
+    """Return "radius" or "diameter" if a text says that readings measure it; otherwise ""."""
     words = _without_numbers_of_others(text)
     if _READINGS.search(words) is None or re.search(r"\d", words):
         return ""

@@ -243,7 +243,7 @@ def _statements(text: str) -> list[str]:
 
 
 def _with_labels_joined(segments: list[str]) -> list[str]:
-    """Return segments in which a label such as "Sign" stands in front of the text that follows."""
+    """Join a segment that is a label, such as "Sign", to the segment that follows it."""
     joined: list[str] = []
     for segment in segments:
         if joined and comparable(joined[-1].strip(" #*:=")) in _WORDS["labels"]:

@@ -114,7 +114,7 @@ class _SheetColumns:
         return units
 
     def _units(self, column: int, rows: Sequence[int]) -> Iterator[RowUnits]:
-        """Yield, for each source, the units that the source states for rows of one column."""
+        """Yield the units that each source in the file states for rows of one column."""
         if column in self.unit_columns:
             units = self.cells_with_units(self.unit_columns[column], rows)
             yield RowUnits(units, "a column of units")

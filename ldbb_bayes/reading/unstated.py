@@ -89,9 +89,9 @@ def _states_angles(layout: Layout) -> bool:
 def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> None:
     """Add a note on each unused text above, below or beside the tables.
 
-    A text is unused if nothing was taken from it. Of a text that states a field of a test or
-    campaign, and of a line that another note on the same file cites, the note shows only the unused
-    segments. ``recordings`` are the tests in the files.
+    A text is unused if nothing was taken from it. If a part of a text was used, or if another note
+    on the same file cites its line, the note shows only the unused segments of the text.
+    ``recordings`` are the tests in the files.
     """
     last_lines: dict[Sheet, int] = {}
     for recording in recordings:

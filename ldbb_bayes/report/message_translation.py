@@ -138,8 +138,8 @@ def in_language(message: str, language: str, names: Iterable[str] = ()) -> str |
         return message
     kept = frozenset(names)
     own_words = OwnWords(kept)
-    # Some keys of the catalogue for the report's annex contain quotation marks. Therefore also try
-    # the message without hidden parts.
+    # `OwnWords.hide` replaces texts in quotation marks. Some texts in the catalogue for the
+    # report's annex contain quotation marks, so that the original message is tried too.
     for text in (own_words.hide(message), message):
         translation = AnnexTranslation(words_of(language), catalogue, kept)
         translated = translation.text(text)

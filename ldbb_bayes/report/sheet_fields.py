@@ -165,7 +165,7 @@ def _certificates(findings: Findings, words: Words) -> str:
 
 
 def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
-    """Yield the form fields for the assumptions on which the numbers of the sheets depend.
+    """Yield the form fields for the assumptions on which the test certificate's numbers depend.
 
     Parameters
     ----------

@@ -94,8 +94,9 @@ class Judged(Forecast):
     #: table of the design's tests, one row per test: force_N, and the columns that `Design.columns`
     #: names
     tests: Records
-    #: efficiency of the design: 1 if it is as good, by the criterion of the recommended design, as
-    #: the best shares of the same number of tests; 0 if its tests do not determine all parameters
+    #: efficiency of the design by the criterion of the recommended design. It is 1 if the same
+    #: number of tests, divided in the best way among the candidate tests, would be no better, and 0
+    #: if the tests do not determine all parameters.
     efficiency: float
 
 
@@ -170,8 +171,9 @@ class Design(Forecast):
     degree: int  #: degree of the model's compliances as polynomials of force
     #: reference force F0 of the campaign or plan that the design starts from [N]
     reference_force_N: float
-    #: efficiency of the design: 1 if the design is as good, by its criterion, as the best shares of
-    #: the same number of tests (``shares``), and otherwise smaller
+    #: efficiency of the design by its criterion. It is 1 if the same number of tests, divided among
+    #: the candidate tests by the best shares (``shares``), would be no better, and otherwise
+    #: smaller.
     efficiency: float
     #: optimality certificate: states whether ``shares`` are proven to be the best shares of the
     #: tests
@@ -196,9 +198,9 @@ class Design(Forecast):
     #: starts from; if not, their values come from the prior
     measured: bool
     pilot: Pilot  #: campaign or plan that the design starts from
-    #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity. The
-    #: sensitivity is the derivative of the criterion with respect to the candidate's share of all
-    #: runs. It is computed for the best shares.
+    #: one row per candidate test. The columns are force_N, those named in `columns`, and
+    #: sensitivity. The sensitivity is the derivative of the criterion with respect to the
+    #: candidate's share of all runs. It is computed for the best shares.
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
     #: the recommended tests, the tests to choose from, and the model for the analysis; None if the
     #: design was read from a file
@@ -598,12 +600,12 @@ def _levels_in_range(pilot: Campaign) -> list[float]:
 
 
 def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    """Raise an `InputError` if a design has a reserved name, or is of another machine.
+    """Raise an `InputError` if a design for comparison has a wrong name or another machine.
 
     ``campaign`` holds the tests of the design for comparison, and ``name`` is the name that the
-    caller gave it. A name is reserved if the result uses it for another design. ``pilot`` is the
-    campaign or plan that the best design starts from; the design for comparison must be of the same
-    machine.
+    caller gave it. The name must not be one that the result uses for another design. ``pilot`` is
+    the campaign or plan that the best design starts from; the design for comparison must have the
+    same machine.
     """
     require(
         name not in _RESERVED_NAMES,

@@ -134,8 +134,8 @@ class LogBayesFactor:
     """
 
     concave: ClassVar[bool] = False
-    #: root mean square of the parameters of interest in the model in which they are not zero, in
-    #: prior standard deviations
+    #: root mean square of the parameters of interest, in units of their prior standard deviations,
+    #: in the model in which these parameters are free
     size: float = 1.0
 
     def value(self, root: Array) -> Array:

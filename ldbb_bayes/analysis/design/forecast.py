@@ -176,18 +176,18 @@ def forecast_plan(
 
 @dataclass(frozen=True, eq=False)
 class StatedByMachines:
-    """Standard uncertainties that the analyses of planned tests state on n possible machines."""
+    """Standard uncertainties that analyses of planned tests would state for n possible machines."""
 
     names: tuple[str, ...]  #: names of the p parameters
     beta: Array  #: true parameters of the machines, shape (n, p), in mm, N and rad
-    u: Array  #: standard uncertainties that the analyses state, shape (n, p), in mm, N and rad
+    u: Array  #: standard uncertainties from the analyses, shape (n, p), in mm, N and rad
 
 
 @one_blas_thread
 def stated_by_machines(
     model: HybridModel, plan: Campaign, *, machines: int | None = None
 ) -> StatedByMachines:
-    """Return the standard uncertainties that an analysis would state on n possible machines.
+    """Return the standard uncertainties that an analysis would state for n possible machines.
 
     The analysis uses the readings of the tests of ``plan``, which are not known yet.
     `forecast_plan` returns the medians of these uncertainties over the machines. The model must

@@ -353,7 +353,7 @@ def _check_arguments(model: HybridModel, campaign: Campaign, confidence: float) 
 
 
 def _default_forces(campaign: Campaign) -> list[float]:
-    """Return nine force levels [N] in equal steps over the range of a campaign."""
+    """Return nine force levels [N] in equal steps over the range of a campaign's forces."""
     low = float(campaign.forces_N.min())
     high = float(campaign.forces_N.max())
     levels: list[float] = np.unique(np.linspace(low, high, _LEVELS).round(1)).tolist()

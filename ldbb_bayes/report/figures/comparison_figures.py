@@ -128,11 +128,11 @@ def _assumptions(comparison: Comparison) -> list[_Assumption]:
 
 
 class _Stretch(NamedTuple):
-    """One stretch of the broken scale of the log Bayes factor, from ``low`` to ``high`` [nat].
+    """One section of a broken axis for log Bayes factors, from ``low`` to ``high`` [nat].
 
-    A broken scale consists of up to three stretches; the values between the stretches are not
-    drawn. The middle stretch contains zero. The other stretches, to its left and to its right, are
-    called outer stretches.
+    A broken axis consists of up to three sections; the values between the sections are not drawn.
+    The middle section contains zero. The sections to its left and to its right are called outer
+    sections.
     """
 
     low: float
@@ -141,12 +141,12 @@ class _Stretch(NamedTuple):
 
 
 def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
-    """Return the stretches of the broken scale of log Bayes factors, from left to right.
+    """Return the sections of the broken axis for log Bayes factors, from left to right.
 
     ``value``, shape (n,), holds the log Bayes factors under n assumptions [nat]. ``allowed``, shape
-    (n,), is false for assumptions that the readings reject. The middle stretch contains all values
+    (n,), is false for assumptions that the readings reject. The middle section contains all values
     under assumptions that the readings do not reject, and all values between −20 and 20 nat.
-    Stretches without a value are left out.
+    Sections without a value are left out.
     """
     near = max(_MIDDLE_NAT, 1.2 * float(np.abs(value[allowed]).max(initial=0.0)))
     left = value[value < -near]
@@ -172,7 +172,7 @@ def _stretch(low: float, high: float, *, is_outer: bool) -> _Stretch:
 
 
 def _draw_stretch(axes: Axes, assumptions: Sequence[_Assumption], stretch: _Stretch) -> None:
-    """Draw the log Bayes factors that lie in one stretch of a broken scale.
+    """Draw the log Bayes factors that lie in one section of a broken axis.
 
     There is one row for each assumption. A mark is filled if the readings do not reject the
     assumption. Error bars extend 1.96 numerical standard errors to each side.
