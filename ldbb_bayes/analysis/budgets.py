@@ -64,9 +64,9 @@ _MOST_AVERAGED = 16
 class Contribution:
     """One line of an uncertainty budget: the contribution of one source to one parameter."""
 
-    #: name of the source: a nuisance coefficient, a kind of reading noise, ``Parameters`` for the
-    #: priors of the parameters, or "other …" for all coefficients of one model term whose shares
-    #: are small
+    #: name of the source: a nuisance coefficient, a kind of noise in the readings, ``Parameters``
+    #: for the priors of the parameters, or "other …" for all coefficients of one model term whose
+    #: shares are small
     source: str
     term: str  #: model term that the source belongs to, such as ``Mount``
     #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the

@@ -249,10 +249,11 @@ class Comparison(Result):
     #: in ``prior_sensitivity`` changes sign
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about the random
-    #: differences between circles. The first entry is for the assumption in the models. The last
-    #: entry is for models without nuisance terms, in which circles differ at random by white noise
-    #: alone. If ``explanations`` is not None, the second entry is the average over the alternative
-    #: explanations, and the third entry is the comparison without alternative explanations.
+    #: differences between circles. The first entry is for the assumption that the models make. The
+    #: last entry is for models without nuisance terms, in which circles differ at random by white
+    #: noise alone. If ``explanations`` is not None, the second entry is the average over the
+    #: alternative explanations, and the third entry is the comparison without alternative
+    #: explanations.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if no model has slopes, or if only evidences were computed

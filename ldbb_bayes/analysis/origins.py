@@ -44,8 +44,9 @@ __all__ = ["MAJORITY", "Origin", "edition_terms", "is_prior_stated", "is_size_st
 # more than this share of it. If these sources were removed, the standard uncertainty of the
 # parameter would be smaller by about 30 % or more.
 MAJORITY = 0.5
-# An effect counts as measured here if its standard uncertainty from the readings alone, with a flat
-# prior of the effect, is below this share of the effect's prior standard deviation.
+# The readings of a campaign are said to measure an effect if its standard uncertainty from the
+# readings alone (with a flat prior of the effect) is below this share of the effect's prior
+# standard deviation.
 MEASURED_SD_RATIO = 0.5
 
 

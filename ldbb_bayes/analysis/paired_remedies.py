@@ -28,7 +28,8 @@ class PairedRemedy(Result):
     """Two remedies for a parameter that remains confounded after the first remedy alone.
 
     A remedy is a change of the plan, such as more circles, or a certificate of the instrument. A
-    parameter is confounded if assumed effects cause more than half of its variance.
+    parameter is confounded if more than half of its variance comes from effects whose standard
+    uncertainties are assumed.
     """
 
     #: first remedy (a certificate or a change of the plan): the cheapest single remedy for the

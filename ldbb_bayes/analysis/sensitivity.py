@@ -114,10 +114,11 @@ def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return copies of the two models ``pair``, one pair for each of several assumptions.
+    """Return the two models ``pair`` changed according to each of several assumptions.
 
-    The keys are the labels of the assumptions. ``changes`` holds the assumptions, as returned by
-    `discrepancy_assumptions`. An assumption is left out if it makes the two models equal.
+    The keys of the result are the labels of the assumptions; each value is the changed pair.
+    ``changes`` holds the assumptions, as returned by `discrepancy_assumptions`. An assumption is
+    left out if it makes the two models equal.
     """
     pair = tuple(pair)
     pairs = {}

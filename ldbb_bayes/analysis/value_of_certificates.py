@@ -178,9 +178,9 @@ def worth_of_certificates(
 def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]:
     """Return the certificates in `CERTIFICATES` that the instrument does not have yet.
 
-    The keys are names of certificates. The values are the fields of the instrument that the
-    certificate states. No field is stated by two of the certificates: the certificate of a single
-    ball is included only if the other ball already has a certificate.
+    The keys are names of certificates. Each value holds the fields of the instrument for which the
+    certificate gives values. Two certificates in the result never give values for the same field:
+    the certificate of a single ball is included only if the other ball already has a certificate.
     """
     uncertified = Instrument()
     missing = {}

@@ -393,9 +393,9 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
     """Return the weighted sum of joint compliances that every chosen compliance stands for.
 
     The keys of the result are the names of the compliances. ``rows`` are rows of the table of a
-    batch, in which each campaign states its sums. Raise an `InputError` if two campaigns state
-    different sums for the same compliance. A campaign that states no sum for a compliance is
-    assumed to have the same sum as the other campaigns.
+    batch; each row contains the sums of one campaign. Raise an `InputError` if two campaigns have
+    different sums for the same compliance. If the row of a campaign contains no sum for a
+    compliance, the sum is assumed to be the same as in the other campaigns.
     """
     meanings: dict[str, Meaning] = {}
     first_campaigns: dict[str, str] = {}

@@ -58,9 +58,10 @@ class PopulationPrior(Shown):
     #: SHA-256 of the content of population.json, the result from which the prior was made
     sha256: str
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: weighted sum of joint compliances for which each compliance stands in the population; the
-    #: keys are the names of the compliances. A compliance without an entry is assumed to stand for
-    #: the same sum as in the campaign to be fitted.
+    #: each compliance of the population stands for a weighted sum of the compliances of single
+    #: joints; this dictionary holds the sums, with the names of the compliances as keys. A
+    #: compliance without an entry is assumed to stand for the same sum as in the campaign to be
+    #: fitted.
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
     #: names of the machines in the population from which the prior was made: the machine_id or, for
     #: a machine without machine_id, the file path of its campaign

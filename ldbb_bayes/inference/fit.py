@@ -202,10 +202,10 @@ class Fit(Result):
     def state(self) -> State:
         """Return whether the results of the fit can be used.
 
-        The results are unusable if the sampler did not converge. If it converged, the results are
-        doubtful if a failing check of the readings matters (see `misfits`), or if the readings
-        contradict the condition that no compliance is negative. In all other cases the results are
-        usable.
+        The results are unusable if the sampler did not converge. Otherwise, they are doubtful if
+        the fitted model does not describe the readings well enough (see `misfits`), or if the
+        readings contradict the condition that no compliance is negative. In all other cases the
+        results are usable.
         """
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:

@@ -52,7 +52,7 @@ class Axes(NamedTuple):
     rotation: str  #: rotation about the normal of the plane, such as C
 
 
-# Names of the three motions in each plane in which circular tests are possible.
+# Planes in which circular tests are possible, each with its two linear axes and its rotation.
 PLANES: Mapping[str, Axes] = {
     "XY": Axes("X", "Y", "C"),
     "YZ": Axes("Y", "Z", "A"),

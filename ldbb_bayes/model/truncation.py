@@ -28,9 +28,9 @@ _GRID = 1025
 # one coordinate of a truncated Gaussian vector is computed by integration over the other
 # coordinates that have a constraint in common with this coordinate.
 _COARSE_GRID = 257
-# The distribution of a coordinate of a truncated Gaussian vector is computed on a grid of its
-# values. The grid extends to this number of sds from the mean before truncation, on both sides, and
-# leaves out values that the truncation excludes.
+# The distribution of a coordinate of a truncated Gaussian vector is computed on a grid of values.
+# On each side, the grid extends to this number of sds from the mean before truncation. It contains
+# no values that the truncation excludes.
 _REACH = 9.0
 # If the truncation excludes all values near the mean before truncation, the grid begins at the
 # permitted value nearest to this mean. It is then this number of sds long, or as long as the range

@@ -68,7 +68,8 @@ class _Display:
 def is_matlab_display(text: str) -> bool:
     """Return whether a text was copied from the command window of MATLAB.
 
-    Such a text has a line with a factor; or it has a prompt, and a line with a variable's name.
+    Two things show this: a line with a common factor of numbers, as MATLAB writes it, or a line
+    with MATLAB's prompt together with a line that contains only the name of a variable.
     """
     lines = text.split("\n")
     if any(_FACTOR.fullmatch(line) for line in lines):

@@ -78,7 +78,7 @@ class _WrittenLoad(NamedTuple):
     """Load that is written in a name: a number with its unit."""
 
     key: str  # kind of load: force_N or pressure_bar
-    text: str  # number of the load as written
+    text: str  # the number, as the name contains it
     unit_size: float  # size of the unit of the load in N or bar, such as 1000 for kN
 
 

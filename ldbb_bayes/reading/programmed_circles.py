@@ -86,7 +86,8 @@ class _Programme:
     unit_mm: float
     #: whether centres are counted from the zero point of the programme, not from the arc's start
     has_absolute_centres: bool
-    has_feeds: bool  #: whether F is a speed
+    #: whether the word F states a speed, and not a feed per turn or an inverse time
+    has_feeds: bool
     #: end of the last motion; the keys are axes; empty if it is not known
     position: dict[str, float] = field(default_factory=dict)
     #: pole (centre of later arcs) for a Heidenhain control; the keys are axes; empty if it is not

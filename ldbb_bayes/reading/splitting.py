@@ -627,7 +627,7 @@ def _numeric_columns(heading: Heading) -> list[int]:
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
     """Return the rows of a table up to the last row with numbers.
 
-    A row of numbers with unknown units also counts as a row with numbers.
+    Cells with a number and a unit that is not known count as numbers here.
     """
     rows = sheet.rows[heading.first_row :]
     while rows and not (_has_number(rows[-1]) or _holds_quantities(rows[-1], heading)):

@@ -162,7 +162,7 @@ def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
 
 
 def _is_of_page(row: Row, lines_above_first: Sequence[Row]) -> bool:
-    """Return whether a row is a page number, or repeats a row above the first table."""
+    """Return whether a row is only a page number, or is equal to a row above the first table."""
     if any(row.cells == other.cells for other in lines_above_first):
         return True
     return all(_PAGE.fullmatch(cell) is not None for cell in row.cells)

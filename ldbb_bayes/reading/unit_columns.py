@@ -14,7 +14,8 @@ __all__ = ["unit_columns"]
 _PLAIN_UNITS = frozenset(
     {"um", "mm", "cm", "nm", "inch", "mil", "uinch", "deg", "rad", "gon", "kN"}
 )
-# Largest factor that a unit in a column of units without a header may have, such as 10 in 10 nm.
+# A column of units may have no header. A unit in such a column may have a factor up to this number,
+# such as 10 in 10 nm.
 _LARGEST_FACTOR = 10.0
 
 

@@ -144,9 +144,10 @@ def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str
 
 
 def _agreed(unit: str, unit_of_remark: str, role: str) -> str:
-    """Return the unit that a phrase and its remark state.
+    """Return the unit that a phrase states, compared with the unit in a remark after the phrase.
 
-    If they state different units, both units are joined by "and".
+    If the two units differ in size, both are returned, joined by "and". If only the remark states a
+    unit, this unit is returned.
     """
     if not unit:
         return unit_of_remark

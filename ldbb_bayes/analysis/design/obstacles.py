@@ -23,8 +23,8 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 
-# A certificate is named only if it is useful enough: after very many circles, the uncertainty with
-# the certificate must be less than this share of the uncertainty without the certificate.
+# A certificate is recommended only if it is useful enough: after very many circles, the uncertainty
+# with the certificate must be less than this share of the uncertainty without the certificate.
 _WORTH_SHARE = 0.9
 # The uncertainties that would remain after very many circles are computed as if each possible
 # circle were run this number of times.

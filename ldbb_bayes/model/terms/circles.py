@@ -65,10 +65,10 @@ class SetupShift(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the shift between circles: its sd δ, or two separate sds.
+        """Standard deviations of the shifts of zero and centre from circle to circle.
 
-        If the field ``moves`` is ``apart``, the readings' zero has the sd δ_0 and the circle's
-        centre the sd δ_1.
+        If the field ``moves`` is ``apart``, there are two hyper-parameters: δ_0 for the readings'
+        zero, and δ_1 for the circle's centre. Otherwise there is only δ.
         """
         if self.moves != "apart":
             return (Scale("delta", "delta_um", "δ", "set-up shift"),)

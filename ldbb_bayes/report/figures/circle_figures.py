@@ -266,7 +266,7 @@ def _panel_head(shown: _Traces, plane: str) -> str:
 
 
 def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
-    """Draw the colour scale of forces at the right of the figure.
+    """Draw the colour scale of forces on the right-hand side of the figure.
 
     On the scale, forces increase upwards if the trace at the largest force lies outside the trace
     at the smallest force, and downwards if not.
