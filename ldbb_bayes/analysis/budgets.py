@@ -207,10 +207,10 @@ class _Portion:
 
 
 class _NoiseSource(NamedTuple):
-    """Type of evaluation (A or B), standard uncertainty ``u`` and unit of a kind of reading noise.
+    """One kind of noise of the readings: type of evaluation, standard uncertainty and unit.
 
-    The types are those of the GUM. ``u`` is None if one line of the budget combines several kinds
-    of noise.
+    The type of evaluation is A or B, as in the GUM. The standard uncertainty ``u`` is None if one
+    line of the budget combines several kinds of noise.
     """
 
     kind: Kind

@@ -178,8 +178,8 @@ def _describe_compliances(
 
     ``visible`` holds the names of these compliances. If the readings determine only a weighted sum
     of several compliances, one compliance represents this sum, and ``visible`` also holds the names
-    and weights of the compliances in the sum. The patterns in the description are those for the
-    first of ``circles`` in each plane.
+    and weights of the compliances in the sum. A description also states how the compliance changes
+    the readings of the first of ``circles`` in each plane.
     """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():

@@ -43,7 +43,7 @@ class PairedRemedy(Result):
     #: standard uncertainty of the parameter that remains after both remedies, in internal units
     sd: float
     ratio: float  #: ``sd`` divided by the standard uncertainty without any remedy
-    #: whether the parameter is still confounded with assumed effects after both remedies
+    #: whether the parameter is still confounded after both remedies
     is_confounded: bool
 
 

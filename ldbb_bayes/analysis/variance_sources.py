@@ -140,7 +140,7 @@ class ModelVariance:
         return self._scaled(self._variance(self.information, names))
 
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the variances of the q quantities as if some assumed coefficients were known.
+        """Return the variances of the q quantities as if some coefficients were known.
 
         ``partners`` are names of effects. An effect is a model term, identified by its class name,
         or the prior of a parameter, identified by the name of the parameter. If the standard

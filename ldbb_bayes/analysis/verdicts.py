@@ -735,9 +735,10 @@ def judge(
     contraction
         One minus the posterior variance divided by the prior variance; NaN for a flat prior.
     likeness
-        For each pair of assumed sources, the squared cosine of the angle between the vectors of
-        parameter errors that the two sources cause; a key consists of the names of the sources.
-        Default: all sources are taken to act on the same combination of parameters.
+        For each pair of sources whose standard uncertainties are assumed, the squared cosine of the
+        angle between the vectors of parameter errors that the two sources cause; a key consists of
+        the names of the sources. Default: all sources are taken to act on the same combination of
+        parameters.
     """
     partners = confounding_sources(sources, likeness)
     if partners:

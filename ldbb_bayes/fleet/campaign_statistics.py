@@ -29,7 +29,7 @@ _NODES_AT_ONCE = 256
 # probabilities proportional to their weights. With this number, the numerical error of a mean is a
 # small fraction of the parameter's standard uncertainty.
 _NODES = 512
-# Seed of the random selection of nodes (values of the scales of the noise and of other effects).
+# Seed of the random selection of nodes (weighted values of the hyper-parameters).
 _SEED = 0
 
 

@@ -1,4 +1,4 @@
-"""Gaussian likelihoods of the parameters of machines, one from each campaign of a batch.
+"""Gaussian likelihoods of machine parameters, one from each campaign of a batch.
 
 ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const
 

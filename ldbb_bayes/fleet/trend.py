@@ -167,7 +167,7 @@ class Trend(Result):
     assumptions: Mapping[str, Any]
     #: posterior probability that a parameter of the machine has changed
     probability: Annotated[float, Field(alias="probability_of_change")]
-    #: whether a change is reported: its posterior probability is above the threshold
+    #: whether the posterior probability of a change is above the threshold, so that it is reported
     changed: bool
     #: upper bound on the probability that a change is reported if there is none
     false_alarm: float

@@ -100,7 +100,7 @@ class RatioIntegral(NamedTuple):
 
     @property
     def least_error(self) -> float:
-        """Error that the log integral would have if the density were known at all nodes [nat]."""
+        """Error [nat] that the log integral would have with the density at all nodes."""
         return replace(self.integral, ratio_error=0.0).error + self.value_error
 
 

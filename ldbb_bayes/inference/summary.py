@@ -32,9 +32,9 @@ __all__ = [
     "summarize_nuisances",
 ]
 
-# Entries of a posterior's record that are not copied into the JSON result of a fit. Some of them
-# serve only to rebuild the campaign and the model; the result states the others with each
-# parameter.
+# Entries of a posterior's record that are not copied into the JSON result of a fit. Some entries
+# serve only to rebuild the campaign and the model. The contents of the others are stated with each
+# parameter of the result.
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
 )

@@ -30,12 +30,12 @@ from ldbb_bayes.results import Array
 __all__ = ["HyperPrior"]
 
 
-# Lower bound of the decay p, an exponent: the prior sd of a form error with n waves around the
+# Lower bound of the exponent p, the decay: the prior sd of a form error with n waves around the
 # circle is proportional to n^(−p).
 _LEAST_DECAY = 0.5
 
 
-# Upper bound of the decay p, an exponent: the prior sd of a form error with n waves around the
+# Upper bound of the exponent p, the decay: the prior sd of a form error with n waves around the
 # circle is proportional to n^(−p).
 _MOST_DECAY = 3.5
 

@@ -474,9 +474,9 @@ def least_distance_multipliers(unit: Array, bound: Array) -> Array:
 
     There is one multiplier for each of the d constraints, shape (d,). The multiplier is zero for a
     constraint that holds with strict inequality at the nearest point, and usually positive for a
-    constraint that holds with equality. All multipliers have an arbitrary common factor. They are
-    computed by non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, ch.
-    23).
+    constraint that holds with equality. The multipliers are determined only up to a common factor.
+    They are computed by non-negative least squares (Lawson and Hanson, Solving Least Squares
+    Problems, ch. 23).
 
     Parameters
     ----------

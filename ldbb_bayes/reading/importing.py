@@ -339,7 +339,7 @@ def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -
 def _check_directions(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
     """Raise an error if some tests of a plane state their direction of travel, and others do not.
 
-    ``campaign`` are the fields of the campaign that options or files state.
+    ``campaign`` holds the fields of the campaign that are given as options or stated in files.
     """
     stated: dict[Any, Recording] = {}
     unstated: dict[Any, Recording] = {}

@@ -26,7 +26,7 @@ def divide_line(text: str) -> list[str]:
 
 
 def segments_of_line(text: str) -> list[str]:
-    """Return the segments of a line, each of which may have a subject of its own.
+    """Divide a line into segments, which may be about different things.
 
     Segments are divided by semicolons, ``|``, tabs, full stops, commas, and two or more blanks. A
     number stays with the words before it: ``Force;238 N;travel CW`` has two segments.

@@ -93,7 +93,7 @@ class StatedQuantity:
 
     @property
     def inseparable_partners(self) -> tuple[str, ...]:
-        """Names of the assumed effects that an undetermined quantity is confounded with.
+        """Names of the effects that an undetermined quantity is confounded with.
 
         The tuple is empty if the readings determine the quantity, or if the quantity is not
         confounded.

@@ -889,7 +889,7 @@ def certificate_words(certificate: str) -> str:
 def verdict_words(
     entry: ParameterIdentifiability | ChangeIdentifiability, *, shares: bool = True
 ) -> str:
-    """Return a string with the verdict on how far the readings determine a parameter or a change.
+    """Return a string with the verdict on how far the readings determine a quantity.
 
     Parameters
     ----------

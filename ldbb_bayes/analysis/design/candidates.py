@@ -105,7 +105,7 @@ def add_foreseen_tests(
         kinds.
     """
     uses_radius = _model_depends_on_radius(pilot, (*candidates, *compared_tests))
-    # Ignore the directions of the tests that have been run in the pilot, because a design may be
+    # Ignore the directions of the tests that have already been run, because a design may be
     # analysed without these tests.
     known_kinds = {_kind_of(test, None, uses_radius) for test in pilot.scope}
     known_kinds |= {_kind_of(test, test.direction, uses_radius) for test in pilot.foreseen}

@@ -45,8 +45,8 @@ _TRIED_CANDIDATES = 12
 # At the end of a thorough search, two groups of this size are tried as replacements for each test
 # of a design: the candidates with the largest sensitivities, and random candidates.
 _TRIED_AT_THE_END = 128
-# Candidates are selected by their average sensitivity over the values of the hyper-parameters. To
-# save time, only one in ``_HYPER_STEP`` values is used for this average.
+# Candidate tests are selected by their average sensitivity over the values of the hyper-parameters.
+# To save time, only one in ``_HYPER_STEP`` values is used for this average.
 _HYPER_STEP = 4
 # Number of designs that the search starts from. The first design has the best fractions of tests,
 # rounded to whole numbers. In the other designs, the tests are drawn at random from the candidates.

@@ -1,9 +1,9 @@
 """States of the machine before the tests of a design.
 
 A state is a value of the hyper-parameters φ (the scales of the noise and of other effects) and of
-the parameters β (compliances, their slopes and geometric errors). The pilot is the campaign or plan
-that a design starts from. States are drawn at random from the posterior given the pilot's readings,
-or from the prior if the pilot is a plan.
+the parameters β (compliances, their changes with force, and geometric errors). The pilot is the
+campaign or plan that a design starts from. States are drawn at random from the posterior given the
+pilot's readings, or from the prior if the pilot is a plan.
 """
 
 from __future__ import annotations

@@ -118,12 +118,13 @@ def _atlas(
     without_effect: Collection[str],
     title: str,
 ) -> Figure:
-    """Draw the pattern of every parameter around a circle, with a polar panel for each parameter.
+    """Draw the effect of every parameter on the readings of a circle, each in a polar panel.
 
-    ``patterns`` holds the pattern of each parameter, and ``colours`` the colour of its line; the
-    keys are the names of the parameters. All patterns are scaled to the same height. Parameters in
-    ``bold`` are drawn with thicker lines. Parameters in ``without_effect`` have no effect on the
-    readings; their pattern is drawn as a circle. ``title`` is the title of the figure.
+    ``patterns`` holds, for each parameter, the change of the readings around the circle per unit of
+    the parameter, and ``colours`` the colour of its line; the keys are the names of the parameters.
+    All patterns are scaled to the same height. Parameters in ``bold`` are drawn with thicker lines.
+    Parameters in ``without_effect`` have no effect on the readings; their pattern is drawn as a
+    circle. ``title`` is the title of the figure.
     """
     figure, all_axes = panels(len(patterns), 4, 1.7, 0.7, subplot_kw={"projection": "polar"})
     axes: Any
