@@ -288,10 +288,11 @@ class CalibrationCertificate(Shown):
         return sorted([*shares, *newtons], key=self._linearity_ratio)[-1]
 
     def _linearity_ratio(self, linearity: CertifiedQuantity) -> float:
-        """Return the absolute linearity error of a force device as a ratio.
+        """Return the absolute value of a force device's linearity error, divided by the force.
 
-        An error in newtons is divided by the largest certified force. Raise an `InputError` for an
-        error in newtons if no force is certified.
+        An error that is stated as a ratio is not divided. An error in newtons is divided by the
+        largest certified force. Raise an `InputError` for an error in newtons if no force is
+        certified.
         """
         size = linearity.magnitude()
         if linearity.dimension == "":

@@ -90,8 +90,9 @@ class MarginalMixtures(NamedTuple):
     def quantile_errors(self, levels: Array) -> Array:
         """Return the standard errors of the quantiles of p parameters, shape (n, p).
 
-        ``levels``, shape (n,), holds the n probabilities of the quantiles. The standard errors are
-        computed from the scatter of `quantiles` between batches of the Gaussians.
+        ``levels``, shape (n,), holds the n probabilities of the quantiles. The Gaussians of the
+        mixtures are divided into batches. The standard errors are computed from the scatter between
+        the quantiles of the batches.
         """
         count = min(_BATCHES, len(self.beta))
         quantiles = []

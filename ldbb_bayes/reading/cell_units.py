@@ -60,10 +60,10 @@ def number_in_cell(cell: str, *, is_sexagesimal: bool = False) -> _NumberAndUnit
 def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     """Return the rows of a sheet without the units after their numbers, and the removed units.
 
-    Only rows of a table are changed, and not a single row such as ``Force;36 N``. A row of a table
-    consists of at least two numbers, and at least one of these numbers has a unit. The row directly
-    above it or below it also consists of numbers with units. In a sheet with at least three rows of
-    numbers with units, this neighbouring row may also consist of numbers without units.
+    Only rows that seem to belong to a table are changed, and not a single row such as ``Force;36
+    N``. Such a row consists of at least two numbers, at least one of them with a unit, and the row
+    directly above or below it also consists of numbers with units. In a sheet with at least three
+    rows of numbers with units, this neighbouring row may also consist of numbers without units.
     """
     sexagesimal = columns_in_sexagesimal(row.cells for row in rows)
     numbers = [_numbers_of(row.cells, sexagesimal) for row in rows]

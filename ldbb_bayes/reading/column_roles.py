@@ -394,8 +394,8 @@ def find_columns(
 def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list[str]:
     """Return the headers, with an empty text for each column of units or of temperatures.
 
-    Headers such as ``theta_unit`` and ``T [°C]`` contain words for a role, but their columns do not
-    have this role. ``units`` holds the unit of each column.
+    A header such as ``theta_unit`` or ``T [°C]`` could otherwise be taken for the header of a
+    column of angles or times. ``units`` holds the unit of each column.
     """
     names = list(headers)
     for column, header in enumerate(headers):

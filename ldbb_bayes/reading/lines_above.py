@@ -176,7 +176,7 @@ _BAR_AND_NUMBER = re.compile(
 _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
 # Fields that state the load of a test: its force and its pressure.
 _LOADS = ("force_N", "pressure_bar")
-# Fields of a test that a line states by one number, and never by a list of numbers.
+# Fields of a test whose value in a line is one number, and never a list of numbers.
 _FIELDS_OF_ONE_NUMBER = ("force_N", "pressure_bar", "radius_mm")
 # Regular expression for a further number after a number. The further number may have a unit.
 _FURTHER_NUMBER = rf"[\s;,|]+{NUMBER_IN_TEXT}(?:\s?[^\W\d_]+)?"
@@ -240,11 +240,10 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 def _numbers_stated(
     text: str, line: int | str, is_extended: bool
 ) -> Iterator[tuple[str, LineStatement]]:
-    """Yield each field whose value a line states by a number, and the statement of the line.
+    """Yield each field that has a number as its value in a line, and the statement of this value.
 
-    A line that states the force as a function of the pressure states neither a force nor a
-    pressure. ``line`` is the number of the line, and ``is_extended`` says whether a line names an
-    extension of the bar.
+    A line that gives the force as a function of the pressure has no value of a force or pressure.
+    ``line`` is the number of the line. ``is_extended`` says whether the bar has an extension.
     """
     is_law = states_force_law(text)
     for quantity in _QUANTITIES.values():

@@ -21,16 +21,16 @@ _LOADS = ("force", "pressure")
 
 
 def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return the cells of a row in a list of tests, with plain headers for force and pressure.
+    """Return the cells of a row in a list of tests, with simple headers for forces and pressures.
 
-    A header of a load (force or pressure) with its unit, such as ``F cal. [kN]``, is replaced by a
-    header that later code can read, such as ``force [kN]``. Other headers are not changed.
+    A header of forces or pressures with a unit, such as ``F cal. [kN]``, is replaced by a header
+    that later code can read, such as ``force [kN]``. Other headers are not changed.
 
     Parameters
     ----------
     cells
-        Two texts for each cell of the row: where it is, and its header and content, as in "Setup:
-        2".
+        Cells of the row. For each cell, the first text is its place. The second text is its header
+        and its content, as in "Setup: 2".
     """
     named = []
     for place, text in cells:
@@ -50,8 +50,8 @@ def unread_headers(cells: Iterable[tuple[str, str]], names: Collection[str]) -> 
     Parameters
     ----------
     cells
-        Two texts for each cell in the row of the test: where it is, and its header and content, as
-        in "Setup: 2".
+        Cells in the row of the test. For each cell, the first text is its place. The second text is
+        its header and its content, as in "Setup: 2".
     names
         Names of the test. A cell that holds one of these names is used, so its header is not
         returned.

@@ -136,10 +136,10 @@ def note_left_out(left_out: Sequence[Sheet], lists: Collection[str], log: Assump
 
 
 def _lists_of_tests(sheets: Sequence[Sheet], optional: Collection[Path]) -> list[Sheet]:
-    """Return the sheets that list the tests on other sheets.
+    """Return the sheets with a list of tests whose readings are on other sheets.
 
     Only the files in ``optional`` may have such sheets. If every sheet seems to be a list, the
-    result is empty: each sheet then has a table of readings below a list of all tests.
+    result is empty, because each sheet is then assumed to have a table of readings below the list.
     """
     lists = []
     for sheet in sheets:

@@ -35,7 +35,7 @@ _NIGHT_S = 6 * 3_600.0
 # Shortest time from one circle to the next [s]. Timestamps that are closer together are taken as
 # the times at which the files were written.
 _SHORTEST_CIRCLE_S = 5.0
-# Longest list of tests or sources in a note [characters].
+# Largest number of characters of a list of names that a note shows.
 _LIST_SHOWN = 200
 # Command-line options that replace the start times of tests. They are named in a note if the files
 # state such times.
