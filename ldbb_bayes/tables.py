@@ -409,15 +409,15 @@ def _for_print(frame: pd.DataFrame, *, all_rows: bool = False) -> pd.DataFrame:
 
 
 class _RowsInstead(NamedTuple):
-    """Substitutes: rows that are displayed in place of some rows of a data frame.
+    """Rows that are displayed instead of some rows of a data frame.
 
-    The data frame itself keeps the replaced rows.
+    The data frame itself keeps the rows that are not displayed.
     """
 
     #: names of the rows that are not displayed; only `ReadableFrame.details` displays them
     replaced: tuple[str, ...]
-    #: substitutes: the keys are the names of the rows, and each value is a dictionary of cells
-    #: whose keys are the names of the columns
+    #: rows that are displayed instead; the keys are the names of these rows. Each value is a
+    #: dictionary of cells whose keys are the names of the columns.
     displayed: Mapping[str, Mapping[str, Any]]
     position: int  #: index of that row of the data frame above which ``displayed`` is inserted
     length: int  #: number of rows of the whole data frame

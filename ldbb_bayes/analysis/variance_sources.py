@@ -341,8 +341,8 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
     """
     if not known:
         return information
-    # Tests with the same noise refer to the same dictionary of noise sources. Each such dictionary
-    # is copied once, so that these tests refer to the same dictionary in the result, too.
+    # Tests with the same noise share one dictionary of noise sources. Each dictionary is copied
+    # only once, so that these tests also share one dictionary in the result.
     remaining: dict[int, dict[str, Array]] = {}
     for sources in information.noise:
         remaining[id(sources)] = {name: sources[name] for name in sources if name not in known}

@@ -156,7 +156,7 @@ def _delete_folders_of_dead_servers() -> None:
 
 def _is_running(process: int) -> bool:
     if os.name != "posix":
-        return True  # whether a process runs is unknown on Windows: os.kill would end the process
+        return True  # on Windows, the check is not possible: os.kill would end the process
     try:
         os.kill(process, 0)
     except OSError as error:

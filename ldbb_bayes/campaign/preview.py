@@ -180,8 +180,8 @@ class TestPreview:
     centre_mm: tuple[float, ...]
     work_ball_deg: float
     tool_ball_deg: float
-    #: resolution of the readings [µm]: the digital step, of which all differences between readings
-    #: are multiples
+    #: resolution of the readings [µm]: the digital step. All differences between readings are
+    #: multiples of this step.
     resolution_um: float | None
     #: number of spikes, which are readings that deviate from a fitted Fourier series of order 12 by
     #: more than eight standard deviations. The series is fitted without the spikes.
@@ -268,7 +268,7 @@ class _Angles(NamedTuple):
 
 
 def _describe_angles(test: CircularTest) -> _Angles:
-    """Return the steps and gaps of a test's angles [deg], and their direction of travel.
+    """Return the steps and gaps of a test's angles [deg], and the direction of travel.
 
     The direction is None unless the angles rise throughout or fall throughout.
     """

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["make_report", "report_figure_files"]
 
-# File formats of the figures of a report, which are written into a separate folder.
+# File formats in which the figures of a report are written into a separate folder.
 _FIGURE_FORMATS = ("svg", "png", "pdf")
 
 

@@ -158,8 +158,8 @@ class PooledMachine(Result):
     #: keys are the names of the parameters
     estimate: dict[str, Summary]
     #: estimates of the machine's parameters from its own campaigns, with the prior N(0, prior_sd²)
-    #: in place of the population; the keys are the names of the parameters. The errors of the
-    #: instrument, however, are estimated from the campaigns of all machines.
+    #: instead of the distribution of the population; the keys are the names of the parameters. The
+    #: errors of the instrument, however, are estimated from the campaigns of all machines.
     alone: dict[str, Summary]
     #: p-value of the hypothesis that the machine belongs to the population of the other machines,
     #: corrected for the number of parameters (Bonferroni) and for the number of machines (Holm). If

@@ -27,8 +27,9 @@ _CHUNK = 8192
 # neglected if their absolute value is at most this number. They then change the log density of the
 # readings by less than 1e-6.
 _LEAST_DEPARTURE = 1e-6
-# A test counts as an arc instead of a full circle if more than this number of its 25 departures
-# from uniformly spaced angles (`NearUniform.departure`) are significant.
+# `NearUniform.departure` holds 25 numbers that describe how the angles of a test depart from
+# uniform spacing. The test counts as an arc instead of a full circle if more than
+# ``_MOST_DEPARTURES`` of these numbers are significant.
 _MOST_DEPARTURES = 4
 # Elements of the eigenvectors of RᵀR count as zero if their absolute value is at most this number,
 # because they are then rounding errors. R is the triangular factor in the QR decomposition of the

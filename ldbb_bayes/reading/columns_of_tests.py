@@ -110,7 +110,7 @@ def cells_of(recording: Recording, column: int) -> list[str]:
 
 
 def _stand_in_blocks(words: Sequence[str]) -> bool:
-    """Return whether all rows with the same word are successive and are enough for a test.
+    """Return whether rows with the same word follow each other and are numerous enough for a test.
 
     ``words`` holds the word in each row. There must be at least two different words, and no empty
     word.

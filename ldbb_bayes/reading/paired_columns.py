@@ -18,8 +18,8 @@ from ldbb_bayes.reading.words import comparable
 
 __all__ = ["split_pairs"]
 
-# Smallest number of columns that each of several tables beside each other has: one column of angles
-# and one column of readings.
+# Several tables may stand beside each other in a sheet. Each of them has at least this number of
+# columns: one column of angles and one column of readings.
 _FEWEST_COLUMNS = 2
 # A table may hold only a part of a circle if its angles have a gap of at least this size [deg].
 _SMALLEST_GAP_DEG = 60.0

@@ -46,7 +46,7 @@ _TURNED_NAME = re.compile(r"(?<![^\W\d_])(?:invert\w*|negated?|reversed|flipped)
 _MEANING = re.compile(_WORDS["meaning"], re.IGNORECASE)
 # Regular expression for the label "Sign" with a text after it, such as "Sign: as drawn".
 _LABEL = re.compile(_WORDS["label"], re.IGNORECASE)
-# Regular expression for readings that a text calls positive or negative.
+# Regular expression for a mention of positive or negative readings, such as "positive values".
 _NAMED = re.compile(_WORDS["named"], re.IGNORECASE)
 # Regular expression for a word such as "means", which shows that a text defines something.
 _MEANS = re.compile(_WORDS["means"], re.IGNORECASE)

@@ -259,8 +259,8 @@ class _Search:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        # Smallest coefficient `_Progress.inflation` (ratio of full to quick forecast) in the
-        # families that have been searched. It is used in a family that has no full forecast yet.
+        # Smallest coefficient `_Progress.inflation` in the families that have been searched. It is
+        # used in a family that has no full forecast yet.
         self._inflation = np.inf
         #: whether the largest campaign of at least one family reaches all goals
         self.is_reachable = False
@@ -393,9 +393,9 @@ class _Search:
     def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
         """Store by how much the uncertainties of a full forecast exceed those of a quick forecast.
 
-        The factor between the two is computed from both forecasts of ``campaign``, and stored in
-        ``progress.inflation`` as the coefficient that is explained there. ``counts`` is the
-        campaign's number of circles of every candidate test.
+        The ratio of the two is computed from both forecasts of ``campaign``. The coefficient in the
+        formula for this ratio is stored as ``progress.inflation``. ``counts`` is the campaign's
+        number of circles of every candidate test.
         """
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
         progress.inflation = max(added, 0.0) * len(campaign.tests)
