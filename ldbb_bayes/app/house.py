@@ -166,6 +166,6 @@ def _result_or_refusal(
 def _refusal_of_files(session: Session, error: OSError) -> dict[str, Any]:
     """Return the error message for files that could not be copied.
 
-    ``session`` is the session (one browser tab) to which the files were uploaded.
+    ``session`` is the session (one browser tab) to which the files belong.
     """
     return session.refusal("unexpected", error=error.strerror or "a file could not be copied")

@@ -235,9 +235,9 @@ class Population(Result):
     def not_belonging(self) -> tuple[str, ...]:
         """Names of the machines that stand out from the other machines.
 
-        A machine stands out if its corrected p-value is below 5 %. For each parameter, z is the
-        deviation of the machine from the prediction of the other machines, divided by the standard
-        deviation. The machine with the largest absolute value of z comes first.
+        A machine stands out if its corrected p-value is below 5 %. The machine comes first that has
+        the largest deviation (attribute ``z``) of a parameter from the prediction of the other
+        machines.
         """
         flagged = sorted(machine.name for machine in self.machine.values() if machine.flag)
         return tuple(ranked(flagged, self._largest_z))

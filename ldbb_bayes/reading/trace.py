@@ -184,9 +184,10 @@ def _start_of_circle(recording: Recording, direction: str | None) -> float:
     """Return the angle [deg] at which the circle of a test with times instead of angles starts.
 
     If the user or the file states a value for ``start_deg``, this value is returned. Otherwise the
-    angle is that of the axis which a line of the file names as the start, such as +X. Without such
-    a line, it is the angle at which the circle starts in lines of G-code, and zero without G-code.
-    ``direction`` is the stated direction of travel, CW or CCW, or None.
+    angle is that of the axis which a line of the file names as the start, such as +X. If no line
+    names an axis, it is the angle at which the programme (such as G-code) in the file starts the
+    circle, and zero without a programme. ``direction`` is the stated direction of travel, CW or
+    CCW, or None.
     """
     if quantity_of(recording, "start_deg") is None:
         plane = _plane_of(recording)
