@@ -744,13 +744,12 @@ def _begin_assumptions(
     evidences: Evidences,
     executor: Executor | None,
 ) -> Callable[[], tuple[tuple[Assumed, ...], list[Evidence]]]:
-    """Start to compute the evidences of the first two models under alternative assumptions.
+    """Start to compute the evidences of the first two models under other assumptions.
 
-    The assumptions are about the random differences between circles; ``plan`` lists the
-    alternatives to the assumption that the models make. Return a function that waits for the log
-    Bayes factors and evidences, and returns them. ``nodes_by_model`` holds the evidences of the
-    models as they are. ``executor`` runs the computation in parallel; if it is None, this process
-    runs it.
+    The assumptions are about the random differences between circles; ``plan`` lists them. Return a
+    function that waits for the log Bayes factors and evidences, and returns them.
+    ``nodes_by_model`` holds the evidences of the models with their own assumption. ``executor``
+    runs the computation in parallel; if it is None, this process runs it.
     """
     best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
     separate = evidences.apart()

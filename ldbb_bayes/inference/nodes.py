@@ -96,7 +96,7 @@ _FINEST_TOLERANCE = 1e-3
 _NOISE_PER_TOLERANCE = 2.0
 # Two errors add to the error of the log evidence: the error of the integral over the nodes
 # (weighted values of the hyper-parameters), and the error of the probability that no compliance is
-# negative. If the integral alone meets the tolerance, but not both errors together, new nodes are
+# negative. If the first error is within the tolerance, but the sum of both is not, new nodes are
 # computed with the tolerance multiplied by this factor.
 _NODES_SHARE = 0.7
 # The probability that no compliance is negative is first averaged over ``_FEWEST_PICKED`` nodes

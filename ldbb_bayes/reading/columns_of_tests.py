@@ -113,7 +113,8 @@ def _stand_in_blocks(words: Sequence[str]) -> bool:
     """Return whether rows with the same word follow each other and are numerous enough for a test.
 
     ``words`` holds the word in each row. There must be at least two different words, and no empty
-    word.
+    word. All rows with the same word must be successive, and there must be enough of them for a
+    test.
     """
     n_blocks = 1
     for word, next_word in pairwise(words):

@@ -1,7 +1,7 @@
-"""Tables of text files that hold named values instead of rows, such as JSON, as sheets.
+"""Conversion of tables in files of named values, such as JSON, to sheets.
 
-Such a file has no lines of a table. Its statements and the rows of its tables are numbered in their
-order, and messages call these numbers lines.
+The rows of these tables are not lines of the file. The statements of the file and the rows of its
+tables are therefore numbered in their order, and messages call these numbers lines.
 """
 
 from __future__ import annotations

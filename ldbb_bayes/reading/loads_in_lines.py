@@ -34,7 +34,7 @@ class LoadInLine(NamedTuple):
     value: float  #: load in N or bar, as ``key`` states; NaN if it is uncertain
     line: int | str  #: number of the line
     text: str  #: text of the line
-    is_clear: bool  #: whether the line states only a test, its load and its direction
+    is_clear: bool  #: whether the line states the load clearly, see `_is_clear`
 
 
 def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLine]:
@@ -71,10 +71,10 @@ def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
 
 
 def _is_clear(text: str) -> bool:
-    """Return whether a line has no words for anything but a test, its load and its direction.
+    """Return whether a line states a load clearly.
 
-    Other parts of the line may state something else that is understood, such as the sign of the
-    readings.
+    The load must stand alone, or beside a direction or words such as "run". All other parts of the
+    line must be understood, such as a statement on the sign of the readings.
     """
     for part in divide_line(text):
         has_load = LOAD_IN_NAME.search(part) is not None

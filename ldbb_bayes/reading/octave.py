@@ -1,7 +1,8 @@
 """Variables as Octave saves them as text (``save -text``): matrices, numbers and strings.
 
-Vectors of the same length are the columns of one table, under the names of the variables. A file
-with matrices only has one table for each. Numbers and strings become lines above the tables.
+Vectors of the same length become the columns of one table; the names of the variables are its
+headers. If a file has matrices but no vectors, each matrix becomes a table. Numbers and strings
+become lines above the tables.
 """
 
 from __future__ import annotations

@@ -166,9 +166,10 @@ class _SheetColumns:
     def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
         """Return, for each of the n rows of a table, whether a reading is missing, shape (n,).
 
-        In such rows, a number in the column with the index ``column`` may be missing too. If this
-        column holds readings (``role`` is reading), the result is about the readings in this column
-        alone. For any other column, the result is true for rows without any reading.
+        The result is used for the column with the index ``column``, because its numbers may be
+        missing in these rows. If this column holds readings (``role`` is reading), the result is
+        about this column alone. For any other column, the result is true for rows in which all
+        readings are missing.
         """
         if role == "reading":
             return missing_in(self.cells[column])
@@ -870,12 +871,10 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
 def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int]]) -> list[str]:
     """Return the headers of the columns that are not used.
 
-    A column of times may be among them; it may still be used later, as the start times of the
-    tests.
-
     A column without a role (angle, reading, …) counts as used only if it states a field, such as
-    the radius, for every test. Two columns that together identify the tests also count as used.
-    ``rows_of_tests`` holds the indices of the rows of each test.
+    the radius, for every test. Two columns that together identify the tests also count as used. A
+    column of times may be in the result, although later code may take the start times of the tests
+    from it. ``rows_of_tests`` holds the indices of the rows of each test.
     """
     used = set()
     for column in range(len(columns.heading.headers)):

@@ -226,11 +226,11 @@ def _units_of_pairs(text: str) -> dict[str, str]:
 
 
 def _unit_of_pair(role: str, label: str, text: str) -> str:
-    """Return the unit of a quantity; empty if the text is a value or no unit of the quantity.
+    """Return the unit in ``text``; empty if the text is a value or not a unit of the quantity.
 
-    Only a unit of readings or angles may have a factor, which must be a power of ten, and less than
-    one for angles. ``role`` is the role of a column that holds the quantity, and ``label`` the
-    quantity as the line names it.
+    In a line such as ``Angle: deg``, the text stands after ``label``, the name of the quantity.
+    ``role`` is the role of a column that holds the quantity. Only a unit of readings or angles may
+    have a factor, which must be a power of ten, and less than one for angles.
     """
     if comparable(text) == "grad" and "winkel" in comparable(label):
         return "deg"  # in German, Grad means degree

@@ -332,9 +332,9 @@ class SheetNumbers:
     def _path_quantities(self, force_N: float, names: Sequence[str]) -> dict[str, StatedQuantity]:
         """Return circular-test quantities of the machine's path at the force ``force_N`` [N].
 
-        ``names`` are the names of the quantities, such as ``G``. They are also the keys of the
-        result, with two additions: ``_no_load`` at 0 N, and the plane, as in ``G_YZ``, if several
-        planes were tested. At 0 N, the symbol of a quantity ends in _0.
+        ``names`` are the names of the quantities, such as ``G``. The keys of the result are these
+        names, followed by ``_no_load`` if the force is 0 N, and by the plane, as in ``G_YZ``, if
+        several planes were tested. At 0 N, the symbol of a quantity ends in _0.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.numbers, [force_N], prob=prob)

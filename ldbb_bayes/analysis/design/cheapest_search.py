@@ -355,11 +355,10 @@ class _Search:
         return self._with_fewer_circles(progress, campaign)
 
     def _judge(self, progress: _Progress, counts: Array) -> FoundCampaign:
-        """Return a campaign of a family with its full forecast.
+        """Return a campaign with its full forecast, and update ``progress``.
 
-        ``progress`` states the family, and ``counts`` is the campaign's number of circles of every
-        candidate test. The function also updates ``progress`` with the factor by which the
-        uncertainties of the full forecast exceed those of the quick forecast.
+        ``progress`` learns by which factor the uncertainties of the full forecast exceed those of
+        the quick forecast. ``counts`` is the campaign's number of circles of every candidate test.
         """
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))

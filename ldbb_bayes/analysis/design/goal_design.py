@@ -490,8 +490,7 @@ def _customary_plans(
     Campaigns of the same size have the same number of circles. The campaigns as they are usually
     run use no further certificates of the instrument, and only one radius: the first of the
     possible radii. The best campaigns belong to the same family (same radii, certificates and
-    angles of the balls) as ``best``, the cheapest campaign. ``steps`` counts the steps that are
-    done.
+    angles of the balls) as ``best``, the cheapest campaign. ``steps`` reports the progress.
     """
     steps.finish(2 * _SHOWN)
     family = best.family
