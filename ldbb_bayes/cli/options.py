@@ -360,8 +360,8 @@ def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
 
 # Kind of an option whose value is a comma-separated list of numbers.
 NUMBERS = Kind(str, numbers_in)
-# Types and kinds of option values. The keys are the names that the file options.toml uses for these
-# types and kinds.
+# Types of option values: Python types, or objects of the class `Kind`. The keys are the names of
+# these types in the file options.toml.
 _KINDS: Mapping[str, Any] = {
     "text": str,
     "integer": int,

@@ -91,8 +91,8 @@ def _separator_sign(separator: str) -> str:
     return _SEPARATORS[separator]
 
 
-# Type of a field that states a column. The column is given by its header or by its number, counted
-# from 1. For readings, the field may be a list of several columns.
+# Type of a field that names a column of the table, by its header or by its number, counted from 1.
+# For readings, the field may be a list of several columns.
 _Column = str | int | list[str | int]
 
 

@@ -101,8 +101,8 @@ class Findings:
         """Posterior probability that compliance changes with force.
 
         If an average over models was computed, the value is 1 minus the posterior probability of
-        the model with constant compliance. If no average was computed, the value is set to 1, so
-        that the report states how compliances change with force.
+        the model with constant compliance. If no average was computed, the report shows results of
+        a single model with slopes (changes of compliance with force), and the value is 1.
         """
         return 1.0 - self.probabilities.get(DEGREE_NAMES[0], 0.0)
 
