@@ -25,6 +25,7 @@ __all__ = [
     "AngleConvention",
     "angle_convention",
     "angle_of_axis",
+    "is_about_angles",
     "name_is_about_angles",
     "says_where_angles_begin",
     "states_angles",
@@ -319,6 +320,11 @@ def name_is_about_angles(name: str) -> bool:
     """Return whether a name says something about angles, such as ``300N_fromY_cw``."""
     text = name_as_words(name)
     return any(words.search(text) for words in (_ANGLE, _ZERO, _COMPASS))
+
+
+def is_about_angles(text: str) -> bool:
+    """Return whether a text has a word for angles or for the axis at which they begin."""
+    return _SUBJECT.search(text) is not None
 
 
 def says_where_angles_begin(text: str) -> bool:

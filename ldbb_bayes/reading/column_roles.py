@@ -76,6 +76,8 @@ _DOTS_FOR_BLANKS = re.compile(r"[^\W\d_]+(?:\.[^\W\d_]+)+\.?")
 # Regular expression for a word which shows that the next word is not a unit, such as "of" in "Angle
 # of turn".
 _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
+# Words that begin like a word for time, but mean something else.
+_NO_TIMES = WORDS["columns"]["no_time"].split()
 # Regular expression for the header of a column of temperatures.
 _TEMPERATURE = re.compile(WORDS["columns"]["temperature"], re.IGNORECASE)
 # Regular expression for a factor and a unit without a blank between them, as in "Reading 0.1um".
@@ -261,6 +263,8 @@ def has_role(name: str, role: str) -> bool:
     """
     name_words = re.findall(r"[^\W\d_]+", comparable(name[:LONGEST_NAME]))
     role_words = ROLES[role]
+    if role == "time":
+        name_words = [word for word in name_words if word not in _NO_TIMES]
     if role in ("force", "pressure") and OTHER_QUANTITY.search(" ".join(name_words)):
         return False
     if role == "test" and not set(name_words) <= {*role_words, *_NUMBERING}:

@@ -140,6 +140,8 @@ _LABEL = re.compile(
 )
 # Fields of a campaign that are dates.
 _DATES = ("date", "ball_bar_calibrated")
+# Regular expression for a further pair of name and value after a value, as in "plane=XY".
+_FURTHER_PAIR = re.compile(r"\s+[^\W\d]\w*=")
 # Regular expression for words such as "calibrated on", which may follow the name of a ball bar.
 _CALIBRATED_BEHIND = re.compile(rf",\s*{_PARTS['calibrated']}", re.IGNORECASE)
 _PRODUCT = re.compile(_PARTS["product"], re.IGNORECASE)
@@ -471,7 +473,8 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
     if key in _NAME_WORDS:
         if _is_header_beside(key, value, matched):
             return ""
-        return _CALIBRATED_BEHIND.split(value)[0]
+        value = _CALIBRATED_BEHIND.split(value)[0]
+        return _FURTHER_PAIR.split(value)[0]
     return value
 
 

@@ -26,10 +26,11 @@ __all__ = [
 ]
 
 # Regular expression for a number with a unit of force or pressure in a name, such as 238N or 2.5
-# bar.
+# bar. In "run 1 N=36", N is not a unit but the number of readings.
 LOAD_IN_NAME = re.compile(
     rf"(?<![\d.,A-Za-z])({NUMBER_IN_TEXT})[ _-]?"
-    r"(kN|daN|N|newton|lbf|lbs?|kgf|kp|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
+    r"(kN|daN|N|newton|lbf|lbs?|kgf|kp|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])"
+    r"(?!\s*=\s*\d+(?![\d.,]*\s?[a-zA-Z]))",
     re.IGNORECASE,
 )
 # Regular expression for a load (force or pressure) that can be read in two ways. An underscore, a

@@ -21,7 +21,7 @@ from ldbb_bayes.reading.column_roles import (
 from ldbb_bayes.reading.lines_above import is_label
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.travel_direction import is_direction
+from ldbb_bayes.reading.travel_direction import direction_named, is_direction
 from ldbb_bayes.reading.words import WORDS, comparable
 
 __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "lists_tests", "overview_lines"]
@@ -107,7 +107,7 @@ def _add_lines_of(sheet: Sheet, wanted: set[str], lines: OverviewLines) -> None:
             lines.of_this_test += _labelled_cells(place, header or words, cells)
         elif _heads_a_list(filled):
             header = cells
-        elif not header or _has_label(filled[0]):
+        elif not header or len(filled) == 1 or _has_label(filled[0]):
             separator = sheet.separator or ";"
             lines.of_all_tests.append((place, separator.join(filled)))
             if names_columns(filled):
@@ -179,9 +179,11 @@ def _heads_a_list(filled: Sequence[str]) -> bool:
 
 
 def _is_statement(filled: Sequence[str]) -> bool:
-    """Return whether a row consists of two cells, a label and a statement.
+    """Return whether a row states a direction, or consists of a label and a statement.
 
-    An example of a statement is ``positive reading: bar shorter``. ``filled`` are the cells of the
-    row that are not empty.
+    Examples are the rows ``Sens | horaire`` and ``Sign | positive reading: bar shorter``.
+    ``filled`` are the cells of the row that are not empty.
     """
+    if any(direction_named(cell) in ("CW", "CCW") for cell in filled):
+        return True
     return len(filled) == 2 and re.search(r"\w: +\w", filled[1]) is not None

@@ -260,6 +260,9 @@ def is_about_sign(text: str) -> bool:
     """
     if _sign_of_difference(text) is not None or _sign_of_name("line", text) is not None:
         return True
+    words = _words_in(text)
+    if words and _sign_of(words) is not None:
+        return True
     return _is_open("line", text) or _explains_sign(text)
 
 

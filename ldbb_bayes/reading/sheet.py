@@ -42,6 +42,8 @@ class Sheet:
     factor: str = ""
     factor_line: int = 0  #: number of the line that states the factor; 0 if there is none
     hidden_sheets: Sequence[str] = ()  #: names of hidden sheets of the file, which are left out
+    #: names of the sheets of the file that are left out because the user names other sheets
+    sheets_not_wanted: Sequence[str] = ()
 
     @property
     def name_in_file(self) -> str:

@@ -218,42 +218,56 @@ def _check_none_transposed(sheets: Sequence[Sheet]) -> None:
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add notes to the log: which hidden sheets, hidden rows and repeated headers are left out.
+    """Add notes to the log: which sheets and rows are left out, as hidden or not wanted.
 
     Further notes are added if all numbers of a table are multiplied by a factor that the file
     states, or if a workbook is not in the format XLSX, so that its hidden rows and number formats
     cannot be examined.
     """
-    paths = set()
+    first_sheets: dict[Path, Sheet] = {}
     for sheet in sheets:
-        if sheet.n_headers:
-            headers = f"{sheet.n_headers} passed over, the table is read whole"
-            reason = "the table goes on below them"
-            remedy = "a file for each table, if there are several"
-            log.add(sheet.place, "repeated headers", headers, reason, remedy)
-        if sheet.factor:
-            reason = f"line {sheet.factor_line} says {f'{sheet.factor} *'!r}"
-            remedy = "write the numbers without a factor (format long g)"
-            log.add(
-                sheet.place, "factor", f"{float(sheet.factor):g} in all columns", reason, remedy
-            )
-        if sheet.hidden_rows:
-            rows = f"{sheet.hidden_rows} hidden rows"
-            remedy = "show them in the spreadsheet program"
-            log.add(sheet.place, "left out", rows, "hidden or filtered", remedy)
-        if sheet.path in paths:
-            continue
-        paths.add(sheet.path)
-        if sheet.format:
-            reason = "lines count the entries of the file"
-            log.add(str(sheet.path), "format", sheet.format, reason, "save it as CSV")
-        if sheet.hidden_sheets:
-            names = ", ".join(repr(name) for name in sheet.hidden_sheets)[:LONGEST_NAME]
-            log.add(str(sheet.path), "left out", f"hidden sheets: {names}", "hidden", "--sheets")
-        if sheet.name and not sheet.encoding and not sheet.is_examined:
-            subject = "hidden rows and number formats"
-            reason = "this kind of workbook does not show them"
-            log.add(str(sheet.path), subject, "not looked at", reason, "save it as XLSX")
+        _note_rows(sheet, log)
+        first_sheets.setdefault(sheet.path, sheet)
+    for sheet in first_sheets.values():
+        _note_other_sheets(sheet, log)
+
+
+def _note_rows(sheet: Sheet, log: AssumptionLog) -> None:
+    """Add to the log the repeated headers, the factor and the hidden rows of one sheet."""
+    if sheet.n_headers:
+        headers = f"{sheet.n_headers} passed over, the table is read whole"
+        reason = "the table goes on below them"
+        remedy = "a file for each table, if there are several"
+        log.add(sheet.place, "repeated headers", headers, reason, remedy)
+    if sheet.factor:
+        reason = f"line {sheet.factor_line} says {f'{sheet.factor} *'!r}"
+        remedy = "write the numbers without a factor (format long g)"
+        log.add(sheet.place, "factor", f"{float(sheet.factor):g} in all columns", reason, remedy)
+    if sheet.hidden_rows:
+        rows = f"{sheet.hidden_rows} hidden rows"
+        remedy = "show them in the spreadsheet program"
+        log.add(sheet.place, "left out", rows, "hidden or filtered", remedy)
+
+
+def _note_other_sheets(sheet: Sheet, log: AssumptionLog) -> None:
+    """Add to the log the format of a file, and which other sheets of it are left out.
+
+    If hidden rows and number formats of the file cannot be examined, this is added too.
+    """
+    place = str(sheet.path)
+    if sheet.format:
+        reason = "lines count the entries of the file"
+        log.add(place, "format", sheet.format, reason, "save it as CSV")
+    if sheet.hidden_sheets:
+        names = ", ".join(repr(name) for name in sheet.hidden_sheets)[:LONGEST_NAME]
+        log.add(place, "left out", f"hidden sheets: {names}", "hidden", "--sheets")
+    if sheet.sheets_not_wanted:
+        names = ", ".join(repr(name) for name in sheet.sheets_not_wanted)[:LONGEST_NAME]
+        log.add(place, "left out", f"sheets: {names}", "other sheets are named", "--sheets")
+    if sheet.name and not sheet.encoding and not sheet.is_examined:
+        subject = "hidden rows and number formats"
+        reason = "this kind of workbook does not show them"
+        log.add(place, subject, "not looked at", reason, "save it as XLSX")
 
 
 def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:

@@ -73,12 +73,9 @@ def units_in_sentences(text: str) -> dict[str, str]:
     """
     text = text[:LONGEST_TEXT]
     stated: dict[str, str] = {}
-    bracketed = _IN_BRACKETS.match(text)
-    if bracketed is not None and _is_of_role(scaled_unit(bracketed["unit"]), "reading"):
-        stated["reading_unit"] = scaled_unit(bracketed["unit"])
-    announced = _ANNOUNCED.match(text)
-    if announced is not None and _is_unit_in_words(announced["unit"]):
-        stated["reading_unit"] = announced["unit"].strip()
+    unit = _unit_behind_readings(text)
+    if unit:
+        stated["reading_unit"] = unit
     for role, pattern in _STATED_IN.items():
         match = pattern.search(text)
         if match is None:
@@ -94,6 +91,20 @@ def units_in_sentences(text: str) -> dict[str, str]:
         if unit:
             stated[f"{role}_unit"] = unit
     return stated
+
+
+def _unit_behind_readings(text: str) -> str:
+    """Return the unit of a line that begins as ``Readings: mm`` or ``Readings [mm];``.
+
+    The result is empty for any other line.
+    """
+    bracketed = _IN_BRACKETS.match(text)
+    if bracketed is not None and _is_of_role(scaled_unit(bracketed["unit"]), "reading"):
+        return scaled_unit(bracketed["unit"])
+    announced = _ANNOUNCED.match(text)
+    if announced is not None and _is_unit_in_words(announced["unit"]):
+        return str(announced["unit"]).strip()
+    return ""
 
 
 def _is_unit_in_words(text: str) -> bool:

@@ -12,12 +12,16 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.reading.angle_convention import is_about_angles
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import statements_in
+from ldbb_bayes.reading.mount_statement import unread_mount
+from ldbb_bayes.reading.reading_sign import is_about_sign
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.travel_direction import directions_stated
+from ldbb_bayes.reading.travel_direction import NAMES_DIRECTION, directions_stated, senses_in
+from ldbb_bayes.reading.unit_lines import unit_mentioned
 from ldbb_bayes.reading.unused_segments import unused_segments
 
 __all__ = ["note_unstated"]
@@ -29,8 +33,17 @@ _TEXT_SHOWN = 160
 # Fields whose values are not always used. A line with such a field counts as used only if a note
 # cites this line.
 _CITED_WHERE_USED = {"reading_scale"}
+# Regular expression for a number; texts that differ only in numbers are alike.
+_NUMBER = re.compile(r"[\d.,]+")
 # Regular expression for a letter; a text without a letter states nothing.
 _LETTER = re.compile(r"[^\W\d_]")
+
+
+class _Text(NamedTuple):
+    """Unused text outside a table, shortened for a note."""
+
+    line: int | str  # line number; for a line of another sheet, the number and the sheet
+    text: str
 
 
 class _TextOutside(NamedTuple):
@@ -61,7 +74,10 @@ def note_unstated(
         Log with all other notes, to which these notes are added.
     """
     noted = {assumption.what for assumption in log.assumptions()}
+    unused = _unused_texts(recordings, log)
     reason = "nothing says otherwise"
+    if unused:
+        reason = "no text that is understood says otherwise"
     has_reading = _has_column(recordings, "reading")
     if has_reading and layout.sign is None and "sign of the reading" not in noted:
         log.add("", "sign of the reading", "1: a longer bar is positive", reason, "--sign")
@@ -72,7 +88,7 @@ def note_unstated(
         log.add("", "angle", convention, reason, "--angle-zero, --angle-sense")
     if "direction" not in noted and all(test.direction is None for test in tests):
         log.add("", "direction", "not stated", reason, "--direction")
-    _note_unused_texts(recordings, log)
+    _note_unused_texts(unused, log)
 
 
 def _has_column(recordings: Sequence[Recording], role: str) -> bool:
@@ -86,18 +102,19 @@ def _states_angles(layout: Layout) -> bool:
     return any(value not in (None, "") for value in values)
 
 
-def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> None:
-    """Add a note on each unused text above, below or beside the tables.
+def _unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> list[_Text]:
+    """Return the unused texts above, below or beside the tables.
 
     A text is unused if nothing was taken from it. If a part of a text was used, or if another note
-    on the same file cites its line, the note shows only the unused segments of the text.
+    on the same file cites its line, only the unused segments of the text
+    are returned.
     ``recordings`` are the tests in the files.
     """
     last_lines: dict[Sheet, int] = {}
     for recording in recordings:
         last = max(recording.lines, default=0)
         last_lines[recording.sheet] = max(last, last_lines.get(recording.sheet, 0))
-    unused: dict[tuple[int | str, str], None] = {}
+    unused: dict[_Text, None] = {}
     for recording in recordings:
         places = {"", recording.place, recording.sheet.place}
         reasons = " ".join(log.reasons_for(places))
@@ -107,13 +124,40 @@ def _note_unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> N
             if is_cited or outside.is_used:
                 unused_text = unused_segments(outside.text, reasons)
             if _LETTER.search(unused_text):
-                unused[outside.line, unused_text.strip()[:_TEXT_SHOWN]] = None
+                unused[_Text(outside.line, unused_text.strip()[:_TEXT_SHOWN])] = None
+    return list(unused)
+
+
+def _note_unused_texts(unused: Sequence[_Text], log: AssumptionLog) -> None:
+    """Add notes on the most important unused texts, and on the number of the others."""
     option = "the option for what they state"
-    for line, text in list(unused)[:_MOST_TEXTS]:
+    shown = _most_important(unused)
+    for line, text in shown:
         log.add("", "texts not used", repr(text), f"line {line}", option)
-    further = len(unused) - _MOST_TEXTS
+    further = len(unused) - len(shown)
     if further > 0:
         log.add("", "texts not used", str(further), "further lines", option)
+
+
+def _most_important(texts: Sequence[_Text]) -> list[_Text]:
+    """Return those unused texts that get separate notes.
+
+    Texts on angles, signs, units, directions and the mount come first, because they may change the
+    numbers of the campaign. Of texts that differ only in their numbers, only the first is returned.
+    """
+    distinct: dict[str, _Text] = {}
+    for text in texts:
+        distinct.setdefault(_NUMBER.sub("", text.text), text)
+    ordered = sorted(distinct.values(), key=_may_be_convention, reverse=True)
+    return ordered[:_MOST_TEXTS]
+
+
+def _may_be_convention(text: _Text) -> bool:
+    """Return whether a text may state an angle convention, sign, unit, direction or mount."""
+    is_stated = is_about_angles(text.text) or is_about_sign(text.text)
+    has_direction = NAMES_DIRECTION.search(text.text) is not None or bool(senses_in(text.text))
+    is_of_mount = bool(unread_mount([(text.line, text.text)]))
+    return is_stated or has_direction or is_of_mount or bool(unit_mentioned(text.text))
 
 
 def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutside]:

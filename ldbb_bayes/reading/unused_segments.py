@@ -15,7 +15,7 @@ from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import is_missing
 from ldbb_bayes.reading.reading_sign import is_about_sign, leaves_difference_unread
 from ldbb_bayes.reading.timestamps import stamps_in
-from ldbb_bayes.reading.travel_direction import directions_stated
+from ldbb_bayes.reading.travel_direction import directions_stated, senses_in
 from ldbb_bayes.reading.words import LONGEST_TEXT, unit_named
 
 __all__ = ["unused_segments"]
@@ -47,7 +47,7 @@ def unused_segments(text: str, reasons: str) -> str:
     unused = []
     for k, segment in enumerate(segments):
         is_quoted = repr(segment.strip()) in reasons or _states_quoted_load(segment, text, reasons)
-        if _may_matter(segment) and not (is_quoted or _is_used(segments, k)):
+        if _may_matter(segment) and not (is_quoted or _is_used(segments, k, text)):
             unused.append(segment.strip())
     return "; ".join(unused)
 
@@ -74,22 +74,40 @@ def _may_matter(segment: str) -> bool:
     return not (is_label(word) or is_missing(word) or unit_named(word))
 
 
-def _is_used(segments: list[str], k: int) -> bool:
+def _is_used(segments: list[str], k: int, text: str) -> bool:
     """Return whether a segment states something, alone or together with a neighbouring segment.
 
     In ``Operator;Meier``, the two segments together state the operator. ``k`` is the index of the
-    segment among the segments of the line.
+    segment among the segments of the line ``text``.
     """
     segment = segments[k]
     if leaves_difference_unread(segment):
         return False
     if _facts(segment) or is_about_sign(segment) or stamps_in(segment):
         return True
+    if _continues_statement(segment, text):
+        return True
     for first in (k - 1, k):
         pair = segments[max(first, 0) : first + 2]
         facts_of_pair = _facts(";".join(pair))
         if len(pair) > 1 and facts_of_pair - _facts(pair[0]) - _facts(pair[1]):
             return True
+    return False
+
+
+def _continues_statement(segment: str, text: str) -> bool:
+    """Return whether a segment is part of a statement that begins earlier in the line ``text``.
+
+    In ``Angle from +Y, clockwise positive``, the second segment states the sense of the angles. In
+    ``Operator: Meier, Huber``, it is the second of two names.
+    """
+    if senses_in(segment) and states_angles(text):
+        return True
+    name = segment.strip()
+    for statements in statements_in([(0, text)]).values():
+        for statement in statements:
+            if isinstance(statement.value, str) and name in statement.value:
+                return True
     return False
 
 

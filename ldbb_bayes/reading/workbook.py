@@ -122,6 +122,9 @@ def _sheets_of(
     hidden = _hidden_sheets(book)
     visible = [name for name in book.sheet_names if name not in hidden]
     hidden_sheets: tuple[str, ...] = ()
+    sheets_not_wanted: tuple[str, ...] = ()
+    if wanted:
+        sheets_not_wanted = tuple(name for name in visible if name not in wanted)
     if visible and not wanted:
         hidden_sheets = hidden
     sheets = []
@@ -139,6 +142,7 @@ def _sheets_of(
                     is_examined=name in parts,
                     hidden_rows=len(sheet_parts.hidden_lines),
                     hidden_sheets=hidden_sheets,
+                    sheets_not_wanted=sheets_not_wanted,
                 )
             )
     return sheets

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import field_files as field
 from field_files import TRUTH, Circle, FieldCase, Row
+from openpyxl import Workbook
 
 __all__ = ["sentence_cases"]
 
@@ -23,6 +24,9 @@ def sentence_cases() -> dict[str, FieldCase]:
         **share_cases(),
         **unit_cases(),
         **log_cases(),
+        **sheet_cases(),
+        **count_cases(),
+        **language_cases(),
     }
 
 
@@ -193,5 +197,77 @@ def log_cases() -> dict[str, FieldCase]:
             what,
             log_of_tables(first, above),
             told="at 14 min",
+        )
+    return cases
+
+
+def with_overview(book: Workbook) -> None:
+    """Fill a workbook with a sheet of statements and a sheet for each circle."""
+    sheet = book.create_sheet("Info")
+    sheet.append(["Sens de parcours", "horaire"])
+    sheet.append(["Opérateur", "Dupont"])
+    sheet.append(["Notes de la machine"])
+    for circle in TRUTH:
+        sheet = book.create_sheet(f"{circle.force_N:g} N")
+        sheet.append(["Angle [deg]", "Reading [um]"])
+        for angle, reading in zip(circle.angle_deg, circle.reading_um, strict=True):
+            sheet.append([float(angle), float(reading)])
+
+
+def sheet_cases() -> dict[str, FieldCase]:
+    """Return workbooks whose first sheet states what holds for all tests."""
+    kind = "sheets of statements"
+    files = {"m.xlsx": field.workbook(with_overview)}
+    named = ("--sheets", ",".join(f"{circle.force_N:g} N" for circle in TRUTH))
+    return {
+        "overview_in_french": FieldCase(
+            kind,
+            "a sheet with the row 'Sens de parcours | horaire'",
+            files,
+            told="direction: CW (a sheet without a table",
+            circles=CLOCKWISE,
+        ),
+        "overview_not_named": FieldCase(
+            kind,
+            "such a sheet beside the sheets that --sheets names",
+            files,
+            options=named,
+            told="left out: sheets: 'Info' (other sheets are named",
+        ),
+    }
+
+
+def count_cases() -> dict[str, FieldCase]:
+    """Return numbers of readings beside the number of a test."""
+    cases = {}
+    forces = ",".join(f"{circle.force_N:g}" for circle in TRUTH)
+    for number, line in enumerate(("test=1 n=72", "run 1 N=72")):
+        files = field.texts(HEADER, above=line, separator=";")
+        renamed = {f"{k}.csv": files[f"{force:g}N.csv"] for k, force in enumerate(field.FORCES_N)}
+        cases[f"count_beside_run_{number}"] = FieldCase(
+            "numbers that are no loads",
+            f"a line '{line}'",
+            renamed,
+            refusal="force or pressure must be known",
+            step=("--forces-N", forces),
+        )
+    return cases
+
+
+def language_cases() -> dict[str, FieldCase]:
+    """Return senses of angles in further languages."""
+    lines = (
+        "Kąt: zgodnie z ruchem wskazówek zegara",
+        "Úhel po směru hodinových ručiček",
+        "Hoek: met de klok mee",
+        "Vinkel medurs",
+    )
+    cases = {}
+    for number, line in enumerate(lines):
+        cases[f"sense_in_language_{number}"] = FieldCase(
+            "angles turned in words",
+            f"a line '{line}'",
+            field.texts(HEADER, field.turned(0.0, -1), above=line, separator=";"),
+            told="angle: from +X, CW",
         )
     return cases

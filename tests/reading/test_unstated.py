@@ -124,7 +124,7 @@ def test_a_direction_below_the_table_is_used(tmp_path: Path) -> None:
     ],
 )
 def test_a_result_below_the_table_states_nothing(tmp_path: Path, line: str, subject: str) -> None:
-    assert "nothing says otherwise" in notes_below(tmp_path, line)[subject]
+    assert "says otherwise" in notes_below(tmp_path, line)[subject]
 
 
 def test_a_label_of_the_sign_beside_a_force_is_refused(tmp_path: Path) -> None:
@@ -258,3 +258,50 @@ def test_lines_below_several_columns_of_readings_are_told(tmp_path: Path) -> Non
     path = tmp_path / "all.csv"
     path.write_text(text, encoding="utf-8")
     assert "# tare not subtracted" in notes_on(path)["texts not used"]
+
+
+def unused_texts_of(folder: Path, lines: list[str]) -> list[str]:
+    rows = [f"{5 * k};{k % 7}.25" for k in range(72)]
+    path = folder / "100 N.csv"
+    path.write_text("\n".join([*lines, "angle [deg];dR [um]", *rows, ""]), encoding="utf-8")
+    notes = lb.import_campaign(path).assumptions
+    return [note.value for note in notes if note.what == "texts not used"]
+
+
+def test_a_text_on_a_convention_is_told_before_other_texts(tmp_path: Path) -> None:
+    remarks = [f"Remark {letter}" for letter in "abcdefgh"]
+    unused = unused_texts_of(tmp_path, [*remarks, "Spindle turned clockwise"])
+    assert unused[0] == "'Spindle turned clockwise'"
+
+
+def test_texts_that_differ_only_in_numbers_are_told_once(tmp_path: Path) -> None:
+    unused = unused_texts_of(tmp_path, ["Pressione 1 mmHg", "Pressione 2 mmHg", "Remark"])
+    assert unused == ["'Pressione 1 mmHg'", "'Remark'", "1"]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Winkel ab +X, im Uhrzeigersinn positiv",
+        "Bediener: Vogel, Huber",
+        "Sensor 3, + = longer",
+    ],
+)
+def test_a_text_that_is_used_is_not_told_as_unused(tmp_path: Path, line: str) -> None:
+    unused = unused_texts_of(tmp_path, [line])
+    assert not set(line.split(", ")[1:]) & {text.strip("'") for text in unused}
+
+
+def test_a_convention_beside_texts_that_are_not_understood_says_so(tmp_path: Path) -> None:
+    notes = notes_of(tmp_path, ["Alkusuunta pohjoiseen"])
+    assert notes["angle"].endswith("(no text that is understood says otherwise)")
+
+
+def test_the_type_of_a_machine_ends_before_the_next_name_and_value(tmp_path: Path) -> None:
+    notes = notes_of(tmp_path, ["machine=VMC-4711 plane=XY R=150mm"])
+    assert notes["machine_type"] == "VMC-4711 (line 1)"
+
+
+def test_a_plus_sign_that_means_longer_is_no_sum_of_lengths(tmp_path: Path) -> None:
+    notes = notes_of(tmp_path, ["Analogue input ball bar, 1 V = 10 µm, + = longer"])
+    assert notes["sign of the reading"] == "1: a longer bar is positive (line 1)"
