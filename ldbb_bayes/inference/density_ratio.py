@@ -168,7 +168,7 @@ class _Decomposition(NamedTuple):
 
 
 class _MeanRatio(NamedTuple):
-    """Mean of the ratio ρ = g / (f e^q) of densities, from its values at the m nodes of a sample.
+    """Mean of the ratio ρ = g / (f e^q) of two densities, computed at a sample of m points (nodes).
 
     f is a density that is similar to g, and q is a polynomial fitted to ln(g / f). The mean is
     taken under the density f e^q.

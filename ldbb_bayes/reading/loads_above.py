@@ -111,11 +111,11 @@ def _lines_of_columns(
 
 
 def _words_of_columns(cells: Sequence[str], is_merged: bool) -> list[str]:
-    """Return the names, planes or directions of tests in a line above a table.
+    """Return the names, planes or directions of tests that a line above a table states.
 
-    There is one for each cell except the first. ``is_merged`` states whether the line has merged
+    Every cell except the first must state one. ``is_merged`` states whether the line has merged
     cells. In a line of names without merged cells, all names must differ, and the first cell must
-    be empty. The result is an empty list if the line has none of the three.
+    be empty. The result is an empty list for any other line.
     """
     words = list(cells[1:])
     if not all(words):

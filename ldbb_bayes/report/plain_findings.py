@@ -319,7 +319,7 @@ def best_step(numbers: SheetNumbers) -> str:
 def _not_determined(numbers: SheetNumbers) -> str:
     """Return a string that names the undetermined parameters and the step that would help most.
 
-    A step reduces one effect that makes parameters uncertain. If the readings determine all
+    A step makes one effect smaller that causes uncertainty. If the readings determine all
     parameters, the string says so.
     """
     words = numbers.words

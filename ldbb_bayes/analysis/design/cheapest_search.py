@@ -53,10 +53,10 @@ _MOST_FORECASTS = 8
 # Number of possible machines in a preliminary forecast of a campaign with one circle fewer. This
 # forecast is fast, and shows whether the full forecast is worthwhile.
 _FEW_MACHINES = 16
-# Limit for the computing effort of all full forecasts together, except those of the families'
-# largest campaigns. The effort of a forecast is the square of its number of circles. Once a
-# campaign that reaches the goals has been found, the search ends when the total effort exceeds this
-# limit.
+# Limit for the total computing effort of the full forecasts. The effort of a forecast is the square
+# of its number of circles; forecasts of campaigns with the largest number of circles do not count.
+# Once a campaign that reaches the goals has been found, the search ends when the total effort
+# exceeds this limit.
 _MOST_EFFORT = 700
 
 
