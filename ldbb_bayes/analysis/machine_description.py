@@ -44,9 +44,9 @@ _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
 # are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
-# A numerical factor in the formula for a parameter's effect on the readings counts as a rounding
-# error if its absolute value is at most this number times max(v, 1). Here v is the largest absolute
-# value of the sampled effect.
+# The formula for a parameter's effect on the readings is fitted to computed values of the effect. A
+# numerical factor of the formula counts as a rounding error if it is at most this number times the
+# largest of these values, or times 1 if they are all smaller than 1.
 _ROUNDING = 1e-9
 # Decimals to which a factor of a formula is rounded before it is printed.
 _FACTOR_DECIMALS = 9

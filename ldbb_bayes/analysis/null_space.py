@@ -124,8 +124,8 @@ class NullSpace:
         combination for each target: the target has the value one, and the imitators have the values
         that cancel its effect. A target is left out if the imitators cannot cancel its effect.
         """
-        # The imitators (coefficients that may cancel the effect of a target) are the same for all
-        # targets. The matrix of their effects is therefore factored only once.
+        # Solve for all targets at once, so that the matrix with the effects of the imitators is
+        # factored only once.
         solutions = np.linalg.lstsq(
             self._triangle[:, imitators], self._triangle[:, targets], rcond=_RANK_TOLERANCE
         )[0]

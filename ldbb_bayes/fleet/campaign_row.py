@@ -269,10 +269,10 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     The dictionary has one entry, ``stiffness``. This entry is a dictionary whose keys are the names
     of quantities: stiffnesses, their ratios and directions, and differences of compliances. The
     values hold the unit, mean, sd, median and credible interval of each quantity. If the readings
-    do not determine a quantity, its mean, sd, median and credible interval are None. Only the lower
-    end of the credible interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower
-    limit. If the reference force is zero, an empty dictionary is returned. ``prob`` is the
-    probability of the credible intervals.
+    do not determine a quantity, these values are None, with one exception: the lower end of the
+    credible interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower limit. If the
+    reference force is zero, an empty dictionary is returned. ``prob`` is the probability of the
+    credible intervals.
     """
     reference_N = fitted.draws.bound.setting.reference_force_N
     if not reference_N > 0.0:

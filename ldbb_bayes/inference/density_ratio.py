@@ -162,8 +162,9 @@ class _Decomposition(NamedTuple):
     that are zero except for rounding errors are left out.
     """
 
-    left: Array  #: left singular vectors U, shape (m, rank)
-    #: right singular vectors V, each divided by its singular value, shape (coefficients, rank)
+    left: Array  #: left singular vectors U of the matrix, shape (m, rank)
+    #: right singular vectors V of the matrix, each divided by its singular value, shape
+    #: (coefficients, rank)
     scaled_right: Array
 
 

@@ -135,11 +135,11 @@ class ParametersOfInterest:
         """Return the prior sd of all parameters of interest, shape (parameters,).
 
         The sds are in internal units (mm, N, rad). A prior sd that the user gave is used unchanged.
-        The default prior sd of a slope is proportional to the magnitude of its compliance, which
-        ``setting`` holds: the estimate of the compliance and its standard uncertainty, added in
-        quadrature. The magnitude is taken as at least 1/20 of the typical magnitude of the
-        compliance (usually its prior sd). In the model's first edition (preset ``first``), the
-        prior sd of a slope is proportional to this typical magnitude instead.
+        The default prior sd of a slope is proportional to the magnitude of its compliance. This
+        magnitude, which ``setting`` holds, is computed from the estimate of the compliance and its
+        standard uncertainty, added in quadrature. It is taken to be at least 1/20 of the
+        compliance's typical magnitude (usually its prior sd). In the model's first edition (preset
+        ``first``), the prior sd of a slope is proportional to this typical magnitude instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:

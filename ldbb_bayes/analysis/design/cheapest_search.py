@@ -357,8 +357,9 @@ class _Search:
     def _judge(self, progress: _Progress, counts: Array) -> FoundCampaign:
         """Return a campaign with its full forecast, and update ``progress``.
 
-        ``progress`` learns by which factor the uncertainties of the full forecast exceed those of
-        the quick forecast. ``counts`` is the campaign's number of circles of every candidate test.
+        The function stores in ``progress`` by which factor the uncertainties of the full forecast
+        exceed those of the quick forecast. ``counts`` is the campaign's number of circles of every
+        candidate test.
         """
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))

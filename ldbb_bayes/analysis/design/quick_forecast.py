@@ -1,4 +1,4 @@
-"""Quick forecast of the distances of campaigns from their goals.
+"""Quick forecast of how nearly campaigns meet their goals.
 
 β are the parameters and φ the hyper-parameters (the scales of the noise and of other effects). A
 candidate is a test that could be run. Let G be the derivatives of its readings with respect to all
@@ -80,7 +80,7 @@ class QuickForecast:
         self.candidates = objective.candidates
 
     def distance(self, counts: Array) -> float:
-        """Return the distance of a campaign from the goals.
+        """Return the distance of a campaign from the goals; zero if they are just met.
 
         For each goal, u is the standard uncertainty of its parameter, and u* the largest standard
         uncertainty that the goal permits. The distance is the largest ln(u/u*) of all goals,

@@ -28,9 +28,9 @@ OWN = "Parameters"
 # of them belongs. The white noise of the readings belongs to no nuisance term and is listed with
 # this word.
 NOISE = "ReadingNoise"
-# Reference order for the scale τ of the balls' form errors and the scale ω of the machine's errors
-# of higher orders. For harmonics cos nθ, sin nθ of this order n, prior sds follow from the scales
-# alone; at any other order, they are also multiplied by (n/6)^(−decay).
+# The scale τ of the balls' form errors, and the scale ω of the machine's errors of higher orders,
+# apply to harmonics cos nθ, sin nθ of this order n. At any other order, the scales are multiplied
+# by (n/6)^(−decay).
 FORM_ORDER = 6.0
 # Kinds of prior distribution of a hyper-parameter: half-normal for standard deviations, decay for
 # the exponent p (the prior sd of a form error of order n is proportional to n^(−p)), circle for the
