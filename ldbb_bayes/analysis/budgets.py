@@ -246,8 +246,8 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     dict of str to Budget
         Budget of each parameter by name, in internal units (mm, N, rad). ``contributions`` of a
         budget are its lines, the largest share first. ``heaviest`` is the model term with the
-        largest share. If sources that are not measured in this campaign (stated or assumed) cause
-        more than half of the variance, the term is chosen from these sources.
+        largest share. If sources whose standard uncertainty is stated or assumed cause more than
+        half of the variance, the term is chosen from these sources.
 
     Raises
     ------

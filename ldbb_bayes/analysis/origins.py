@@ -208,10 +208,11 @@ def _term_named(bound: BoundModel, owner: str) -> Term | None:
 
 
 def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
-    """Return whether scatter between readings or circles is measured here, stated or assumed.
+    """Return the origin of the standard deviation of a scatter between readings or circles.
 
-    ``name`` is the class name of the model term that causes the scatter, or the name of the reading
-    noise.
+    The standard deviation is measured by the readings, stated by a certificate or the user, or
+    assumed. ``name`` is the class name of the model term that causes the scatter, or the name of
+    the reading noise.
     """
     if name == NOISE:
         return Origin.MEASURED

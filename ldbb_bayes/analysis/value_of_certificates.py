@@ -49,8 +49,8 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     The hyper-parameters φ are, for example, the standard deviations of the noise and of random
     effects. The variance of each parameter is the sum of two parts: the average, over values of φ,
     of the parameter's variance given φ, and the variance, over the same values, of the parameter's
-    mean given φ. ``phi`` holds values for the present instrument. Each hyper-parameter keeps its
-    values in the model with ``instrument`` (`HyperPrior.carried`).
+    mean given φ. ``phi`` holds values for the present instrument, which are also used for the model
+    with ``instrument`` (`HyperPrior.carried`).
 
     Parameters
     ----------

@@ -86,8 +86,9 @@ class ModelVariance:
     weights: Array
     mean: Array  #: means of the quantities under this model, shape (q,)
     #: standard deviations of the quantities under this model, as stated in the results, shape (q,).
-    #: They come from posterior draws, in which no compliance is negative, or are averaged over the
-    #: hyper-parameters. They may therefore differ from the square roots of ``gaussian_variance``.
+    #: They are computed from posterior draws, in which no compliance is negative, or averaged over
+    #: the hyper-parameters, and may therefore differ from the square roots of
+    #: ``gaussian_variance``.
     sd: Array
 
     @cached_property

@@ -189,8 +189,9 @@ class ParameterIdentifiability(Result):
     #: parameters together (key ``Parameters``) and, in an average over models, the choice between
     #: the models.
     shares: dict[str, float]
-    #: for each origin (measured here, stated or assumed), the share of the parameter's variance
-    #: that the sources of this origin cause; the shares sum to one
+    #: shares of the parameter's variance that come from sources whose standard uncertainty is
+    #: measured in this campaign, stated or assumed; these three origins are the keys, and the
+    #: shares sum to one
     origin_shares: dict[Origin, float]
 
 
@@ -230,8 +231,9 @@ class ChangeIdentifiability(Result):
     #: prior standard deviation of the compliance's change with force; infinite for a flat prior
     prior_sd: Finite
     sd: float  #: posterior standard deviation of the compliance's change with force
-    #: share of the variance of the change that comes from all sources of one origin, for each
-    #: origin (measured here, stated or assumed); the shares sum to one
+    #: shares of the variance of the change that come from sources whose standard uncertainty is
+    #: measured in this campaign, stated or assumed; these three origins are the keys, and the
+    #: shares sum to one
     origin_shares: dict[Origin, float]
 
 

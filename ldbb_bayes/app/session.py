@@ -146,16 +146,14 @@ class Session:
         }
 
     def word(self, key: str, **values: object) -> str:
-        """Return the text that explains, in the language of the page, why a request is refused.
+        """Return the text of an error message in the language of the page.
 
         ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def refusal(self, key: str, **values: object) -> dict[str, Any]:
-        """Return a dictionary that tells the page's templates why a request is refused.
-
-        The text is in the language of the page.
+        """Return an error message in the language of the page, as a dictionary for its templates.
 
         ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """

@@ -197,10 +197,10 @@ class CircularTest(TestFields):
     ) -> Array | None:
         """Return the angles in degrees, or the readings in µm, of a test.
 
-        ``name`` is the field in degrees or µm, such as angle_deg. ``other_name`` is the field in
-        radians or mm, such as angle_rad; the function ``convert`` converts its values. Return None
-        if the user gave neither field. Raise an `InputError` if both are given, or if a value is
-        not finite.
+        ``name`` is the name of the field with values in degrees or µm, such as angle_deg.
+        ``other_name`` is the name of the field with values in radians or mm, such as angle_rad; the
+        function ``convert`` converts these values. Return None if the user gave neither field.
+        Raise an `InputError` if both are given, or if a value is not finite.
         """
         column = getattr(self, name)
         other_column = getattr(self, other_name)

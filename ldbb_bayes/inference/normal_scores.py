@@ -229,7 +229,11 @@ class NormalScores:
 
 @dataclass(frozen=True)
 class _FreeProposal:
-    """Density of unbounded coordinates, converted from a `ProposalDensity` of normal scores."""
+    """Density of the hyper-parameters' unbounded coordinates, from that of their normal scores.
+
+    Unbounded coordinates are mostly ln(value − lower bound). Normal scores are coordinates in which
+    most of the priors are standard normal. Their density is the `ProposalDensity` ``of_scores``.
+    """
 
     coordinates: NormalScores
     of_scores: ProposalDensity

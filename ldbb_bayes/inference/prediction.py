@@ -3,7 +3,7 @@
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. Shared nuisances are effects that
 are modelled but not of interest and that are common to several tests. A circle is described by 25
-Fourier coefficients of the orders 0 to 12. Draws are random draws.
+Fourier coefficients of the orders 0 to 12.
 """
 
 from __future__ import annotations

@@ -133,11 +133,11 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: header or its number from 1; if several columns of readings are listed, each is a separate
     #: test
     columns: dict[str, _Column] = Field(default_factory=dict)
-    #: forces of all tests, in the order of files, sheets and rows; they replace the forces that
-    #: entries [[test]] of the layout state
+    #: forces of all tests, in the order of files, sheets and rows; they replace the forces in the
+    #: tables [[test]] of the layout
     forces_N: list[Number] = Field(default_factory=list)
-    #: pressures of all tests, in the order of files, sheets and rows; they replace the pressures
-    #: that entries [[test]] of the layout state
+    #: pressures of all tests, in the order of files, sheets and rows; they replace the pressures in
+    #: the tables [[test]] of the layout
     pressures_bar: list[Number] = Field(default_factory=list)
     #: unit of the readings, such as um or mm; if the readings are counts (digital steps) of an
     #: instrument, the size of one count, such as 0.1 um

@@ -115,7 +115,7 @@ _QUANTITIES = _quantities()
 # the beginning of a time, a date or a longer number.
 _WHOLE_NUMBER = rf"(?P<number>{NUMBER_IN_TEXT})(?![\d:/]|[.,]\d|[\-−]\d|\s\d{{3}}(?!\d))(?!')"
 # Regular expression for a unit that a line states before the number. The unit is a word after "in",
-# a text in brackets, or a symbol such as mm, followed by a separator.
+# a text in brackets, or a symbol in front of a separator, as in "mm:".
 _UNIT_BEFORE = (
     r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?:in\s+)?(?P<brackets>[^\])]*)[\])]"
     r"|(?P<cell_before>mm|cm|inch|in|N|kN|daN|bar|MPa|mm/min)(?=[;,|\t]|\s?[:=]))"

@@ -102,7 +102,8 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
     text
         The line. For a cell of a table, it is ``header: cell``.
     rank
-        Place that states the timestamp. If None, the rank follows from the words in the line.
+        Kind of place in which the line stands, such as the name of a test. If None, the kind is
+        found from the words in the line.
     """
     stamps = []
     end = 0

@@ -362,9 +362,10 @@ def _unread_in(text: str) -> str:
 
 
 def _may_state_direction(text: str) -> bool:
-    """Return whether a line may state a direction of travel, and is not about angles.
+    """Return whether a line may state a direction of travel.
 
-    A line about a load may state the direction only if it names one, such as clockwise.
+    The result is False for a line about angles, or about a direction other than that of travel. For
+    a line about a load, it is True only if the line has a word such as clockwise.
     """
     if _is_about_angles(text):
         return False

@@ -26,8 +26,8 @@ from ldbb_bayes.units import (
 
 __all__ = ["screen_of"]
 
-# Largest number of designs that the short table of uncertainties compares with the recommended
-# design of the next tests.
+# Largest number of other designs in the table that compares the uncertainties expected from the
+# recommended design of the next tests with those from other designs.
 _MOST_DESIGNS = 2
 
 

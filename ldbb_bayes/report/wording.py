@@ -428,10 +428,11 @@ def statement(degeneracy: Degeneracy) -> str:
 
 
 def _effect_words(degeneracy: Degeneracy) -> str:
-    """Return a string with the amounts of the nuisance effects in a degeneracy.
+    """Return a string that lists the sizes of the nuisance effects in a degeneracy.
 
-    A degeneracy is a combination of parameters and other effects that the readings cannot separate,
-    because the effects together change the readings in the same way as the parameters.
+    Nuisance effects are modelled but not of interest. A degeneracy is a combination of parameters
+    and nuisance effects that the readings cannot separate, because the effects together change the
+    readings in the same way as the parameters.
     """
     amounts = []
     for name in degeneracy.nuisances:
@@ -478,14 +479,14 @@ def degeneracy_items(
 def confounded_sentences(partners_of: Mapping[str, Sequence[str]]) -> Iterator[str]:
     """Yield one sentence on all confounded parameters of a fit, if there are any.
 
-    For each parameter, the sentence names the assumed effects that cause most of the parameter's
-    variance.
+    A parameter is confounded if most of its variance comes from effects whose standard
+    uncertainties are assumed. The sentence names these effects for each parameter.
 
     Parameters
     ----------
     partners_of
-        Names of the effects that each confounded parameter is confounded with. The keys are the
-        names of the parameters.
+        Names of these effects for each confounded parameter. The keys are the names of the
+        parameters.
 
     Yields
     ------

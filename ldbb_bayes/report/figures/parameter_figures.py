@@ -52,7 +52,7 @@ _ROOM_ABOVE = 0.1
 
 
 class _FigureRow(NamedTuple):
-    """One row of the figure of credible intervals, which shows one quantity.
+    """One quantity in the figure of credible intervals, where each quantity has a separate row.
 
     The quantity's random draws from the posterior and from the prior are in internal units (mm, N,
     rad).
