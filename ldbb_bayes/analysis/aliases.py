@@ -49,9 +49,9 @@ _MICROMETRE = 1e-3
 class Degeneracy:
     """A combination of parameters and nuisance coefficients whose effects on the readings cancel.
 
-    Nuisance coefficients are effects that are not of interest. A model may leave out some effects
-    of the preset (ready-made model) that it is made from. The combination may also contain the
-    coefficients of effects that are left out.
+    Nuisance coefficients describe effects that are modelled but not of interest. A model may leave
+    out some effects of the preset (ready-made model) that it is made from. The combination may also
+    contain the coefficients of effects that are left out.
     """
 
     #: The pivot of the degeneracy is the coefficient whose effect on the readings the other

@@ -147,8 +147,8 @@ def _pattern(nuisance: str) -> str:
 def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
     """Return tests that may separate effects that a plan cannot separate.
 
-    The keys of the result are the kinds of measure, such as other forces. ``directed`` holds the
-    circles of the plan with their directions of travel, and copies in the opposite direction.
+    The keys of the result are the kinds of tests, such as tests at other forces. ``directed`` holds
+    the circles of the plan with their directions of travel, and copies in the opposite direction.
     """
     further = {
         Cure.FORCES: _at_other_forces(plan),

@@ -196,8 +196,8 @@ class EliminationPlan:
     groups
         Groups of columns in the order of their elimination. They contain every column once.
     signs
-        Signs ±1 of the prior variances of the coefficients, shape (columns,). A coefficient with a
-        negative variance removes noise from the readings (`Observations.signs`).
+        One sign, +1 or −1, for each coefficient, shape (columns,). The sign is −1 if the prior
+        variance of the coefficient is negative; `Observations.signs` explains this.
     """
 
     def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:

@@ -109,8 +109,8 @@ class ReferencePosterior:
     def _posterior(self, setting: Setting, free: Array) -> Gaussian:
         """Return the posterior of the free parameters of interest.
 
-        ``setting`` describes the test conditions. ``free`` states for every parameter of interest
-        whether it is free, that is, not fixed at zero.
+        ``setting`` describes the test conditions. ``free`` is true for the parameters of interest
+        that are free, that is, not fixed at zero.
         """
         terms: list[Columns | BasisNoise] = []
         for term in self.nuisances:
@@ -148,8 +148,8 @@ class ReferencePosterior:
         """Return the coefficients that all tests share, with their columns and priors.
 
         ``setting`` describes the test conditions. ``terms`` are the columns and the noise of the
-        nuisances under these conditions. ``free`` states for every parameter of interest whether it
-        is free, that is, not fixed at zero.
+        nuisances under these conditions. ``free`` is true for the parameters of interest that are
+        free, that is, not fixed at zero.
         """
         values = []
         means = []

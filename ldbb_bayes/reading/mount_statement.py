@@ -21,13 +21,13 @@ _MOUNT = re.compile(_WORDS["mount"], re.IGNORECASE)
 # Regular expression for words, such as "removed", which say that the deflection of the mount was
 # removed from the readings.
 _REMOVED = re.compile(_WORDS["removed"], re.IGNORECASE)
-# Regular expression for a word which says that the deflection is in the readings.
+# Regular expression for words which say that the readings contain the deflection of the mount.
 _CONTAINED = re.compile(_WORDS["contained"], re.IGNORECASE)
 # Regular expression for a negation.
 _NOT = re.compile(_WORDS["negation"], re.IGNORECASE)
-# Regular expression for words that may say what was done about the deflection, but in a way that
-# this package does not understand. A statement with such a word and a word for the mount is
-# reported as an error.
+# Regular expression for words that may say whether the deflection of the mount was removed, but in
+# a way that this package does not understand. A statement with such a word and a word for the mount
+# is reported as an error.
 _DONE = re.compile(_WORDS["done"], re.IGNORECASE)
 # Regular expressions for words for a deflection, and for words which say that something is in the
 # readings.

@@ -22,7 +22,7 @@ __all__ = ["is_octave", "sheets_of_octave"]
 _BEGINNING = re.compile(r"^[#%] name: .*\n[#%] type: ", re.MULTILINE)
 # Regular expression for a line with a property of a variable, such as "# rows: 72".
 _PROPERTY = re.compile(r"[#%] (?P<key>\w[\w ,]*?)(?:: (?P<value>.*))?\s*")
-# Fewest readings of a test; shorter vectors hold something else.
+# A vector with fewer elements than this number is not taken for the readings of a test.
 _FEWEST_ROWS = 9
 
 

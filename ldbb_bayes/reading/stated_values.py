@@ -42,9 +42,9 @@ _CONSTANT = 1e-9
 # Largest deviation that the forces (or the pressures) measured within a test may have from their
 # mean, as a fraction of the mean.
 _LARGEST_VARIATION = 0.02
-# A load (force or pressure) that varies is taken as measured if it changes, on average, at least
-# once in this number of rows. The nominal loads of several tests below each other change less
-# often.
+# A load (force or pressure) that varies from row to row is taken to be measured if it changes, on
+# average, at least once in this number of rows. If it changes less often, the rows probably belong
+# to several tests with different nominal loads.
 _ROWS_OF_CHANGE = 20
 # Number of digits to which the mean of a measured load is rounded.
 _DIGITS_OF_MEAN = 6

@@ -45,10 +45,10 @@ def verdicts_table(result: Identifiability) -> Table:
     """Return a table of the verdicts on how far the readings determine each parameter.
 
     The table has one row for each parameter. The columns are the present expanded uncertainty U (k
-    = 2), the verdict, the cheapest measure that reduces U markedly (a certificate, or a change of
-    the tests), and U after this measure. The verdict names the effect that causes the largest part
-    of the variance. The change of each compliance over the tested forces has a row in place of
-    slopes, which are the coefficients of this change.
+    = 2), the verdict, the cheapest remedy that reduces U markedly (a certificate, or a change of
+    the tests), and U with this remedy. The verdict names the effect that causes the largest part of
+    the variance. The table has a row for the change of each compliance over the tested forces, but
+    no rows for slopes, which are the coefficients of this change.
     """
     rows = []
     for label, entry in judged_quantities(result).items():
@@ -87,8 +87,8 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
 
     The tables are about the verdicts on the parameters, the certificates of the instrument, and the
     priors of the parameters. Two lists follow. The first names the combinations of parameters and
-    effects that the readings cannot separate. The second names the measures that would make a
-    separation possible.
+    effects that the readings cannot separate. The second names the tests or calibrations that would
+    make a separation possible.
     """
     passages: list[Passage] = [verdicts_table(result)]
     pairs = wording.paired_cure_items(result)
@@ -148,8 +148,8 @@ def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
 
     A degeneracy is a combination of parameters and other effects that the readings cannot separate.
     For each degeneracy, one sentence describes the combination, and another sentence names the
-    measures that would remove the degeneracy. The notes name the effects that the user has switched
-    off.
+    tests or calibrations that would resolve the degeneracy. The notes name the effects that the
+    user has switched off.
     """
     record = result.as_dict()
     record.pop("cures")

@@ -36,8 +36,8 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
     """Return a short version of the verdicts on how far the readings determine each parameter.
 
     The first table has one row for each parameter. It states the expanded uncertainty U (k = 2),
-    the verdict, the cheapest measure that reduces U markedly (a certificate, or a change of the
-    tests), and U after this measure. The verdict names the largest source of variance. The second
+    the verdict, the cheapest remedy that reduces U markedly (a certificate, or a change of the
+    tests), and U with this remedy. The verdict names the largest source of variance. The second
     table has one row for each certificate of the instrument. The row names the parameters that the
     certificate would make less uncertain. The method ``details`` of the result returns all tables
     and sentences, with the combinations of parameters that the readings cannot separate.

@@ -104,7 +104,7 @@ def results(findings: Findings) -> Iterator[Part]:
 
 
 def limits(findings: Findings) -> Iterator[Part]:
-    """Yield the section on degeneracies, and on measures that would remove these degeneracies.
+    """Yield the section on degeneracies, and on tests or calibrations that would resolve them.
 
     A degeneracy is a combination of parameters and other effects that the readings cannot separate.
     The section also names the effects that the user has switched off in the model. The verdicts on

@@ -447,11 +447,11 @@ def _effect_words(degeneracy: Degeneracy) -> str:
 
 
 def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
-    """Return a sentence on the measures that would remove a degeneracy.
+    """Return a sentence on what would resolve a degeneracy.
 
     A degeneracy is a combination of parameters and other effects that the readings cannot separate.
-    ``cures`` are the kinds of measures to take, such as tests at other forces or a calibration. If
-    ``cures`` is empty, the sentence recommends a narrower prior.
+    ``cures`` are ways to resolve it, such as tests at other forces or a calibration. If ``cures``
+    is empty, the sentence recommends a narrower prior.
     """
     calibration = "a calibration of it"
     if degeneracy.term in Term.kinds:
@@ -465,10 +465,11 @@ def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
 def degeneracy_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return a description of each degeneracy, with the measures that would remove the degeneracy.
+    """Return a description of each degeneracy, and of what would resolve it.
 
     A degeneracy is a combination of parameters and other effects that the readings cannot separate.
-    ``cures`` holds the measures for each degeneracy, in the order of ``degeneracies``.
+    For each of ``degeneracies``, in the same order, ``cures`` holds the tests or calibrations that
+    would resolve it.
     """
     items = []
     for degeneracy, cures_of_it in zip(degeneracies, cures, strict=True):
@@ -975,16 +976,16 @@ def certificate_rows(result: Identifiability, most: int | None = None) -> list[t
 def cure_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return descriptions of confounded effects, with the measures that would separate them.
+    """Return descriptions of confounded effects, and of the tests that would separate them.
 
-    Effects that the same measures would separate are named together in one description.
+    Effects that the same tests or calibrations would separate are named together.
 
     Parameters
     ----------
     degeneracies
         Combinations of parameters and effects that no reading of a set of tests can separate.
     cures
-        Measures that would remove each degeneracy, in the order of ``degeneracies``.
+        Tests or calibrations that would resolve each degeneracy, in the order of ``degeneracies``.
 
     Returns
     -------

@@ -31,11 +31,12 @@ from ldbb_bayes.results import Array
 __all__ = ["believed_scales", "fisher_information"]
 
 # Limit for the absolute value of normal scores; scores beyond the limit are replaced by the limit.
-# The normal score of a scale is the standard normal quantile of the scale's cumulative prior
-# probability. The prior probability of a score beyond the limit is below 1e-9 on each side.
+# The normal score of a hyper-parameter (scale of the noise or of another effect) is the standard
+# normal quantile of its cumulative prior probability. The prior probability of a score beyond the
+# limit is below 1e-9 on each side.
 _LARGEST_SCORE = 6.0
-# Derivatives of variances with respect to the normal scores of the scales are computed by central
-# differences with this step.
+# Derivatives of variances with respect to the normal scores of the hyper-parameters are computed by
+# central differences with this step.
 _STEP = 0.1
 # If a plan has more circles than this number, the analysis is assumed to know the true scales of
 # the noise and of other effects. With so many circles, an average over the posterior of the scales

@@ -496,6 +496,7 @@ def _draw_posterior_means(
     the hyper-parameters (scales of the noise and of other effects), for which there are n values.
     The posterior means for all n values belong to the same readings. They are therefore drawn with
     the same random numbers.
+
     ``is_possible``, shape (K,), is true for the states that are used. ``covariance``, shape
     (possible states, n, p, p), holds C for each of these states. ``scale``, shape (p,), are the
     prior standard deviations. The result has the shape (repetitions, possible states, n, p). All

@@ -116,7 +116,7 @@ class JointLoad(Term):
         The change is calculated at the n forces ``force_N``, shape (n,), none of them zero. It is
         the nonlinear deflection of the axis divided by the force of the bar, with the bar along the
         axis. The result has the shape (n, 3), because the term has three coefficients for each
-        axis. ``setting`` states the reference force and the largest force of the campaign.
+        axis. ``setting`` holds the reference force and the largest force of the campaign.
         """
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
@@ -160,7 +160,7 @@ class JointLoad(Term):
     ) -> Array:
         """Return the deflections of rolling contact, bolted contact and seat per unit compliance.
 
-        `JointLoad` states the formulas. ``force_N`` holds the forces F; ``setting`` states the
+        The formulas are in `JointLoad`. ``force_N`` holds the forces F; ``setting`` holds the
         reference force F0 and the largest force F_max. u is the component along an axis of the unit
         vector along the bar. ``u_squared`` is u², ``u_cubed`` is |u|³ and ``u_contact`` is
         |u|^(5/3), as numbers or as Fourier coefficients that are broadcast against the forces. The
