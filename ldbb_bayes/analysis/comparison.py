@@ -79,8 +79,8 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 _REJECTED = 5.0
 # Comparisons are repeated with other assumptions about the random differences between circles. The
 # readings clearly reject such an assumption if, under it, the log evidences of both models are at
-# least this number [nat] below the best log evidence of the models as given. Their evidences are
-# then computed only roughly, to save time.
+# least this number [nat] below the larger of their log evidences under the original assumption. The
+# evidences under the rejected assumption are then computed only roughly, to save time.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -274,7 +274,7 @@ class Comparison(Result):
     #: largest error allowed for a log evidence [nat]. The log evidences of the two models are also
     #: computed with other assumptions about the random differences between circles. With such an
     #: assumption, an error of 0.1 nat is allowed if the log evidences of both models are at least
-    #: 10 nat below the best log evidence of the models as given.
+    #: 10 nat below the larger of their log evidences under the original assumption.
     tolerance: float
     #: largest error of any log evidence [nat], except of the rough log evidences with assumptions
     #: that the readings clearly reject (see ``tolerance``)

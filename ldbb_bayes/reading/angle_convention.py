@@ -237,7 +237,7 @@ def _note_words(recording: Recording, words: list[_Words], convention: AngleConv
 
 
 def _single(recording: Recording, subject: str, stated: list[str]) -> str:
-    """Return the axis at which a file says that angles begin, or the sense in which they count.
+    """Return the axis at which a file says that angles begin, or their sense (CW or CCW).
 
     ``subject`` is "zero" for the axis, and "sense" for the sense. ``stated`` has an entry for each
     place in the file that may state it; the entry is empty if the place does not. The result is an

@@ -101,7 +101,7 @@ class Recording:
     #: lines from sheets without a table, which apply to all tests; each item holds the place of a
     #: line (line number and sheet) and the text of the line
     lines_of_all_tests: Sequence[tuple[str, str]]
-    #: lines below the table, each with its line number, without the segments that hold a number.
+    #: lines below the table, each with its line number. Parts of a line with a number are left out.
     #: These lines may say whether readings measure the radius or the diameter, and whether they
     #: contain the deflection of the ball's mount. They may also state the sign of readings, the
     #: direction of travel, the axis at which angles begin, and the direction in which angles

@@ -150,9 +150,9 @@ class _Progress:
 
 @dataclass(order=True)
 class _QueuedFamily:
-    """A family of campaigns in the queue of families that the search goes through.
+    """Entry of the queue that states which family of campaigns is searched next.
 
-    The queue is sorted by the price of the campaign that the search tries next in each family.
+    The queue is sorted by price: that of the campaign that would be tried next in each family.
     """
 
     price: float
