@@ -57,7 +57,7 @@ def has_unstated_balls(campaign: lb.Campaign) -> bool:
 
 
 def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any, ...]:
-    """Return the tables and sentences on what is assumed about files and balls.
+    """Return tables and sentences on the assumptions about imported files and about the balls.
 
     Parameters
     ----------

@@ -146,10 +146,11 @@ def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTabl
 
 
 def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:
-    """Return the name of a part of a file: that of the part around it, or else its key.
+    """Return a name for the part of a file that is stored in ``content`` under a key.
 
-    Both are used if the part around it holds several parts. ``content`` is the part around it, and
-    ``name`` the name of this part, which is used unless this part states a name itself.
+    The name is that of ``content`` or, if this has no name, the key. If ``content`` holds several
+    parts, the key is added to its name. ``content`` may state its name itself; otherwise its name
+    is ``name``, which may be empty.
     """
     outer_name = _name_in(content) or name
     inner_parts = [value for value in content.values() if isinstance(value, dict | list)]

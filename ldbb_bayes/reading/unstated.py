@@ -106,8 +106,7 @@ def _unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> list[_
     """Return the unused texts above, below or beside the tables.
 
     A text is unused if nothing was taken from it. If a part of a text was used, or if another note
-    on the same file cites its line, only the unused segments of the text
-    are returned.
+    on the same file cites its line, only the unused segments of the text are returned.
     ``recordings`` are the tests in the files.
     """
     last_lines: dict[Sheet, int] = {}
