@@ -188,7 +188,7 @@ def effects_of_failures(
 
     Both items are computed at one value ``phi`` of the h hyper-parameters (scales of the noise and
     of other effects), shape (h,). ``checks`` holds the p-values of each test; its keys are the
-    names of the tests. ``bound`` is the model, applied to its campaign.
+    names of the tests. ``bound`` is the model of the campaign.
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -204,7 +204,7 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
     of the result. The change is in units of the parameter's posterior standard deviation, and is
     computed at one value ``phi`` of the h hyper-parameters (scales of the noise and of other
     effects), shape (h,). The result is empty if the campaign has one test only or the prior is
-    flat. ``bound`` is the model, applied to its campaign.
+    flat. ``bound`` is the model of the campaign.
     """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
@@ -226,7 +226,7 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
     noise variance σ² of the model. The noise variance of all other tests is σ². The wider intervals
     are computed with σ² replaced by the mean noise variance of all tests. ``phi``, shape (h,), is
     one value of the h hyper-parameters (scales of the noise and of other effects). ``bound`` is the
-    model, applied to its campaign.
+    model of the campaign.
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
@@ -247,7 +247,7 @@ def _power_beyond(bound: BoundModel) -> Array:
     The orders are Fourier orders. The variances are in mm², shape (tests,). The mean Fourier
     coefficients of all tests with the same plane, radius and direction of travel are first
     subtracted, because deviations that the machine repeats in all these tests are not noise.
-    ``bound`` is the model, applied to its campaign.
+    ``bound`` is the model of the campaign.
     """
     setting = bound.setting
     waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])
@@ -286,7 +286,7 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     planes with at least four tests and at least three different forces are checked. An axis is
     reported if its smallest p-value in any plane, multiplied by the number of all p-values
     (Bonferroni), is below 1 %. The keys of the result are the reported axes, and the values are
-    their smallest p-values. ``bound`` is the model, applied to its campaign.
+    their smallest p-values. ``bound`` is the model of the campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
@@ -328,8 +328,8 @@ def check_predictions(
     new circle. ``phi``, shape (draws, h), holds posterior draws of the h hyper-parameters (scales
     of the noise and of other effects). ``beta``, shape (draws, p), holds posterior draws of the p
     parameters (compliances, their changes with force, geometric errors). At most 500 of the draws
-    are used. ``rng`` generates the random readings. ``bound`` is the model, applied to its
-    campaign.
+    are used. ``rng`` generates the random readings. ``bound`` is the model of
+    the campaign.
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)

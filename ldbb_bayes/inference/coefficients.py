@@ -121,7 +121,7 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
     ``beta``, shape (draws, p), are draws of the p parameters (compliances, their changes with
     force, geometric errors). If the readings are not compensated for the nominal deflection of the
     work ball's mount, this deflection is included. The result holds Fourier coefficients of the
-    orders 0 to 12, shape (draws, tests, 25). ``bound`` is the model, applied to its campaign.
+    orders 0 to 12, shape (draws, tests, 25). ``bound`` is the model of the campaign.
     """
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
@@ -145,7 +145,7 @@ def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
     Nuisances are effects that are modelled but not of interest. Each of the q nuisance coefficients
     is the size of such an effect. The q coefficients are common to several tests or, if ``private``
     is True, belong to a single test. The result, shape (tests, 25, q), holds the changes of the 25
-    Fourier coefficients of each test. ``bound`` is the model, applied to its campaign.
+    Fourier coefficients of each test. ``bound`` is the model of the campaign.
     """
     columns = [np.zeros((len(bound.test_names), SIZE, 0))]
     columns += [term.values for term in shared_terms(bound.nuisance_columns, private=private)]
@@ -158,8 +158,8 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
     Nuisances are effects that are modelled but not of interest, such as ball form. ``beta``, shape
     (draws, p), and ``phi``, shape (draws, h), hold draws of the p parameters and of the h
     hyper-parameters. For each of these draws, all q coefficients are drawn once, conditional on the
-    readings and on the parameters and hyper-parameters of the draw. ``bound`` is the model, applied
-    to its campaign.
+    readings and on the parameters and hyper-parameters of the draw. ``bound`` is the model of
+    the campaign.
     """
     draws = []
     for start in range(0, len(phi), CHUNK):
@@ -181,7 +181,7 @@ def compliance_curves(
     along the axis. If the model has the term `JointLoad` (joints that deflect under their own
     load), the direct compliances include the contribution of this term. The coefficients of the
     term are then drawn at random, conditional on the parameters, the hyper-parameters and the
-    readings. ``bound`` is the model, applied to its campaign.
+    readings. ``bound`` is the model of the campaign.
     """
     return elastic_draws(ModelDraws(bound, phi, beta), (), force_N, rng).compliances
 
@@ -275,7 +275,7 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
     modelled but not of interest. They are set to their means conditional on the readings, on the p
     parameters ``beta``, shape (draws, p), and on the h hyper-parameters ``phi``, shape (draws, h).
     The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
-    ``bound`` is the model, applied to its campaign.
+    ``bound`` is the model of the campaign.
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean
@@ -300,7 +300,7 @@ def new_circle_coefficients(
     ``beta``, shape (draws, p), and on the h hyper-parameters ``phi``, shape (draws, h). Effects on
     one circle only are drawn independently of the measured circle: random force error, set-up shift
     (of zero and centre) and discrepancy (unexplained deviations). ``rng`` generates the random
-    numbers. ``bound`` is the model, applied to its campaign.
+    numbers. ``bound`` is the model of the campaign.
     """
     shared = draw_shared_coefficients(bound, phi, beta, rng)
     circles = [draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))]
@@ -315,8 +315,8 @@ def draw_shared_coefficients(
     Nuisances are effects that are modelled but not of interest, such as ball form. The nuisances
     are drawn given the readings, the p parameters ``beta``, shape (draws, p), and the h
     hyper-parameters ``phi``, shape (draws, h). The result holds Fourier coefficients of the orders
-    0 to 12 of every test, shape (draws, tests, 25). ``bound`` is the model, applied to its
-    campaign.
+    0 to 12 of every test, shape (draws, tests, 25). ``bound`` is the model of
+    the campaign.
     """
     nuisances = draw_shared(bound, phi, beta, rng)
     shared = np.einsum("tkq,wq->wtk", shared_columns(bound), nuisances)
@@ -330,7 +330,7 @@ def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generat
     discrepancy (unexplained deviations of the orders 2 to 12). The result holds Fourier
     coefficients of the orders 0 to 12, shape (draws, 25), for the test with the index r. ``phi``,
     shape (draws, h), holds draws of the h hyper-parameters, which are the scales of these and other
-    effects. ``bound`` is the model, applied to its campaign.
+    effects. ``bound`` is the model of the campaign.
     """
     coefficients = np.zeros((len(phi), SIZE))
     for term in private_terms(bound, phi, r):
@@ -345,7 +345,7 @@ def private_terms(bound: BoundModel, phi: Array, r: int) -> Iterator[PrivateTerm
     The set-up shift is a shift of the circle's zero and centre; the discrepancy consists of the
     unexplained deviations of the orders 2 to 12. r is the index of the test. ``phi``, shape (draws,
     h), holds draws of the h hyper-parameters, which are the scales of these and other effects.
-    ``bound`` is the model, applied to its campaign.
+    ``bound`` is the model of the campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     for term in bound.nuisance_columns:

@@ -40,7 +40,7 @@ def conditional_draws(
     Parameters
     ----------
     bound : BoundModel
-        Model, applied to its campaign.
+        Model of the campaign.
     free : ndarray, shape (w, h)
         The w values of the h hyper-parameters in unbounded coordinates, mostly ln(value − lower
         bound).

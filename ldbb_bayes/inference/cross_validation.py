@@ -169,7 +169,7 @@ def _draw_readings(
     A test has n readings; each posterior draw gives one circle. ``rng`` generates the random
     numbers. ``phi``, shape (draws, h), holds draws of the h hyper-parameters (scales of the noise
     and of other effects); ``beta``, shape (draws, p), holds draws of the p parameters (compliances,
-    their changes with force, geometric errors). ``bound`` is the model, applied to its campaign.
+    their changes with force, geometric errors). ``bound`` is the model of the campaign.
     """
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
@@ -215,8 +215,8 @@ def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
     other tests. φ are the h hyper-parameters (scales of the noise and of other effects); ``phi``,
     shape (w, h), holds w values of them. If the model has a factor by which the set-up shift (of
     zero and centre) and the discrepancy (unexplained deviations) of test r are multiplied, this
-    factor is integrated out. See `with_predictive`. ``bound`` is the model, applied to its
-    campaign.
+    factor is integrated out. See `with_predictive`. ``bound`` is the model of
+    the campaign.
     """
     log_evidence = in_chunks(partial(_log_evidence, bound), phi)
     log_density = np.empty((len(phi), len(bound.test_names)))
@@ -241,8 +241,8 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
     its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). The integral
     over this hyper-parameter is weighted by its prior. The result is ln p(y | φ), where y are the
     readings and φ the other hyper-parameters (scales of the noise and of other effects). ``phi``,
-    shape (w, h), holds w values of all h hyper-parameters. ``bound`` is the model, applied to its
-    campaign.
+    shape (w, h), holds w values of all h hyper-parameters. ``bound`` is the model of
+    the campaign.
     """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)
@@ -263,7 +263,7 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     the Pareto shape k̂ of these weights is above 0.4, the densities are tempered: they are raised
     to a power below one, and then scaled so that their harmonic mean over the draws equals the
     predictive density of the readings of the test, which is computed exactly from two evidences.
-    ``bound`` is the model, applied to its campaign.
+    ``bound`` is the model of the campaign.
     """
     large_k_by_test = {}
     for r in range(len(bound.test_names)):
@@ -287,7 +287,7 @@ def _exact_log_evidence(bound: BoundModel) -> float:
     """Return the log evidence of a model: the log density of its campaign's readings.
 
     All unknowns, the hyper-parameters (scales of the noise and of other effects) included, are
-    integrated out. ``bound`` is the model, applied to its campaign.
+    integrated out. ``bound`` is the model of the campaign.
     """
     posterior = HyperPosterior(bound, truncated=bound.truncation.active)
     return posterior.nodes(_TOLERANCE).evidence.log_value
@@ -299,7 +299,7 @@ def _log_evidence(bound: BoundModel, phi: Array) -> Array:
     φ are the h scales of the noise and of other effects; ``phi``, shape (w, h), holds w values of
     them. If the model allows no negative compliances, the result is ln p(y, T | φ), where T is the
     condition that no compliance is negative. The density is joint, and therefore not divided by the
-    prior probability of T. ``bound`` is the model, applied to its campaign.
+    prior probability of T. ``bound`` is the model of the campaign.
     """
     if not bound.truncation.active:
         return bound.log_evidence(phi)

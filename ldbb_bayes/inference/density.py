@@ -291,7 +291,7 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Arra
 
     y are the readings. ``beta``, shape (n, p), holds the p parameters β; ``phi``, shape (n, h),
     holds the h hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ.
-    ``bound`` is the model, applied to its campaign.
+    ``bound`` is the model of the campaign.
     """
     total = bound.log_prior(beta) + log_hyper_prior
     inside = np.isfinite(total)

@@ -360,7 +360,7 @@ def _log_densities(
     ``hyper_prior`` is the log prior density of the hyper-parameters (scales of the noise and of
     other effects). The entry ``likelihood`` is the log density of the readings given parameters and
     hyper-parameters. ``groups`` holds the arrays of the posterior; see `assess_fit`. ``bound`` is
-    the model, applied to its campaign.
+    the model of the campaign.
     """
     phi = _stack(groups["posterior"], bound.hyper_prior.names)
     log_prior = groups["log_prior"]["parameters"]
@@ -413,7 +413,7 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
 
     Only hyper-parameters (scales of the noise and of other effects) that are lengths are examined.
     ``phi``, shape (n, h), holds n posterior draws of all h hyper-parameters; those that are lengths
-    are in mm. ``bound`` is the model, applied to its campaign.
+    are in mm. ``bound`` is the model of the campaign.
     """
     prior = bound.hyper_prior
     limits = prior.quantile(np.full(phi.shape[1], _EXPECTED_HYPER))
@@ -429,8 +429,8 @@ def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
     """Yield a warning for each parameter whose posterior mean is too far from its prior mean.
 
     Only parameters for which the user stated a prior are examined. ``beta``, shape (n, p), holds n
-    posterior draws of the p parameters in internal units (mm, N, rad). ``bound`` is the model,
-    applied to its campaign.
+    posterior draws of the p parameters in internal units (mm, N, rad). ``bound`` is the model
+    of the campaign.
     """
     stated = {*bound.model.prior.overrides, *bound.model.prior.means}
     prior_variance = bound.prior_sd**2

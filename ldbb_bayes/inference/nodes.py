@@ -143,7 +143,7 @@ class HyperPosterior:
     Parameters
     ----------
     bound : BoundModel
-        The model applied to its campaign.
+        The model of the campaign.
     truncated : bool
         Whether the density is multiplied by P(T | y, φ), the probability, given y and φ, of the
         condition T that no compliance is negative. This argument may differ from what the model

@@ -112,7 +112,7 @@ def build_tree(
 
     ``groups`` holds the arrays; the first key is the name of the group, the second key the name of
     the array. Arrays of random draws have the shape (chains, draws, …). ``bound``, the model
-    applied to its campaign, gives names and units. ``record`` states what was fitted and how.
+    of the campaign, gives names and units. ``record`` states what was fitted and how.
     """
     from arviz_base import from_dict  # imported here, because it loads Matplotlib
 
@@ -480,7 +480,7 @@ def draws_of(
     hyper-parameters are the scales of the noise and of other effects, and those that are lengths
     are in mm. The draws of all chains are joined. The results have the shapes (draws, p) and
     (draws, h). If ``size`` is not None, at most that many draws are returned, evenly spaced.
-    ``bound`` is the posterior's model applied to its campaign.
+    ``bound`` is the posterior's model of the campaign.
     """
     group = posterior["posterior"].dataset
     beta = _stack_draws(group, bound.names)

@@ -27,7 +27,7 @@ def prior_circles(bound: BoundModel, size: int, rng: np.random.Generator) -> Ite
     nuisances gives one circle, with white noise. If the model does not allow negative compliances,
     no compliance is negative in any draw. Some prior standard deviations are proportional to an
     estimate Ĉ of the compliances, which is computed from the measured readings. Otherwise the
-    measured readings are not used. ``bound`` is the model, applied to its campaign; its prior must
+    measured readings are not used. ``bound`` is the model of the campaign; its prior must
     not be flat.
     """
     beta, phi = prior_draws_of(bound, size, rng)

@@ -54,8 +54,8 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
     the scales of the noise and of other effects. The arrays have the shapes (size, p) and (size,
     h). If the model does not allow negative compliances, no compliance is negative in any draw. A
     flat prior of the parameters cannot be drawn from; the array of the parameters then has the
-    shape (0, 0). ``rng`` generates the random numbers. ``bound`` is the model, applied to its
-    campaign.
+    shape (0, 0). ``rng`` generates the random numbers. ``bound`` is the model of
+    the campaign.
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:
@@ -75,7 +75,7 @@ def groups_of(
     Parameters
     ----------
     bound : BoundModel
-        The model applied to its campaign.
+        The model of the campaign.
     beta, phi : array, shapes (chains, draws, p) and (chains, draws, h)
         Random draws of the p parameters and of the h hyper-parameters from the posterior.
     prior : pair of arrays
@@ -114,7 +114,7 @@ def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
     ``beta``, shape (chains, draws, p), holds the draws of the p parameters; ``phi``, shape (chains,
     draws, h), holds the draws of the h hyper-parameters. The keys of the result are the names of
     parameters and hyper-parameters; the arrays have the shape (chains, draws). ``bound`` is the
-    model, applied to its campaign.
+    model of the campaign.
     """
     arrays = {}
     for column in range(beta.shape[2]):
@@ -131,7 +131,7 @@ def record_from(
 
     The record states the campaign, the model, how the sampler ran, the quality of the fit, the
     versions of the software, the seed of the random numbers, and the time ``started`` at which
-    sampling began. ``bound`` is the model, applied to its campaign.
+    sampling began. ``bound`` is the model of the campaign.
     """
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return {
@@ -153,7 +153,7 @@ def record_from(
 def _model_record(bound: BoundModel) -> dict[str, Any]:
     """Return the entry ``model`` of a posterior's record: preset, terms, priors and the TOML text.
 
-    ``bound`` is the model applied to its campaign.
+    ``bound`` is the model of the campaign.
     """
     model = bound.model
     prior_sd: dict[str, float | None] = {}

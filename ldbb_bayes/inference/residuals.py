@@ -66,7 +66,7 @@ def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
 
     Fitness is defined by Eq. 35 of the paper. ``predicted``, shape (tests, 25), holds the Fourier
     coefficients of the orders 0 to 12 that are predicted for each test [mm]. ``bound`` is the
-    model, applied to its campaign.
+    model of the campaign.
     """
     residuals = reduced_residuals(bound, predicted)
     squares = np.array(
@@ -102,8 +102,8 @@ def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
     """Return one array for every test: readings minus predicted readings, shape (n,) [mm].
 
     A test has n readings. ``predicted``, shape (tests, 25), holds the Fourier coefficients of the
-    orders 0 to 12 that are predicted for each test [mm]. ``bound`` is the model, applied to its
-    campaign.
+    orders 0 to 12 that are predicted for each test [mm]. ``bound`` is the model of
+    the campaign.
     """
     return [
         test.readings_mm() - basis(test.angles_rad()) @ coefficients
@@ -116,8 +116,8 @@ def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
 
     The readings of a test are reduced to m ≤ 25 numbers that contain all information about its
     Fourier coefficients of the orders 0 to 12. ``predicted``, shape (tests, 25), holds the
-    coefficients that are predicted for each test [mm]. ``bound`` is the model, applied to its
-    campaign.
+    coefficients that are predicted for each test [mm]. ``bound`` is the model of
+    the campaign.
     """
     return [
         np.asarray(reduced.reading_mm) - reduced.factor @ coefficients
@@ -131,7 +131,7 @@ def matrix_to_harmonics(bound: BoundModel, r: int) -> Array:
     r is the index of the test. The matrix has the shape (25, m): the readings of a test are reduced
     to m ≤ 25 numbers, and there are 25 coefficients of the orders 0 to 12. The coefficients are
     fitted by least squares. If the readings do not determine all coefficients, the solution of
-    smallest norm is taken. ``bound`` is the model, applied to its campaign.
+    smallest norm is taken. ``bound`` is the model of the campaign.
     """
     return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=RANK_TOLERANCE))
 

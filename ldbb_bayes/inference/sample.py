@@ -208,7 +208,7 @@ class FittedModel(NamedTuple):
     and no DataTree is needed, not building it saves time.
     """
 
-    draws: ModelDraws  #: model applied to its campaign, with the joined draws of all chains
+    draws: ModelDraws  #: model of the campaign, with the joined draws of all chains
     #: arrays of the posterior, as `groups_of` returns them
     groups: Mapping[str, Mapping[str, Array]]
     fit: Fit

@@ -49,7 +49,7 @@ def draw_with_shared(
 
     Nuisances are effects that are modelled but not of interest. φ are the h hyper-parameters
     (scales of the noise and of other effects); ``free``, shape (w, h), holds the w values of φ in
-    unbounded coordinates. ``bound`` is the model, applied to its campaign. The result has w ×
+    unbounded coordinates. ``bound`` is the model of the campaign. The result has w ×
     ``repeats`` draws; the draws for one value of φ are next to each other. Raise an `InputError` if
     the model allows no negative compliances and no draw without negative compliances is found.
     """

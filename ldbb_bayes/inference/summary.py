@@ -264,7 +264,7 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
     Shared nuisances are effects that are modelled but not of interest and that are common to
     several tests. The prior standard deviation depends on the hyper-parameters; ``phi``, shape
     (h,), holds the values of the h hyper-parameters at which the standard deviation is computed.
-    ``bound`` is the model, applied to its campaign.
+    ``bound`` is the model of the campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))
     rows = {}
