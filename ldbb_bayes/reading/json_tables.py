@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -15,8 +16,11 @@ __all__ = ["is_json", "sheets_of_json"]
 
 # Fewest readings of a test; shorter lists hold something else.
 _FEWEST_ROWS = 9
-# Beginnings of texts in JSON that no table of text has.
-_BEGINNINGS = ('{"', '[{"', "[[")
+# Regular expression for the beginning of a text in JSON. A table of text may begin with [[, as in
+# [[Circle]], but not with [[ and a number.
+_BEGINNING = re.compile(r'\{"|\[\{"|\[\[[-"\d]')
+# Characters with which a line in JSON begins.
+_MARKS = '{["]},'
 # Keys, in small letters, whose value names a table.
 _KEYS_OF_NAME = ("name", "label", "test", "id", "title")
 # Keys, in small letters, with the numbers of a column that has further statements.
@@ -34,8 +38,15 @@ class _Number(str):
 
 
 def is_json(text: str) -> bool:
-    """Return whether a text is in JSON, or in JSON with one record a line."""
-    return "".join(text[:200].split()).startswith(_BEGINNINGS)
+    """Return whether a text is in JSON, or in JSON with one record a line.
+
+    A line in JSON above a table of text does not count.
+    """
+    if _BEGINNING.match("".join(text[:200].split())) is None:
+        return False
+    first, _, following = text.strip().partition("\n")
+    is_whole_line = first.count("{") == first.count("}") and first.count("[") == first.count("]")
+    return not (is_whole_line and following.strip() and following.strip()[0] not in _MARKS)
 
 
 def sheets_of_json(sheet: Sheet, text: str) -> list[Sheet]:
