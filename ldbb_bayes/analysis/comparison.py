@@ -416,7 +416,7 @@ class _ComparisonPlan:
     assumption.
     """
 
-    #: the first two models to compare, by the names that the caller gave
+    #: the first two models to compare; the keys are the names that the caller gave
     pair: dict[str, HybridModel]
     #: model with the most parameters; it is also fitted separately to the tests at each pair of
     #: neighbouring forces

@@ -269,11 +269,11 @@ class AveragedVariance:
         return {term: np.clip(share, 0.0, 1.0) for term, share in removed.items()}
 
     def sd_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the standard uncertainties that quantities would have without assumed effects.
+        """Return the standard uncertainties of q quantities if assumed effects were known exactly.
 
-        ``partners`` are names of model terms or of parameters. Coefficients of these effects are
-        taken to be known if their standard uncertainty is assumed; see
-        `ModelVariance.variance_without_assumed`. The result has the shape (q,).
+        An effect is assumed if its standard uncertainty is neither measured nor stated.
+        ``partners`` are names of model terms or of parameters; only their coefficients are taken to
+        be known (see `ModelVariance.variance_without_assumed`). The result has the shape (q,).
         """
         variance = np.diag(self.spread).copy()
         for model in self.models:
@@ -283,9 +283,9 @@ class AveragedVariance:
     def sources(self, i: int, own: Sequence[str]) -> SourcesOfVariance:
         """Return the sources of the variance of one quantity, the largest share first.
 
-        ``i`` is the index of the quantity. ``own`` names the parameters from which the quantity is
-        computed. For a parameter, this is its own name; for a change of a compliance with force, it
-        is the names of the coefficients of this change, such as ``C_XXX_1``. Their priors together
+        ``i`` is the index of the quantity. ``own`` holds the names of the parameters from which the
+        quantity is computed: for a parameter its own name, for a change of a compliance with force
+        the names of the coefficients of this change, such as ``C_XXX_1``. Their priors together
         count as one source.
         """
         sd = np.sqrt(self._divisor)

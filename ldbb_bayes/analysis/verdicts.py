@@ -220,9 +220,9 @@ class ChangeIdentifiability(Result):
     verdict: Verdict
     #: source with the largest share of the variance of the compliance's change with force
     held_by: VarianceSource
-    #: names of the assumed effects with which the change of the compliance is confounded, and the
-    #: share of the variance of the change that each of these effects causes. Empty if the change is
-    #: not confounded.
+    #: shares of the variance of the compliance's change, caused by the effects with which the
+    #: change is confounded; the keys are the names of the effects. Empty if the change is not
+    #: confounded.
     partner_shares: dict[str, float]
     #: cheapest remedy (a certificate or a change of the plan) for a large uncertainty of the
     #: compliance's change with force; None if no remedy reduces ``sd`` by more than 10 %, or if no

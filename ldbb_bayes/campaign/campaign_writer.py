@@ -127,7 +127,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return the number of a planned test's angles, the first angle and the arc.
+    """Return the number of angles of a planned test, its first angle and its arc.
 
     The result is a dictionary with the keys of campaign.toml. Raise an `InputError` if the
     angles are not evenly spaced within one turn.

@@ -27,8 +27,7 @@ from ldbb_bayes.results import Array
 __all__ = ["Dependence", "fit_dependence"]
 
 # Largest value of k: the mean and the width of a coordinate may depend on the first k coordinates.
-# Scales that are common to all circles come first among the hyper-parameters; there are at most
-# seven such scales.
+# The hyper-parameters that are common to all circles come first; there are at most seven of them.
 _LEADING = 7
 # Largest absolute value of a coordinate at which the polynomials are evaluated. Coordinates beyond
 # this limit are replaced by the limit, so that the polynomials are not extrapolated. The

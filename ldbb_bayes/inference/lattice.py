@@ -33,16 +33,16 @@ _LOOSE_STEP = 2.0
 # First step (spacing of the points) of a fine lattice, as a fraction of the step with which the
 # integral of a Gaussian density would reach the tolerance.
 _STEP_MARGIN = 0.93
-# Depth to which a coarse lattice extends [nat]: points are added until the log density at the
-# outermost points is lower than the highest log density by this number.
+# Points are added to a coarse lattice until the log density at its outermost points is lower than
+# the highest log density by this number [nat].
 _LOOSE_DEPTH = 9.0
-# Depth to which a fine lattice extends [nat]: points are added until the log density at the
-# outermost points is lower than the highest log density by this number plus ln(1 / tolerance). The
-# tolerance is the error allowed in the log integral.
+# Points are added to a fine lattice until the log density at its outermost points is lower than the
+# highest log density by this number plus ln(1 / tolerance) [nat]. The tolerance is the error
+# allowed in the log integral.
 _DEPTH = 5.5
 # If too much of the integral may lie beyond the outermost points of a lattice, the lattice is
-# extended and computed again. The depth to which the lattice extends is increased by this number
-# [nat].
+# extended and computed again. The difference of log densities to which it extends is increased by
+# this number [nat].
 _DEEPER = 3.0
 # Factor by which the spacing of a lattice's points is multiplied if the lattice does not reach the
 # tolerance. The lattice is then computed again.

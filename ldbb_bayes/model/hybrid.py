@@ -776,12 +776,11 @@ class BoundModel(Shown):
         """Return the compliances and geometric errors estimated from the readings of all tests.
 
         ``setting`` describes the conditions of all tests. ``reduced`` holds at most 25 numbers for
-        each test, which replace its readings without loss of information.
-        Models of the presets ``first`` and ``paper``, and models with flat priors, use the
-        least-squares estimate. Other models use the posterior mean that is computed with the scales
-        of noise and other effects fixed at their prior medians (module `reference_posterior`). For
-        a plan, which has no readings, typical values are returned. The estimates are kept in a
-        cache for every campaign and model.
+        each test, which replace its readings without loss of information. Models of the presets
+        ``first`` and ``paper``, and models with flat priors, use the least-squares estimate. Other
+        models use the posterior mean that is computed with the hyper-parameters fixed at their
+        prior medians (module `reference_posterior`). For a plan, which has no readings, typical
+        values are returned. The estimates are kept in a cache for every campaign and model.
         """
         model = self.model
         of_campaign = _ESTIMATES.setdefault(self.campaign, [])

@@ -191,13 +191,13 @@ def degree_of(parameter: str) -> int:
 
 @dataclass(frozen=True)
 class Prior(Shown):
-    """Gaussian priors of the parameters of interest and half-normal priors of the scales.
+    """Gaussian priors of the parameters of interest and half-normal priors of hyper-parameters.
 
     Parameters of interest are compliances, their slopes (changes with force) and geometric errors.
-    Scales are the standard deviations of the noise and of other effects. The defaults are wide for
-    any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, and a scale error of 2e-4
-    is 200 µm/m. Give other priors by `HybridModel.with_prior` or in the TOML file of a model; every
-    value may be a string with a unit.
+    Hyper-parameters are the prior standard deviations of the noise and of other effects. The
+    defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, and
+    a scale error of 2e-4 is 200 µm/m. Give other priors by `HybridModel.with_prior` or in the TOML
+    file of a model; every value may be a string with a unit.
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
     slope is always zero, because the model of constant compliance is the linear model with all

@@ -444,9 +444,9 @@ def _evaluate_convex_function(
     """Return the value and derivatives of the convex function described in `_ConvexFunction`.
 
     The minimum of the function gives the saddle point of the log importance weight. There are w
-    sets of constraints, each with d shifted normal variables. C is ``coupling``, shape (w, d, d).
-    ``edge`` holds the lower limits of the shifted normal variables; ``edge`` and ``bound`` have the
-    shape (w, d).
+    sets of constraints, each with d shifted normal variables. ``coupling``, shape (w, d, d), is the
+    matrix C of `_ConvexFunction`. ``edge`` holds the lower limits of the shifted normal variables;
+    ``edge`` and ``bound`` have the shape (w, d).
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)

@@ -294,7 +294,7 @@ def _is_mixed(text: str) -> bool:
 
 
 def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> _Words:
-    """Return the axis and the sense of angles that a text states.
+    """Return the axis at which angles begin and the sense in which they run, as a text states.
 
     ``text`` is a header, a line or a name, and ``source`` tells where it is, such as "line 3".
     ``is_header`` states whether the text is the header of the column of angles; a minus sign in

@@ -163,9 +163,10 @@ class _LogBayesFactorDistribution:
     def expected(self, mean: Array, variance: Array) -> float:
         """Return the expected log Bayes factor of the models with and without slopes [nat].
 
-        The expectation is averaged over the hyper-parameters. The posterior mean of the slopes has
-        s independent normal components. ``mean``, shape (K, 1, s), and ``variance``, shape (K, s),
-        are the means and variances of these components, for K values of the hyper-parameters.
+        The expectation is averaged over the hyper-parameters. Before the tests, the posterior mean
+        of the slopes is random, with s independent normal components. ``mean``, shape (K, 1, s),
+        and ``variance``, shape (K, s), are the means and variances of these components, for K
+        values of the hyper-parameters.
         """
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
         return float(0.5 * (self.log_volume + squares).mean())
@@ -173,11 +174,11 @@ class _LogBayesFactorDistribution:
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
         """Return the probability that the log Bayes factor exceeds ``level`` [nat].
 
-        The posterior mean of the slopes has s independent normal components. ``mean``, shape (K, 1
-        or 2, s), and ``variance``, shape (K, s), are the means and variances of these components,
-        for K values of the hyper-parameters, over which the probability is averaged. If ``mean``
-        holds two values for each component, one value is used for half of the quasi-random samples,
-        and the other value for the other half.
+        Before the tests, the posterior mean of the slopes is random, with s independent normal
+        components. ``mean``, shape (K, 1 or 2, s), and ``variance``, shape (K, s), are the means
+        and variances of these components, for K values of the hyper-parameters, over which the
+        probability is averaged. If ``mean`` holds two values for each component, one value is used
+        for half of the quasi-random samples, and the other value for the other half.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)

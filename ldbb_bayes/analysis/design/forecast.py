@@ -54,8 +54,8 @@ _STATES = 64
 # each possible machine. The posterior variance of a parameter is computed from these draws.
 _BELIEFS = 4
 # Number of posterior means of the parameters that are drawn at random for each possible machine, if
-# the forecast assumes that the scales of noise and effects are known. Several means are drawn
-# because the posterior mean depends on the readings, which are not known yet.
+# the forecast assumes that the hyper-parameters are known. Several means are drawn because the
+# posterior mean depends on the readings, which are not known yet.
 _MEANS_PER_STATE = 4
 # Share of the possible machines on which the standard uncertainty of a parameter is at most
 # `Expected.likely_sd`.
@@ -251,9 +251,9 @@ def forecast_tests(
         Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
         slopes of the model, with ``size`` 1.
     known_scales
-        Whether to assume that the analysis knows the scales of noise and effects, and that the
-        noise has the same size in all circles. Default: the analysis estimates the scales from its
-        readings.
+        Whether to assume that the analysis knows the hyper-parameters (scales of the noise and of
+        other effects), and that the noise has the same size in all circles. Default: the analysis
+        estimates the hyper-parameters from its readings.
 
     Returns
     -------
@@ -393,10 +393,10 @@ def stated_variances(
 
     A state is one possible machine. States in which a compliance is negative at a force of the new
     tests are left out, unless no state would remain. For every remaining state, possible results of
-    an analysis (posterior means) are drawn at random. In the analysis, several sets of scales (of
-    the noise and of other effects) represent the posterior of the scales. The resulting variance of
-    a parameter is the mean of its posterior variances over these sets, plus the variance of its
-    posterior means over these sets.
+    an analysis (posterior means) are drawn at random. In the analysis, several sets of values
+    represent the posterior of the hyper-parameters (scales of the noise and of other effects). The
+    resulting variance of a parameter is the mean of its posterior variances over these sets, plus
+    the variance of its posterior means over these sets.
 
     Parameters
     ----------
@@ -405,8 +405,8 @@ def stated_variances(
     states
         K states of the machine before the tests.
     covariance
-        Posterior covariances of the p parameters in each state, for n sets of scales, shape (K, n,
-        p, p), in internal units (mm, N, rad). Compliances may be negative.
+        Posterior covariances of the p parameters in each state, for n sets of hyper-parameters,
+        shape (K, n, p, p), in internal units (mm, N, rad). Compliances may be negative.
     truncated
         Whether the analyses use the condition that no compliance is negative, if the model has this
         condition.

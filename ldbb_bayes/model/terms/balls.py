@@ -192,10 +192,10 @@ class BallForm(Term):
         }
 
     def _coefficient_prior(self, balls: Sequence[_TurnedBall], orders: Array) -> _CoefficientPrior:
-        """Return the prior of the coefficients of a form error, of one ball or of both together.
+        """Return the prior of the coefficients of a form error.
 
-        ``balls`` are the balls that contribute to the form error, and ``orders`` holds the order of
-        each coefficient.
+        ``balls`` holds one ball, or both balls if the sum of their form errors is modelled.
+        ``orders`` holds the order of each coefficient.
         """
         share_of_tau = np.zeros(len(orders))
         variance = np.zeros(len(orders))
