@@ -1,12 +1,13 @@
-"""What an analysis of planned tests may conclude about the scales of noise and other effects.
+"""Posteriors of the hyper-parameters that an analysis of planned tests may obtain.
 
-The scales are the hyper-parameters φ. An analysis does not know their true values; it computes
-their posterior from the readings and the prior. The uncertainty that the analysis states is an
-average over this posterior. Large scales keep a noticeable posterior probability even if the
-readings scatter little. For example, three circles that agree do not prove that a fourth circle
-would agree with them. This module draws scales from the posteriors that an analysis may obtain.
+The hyper-parameters φ are the prior standard deviations (scales) of the noise and of other effects.
+An analysis does not know their true values; it computes their posterior from the readings and the
+prior. The uncertainty that the analysis states is an average over this posterior. Large scales keep
+a noticeable posterior probability even if the readings scatter little. For example, three circles
+that agree do not prove that a fourth circle would agree with them. This module draws
+hyper-parameters from the posteriors that an analysis may obtain.
 
-The normal score of a scale is the standard normal quantile of the scale's cumulative prior
+The normal score of a hyper-parameter is the standard normal quantile of its cumulative prior
 probability, so that the prior of the scores v is N(0, 1). The readings are normally distributed,
 and their covariance V depends on v. Their Fisher information about the scores v_i and v_j is I_ij =
 ½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV), where ∂_iV is the derivative of V with respect to v_i. The posterior of the
@@ -38,9 +39,9 @@ _LARGEST_SCORE = 6.0
 # Derivatives of variances with respect to the normal scores of the hyper-parameters are computed by
 # central differences with this step.
 _STEP = 0.1
-# If a plan has more circles than this number, the analysis is assumed to know the true scales of
-# the noise and of other effects. With so many circles, an average over the posterior of the scales
-# would take a long time, and would hardly differ from the result for the true scales.
+# If a plan has more circles than this number, the analysis is assumed to know the true
+# hyper-parameters. With so many circles, an average over their posterior would take a long time,
+# and would hardly differ from the result for the true values.
 _MOST_CIRCLES = 24
 
 
@@ -92,8 +93,8 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
 class _Belief(NamedTuple):
     """Gaussian approximations of the posteriors of h normal scores, for K possible machines.
 
-    The normal score of a scale (hyper-parameter) is the standard normal quantile of the scale's
-    cumulative prior probability.
+    The normal score of a hyper-parameter is the standard normal quantile of its cumulative prior
+    probability.
     """
 
     mean: Array  # means of the scores, shape (K, h)
@@ -103,8 +104,8 @@ class _Belief(NamedTuple):
 def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """Return Gaussian approximations of the posteriors of h normal scores, for K machines.
 
-    The normal score of a scale (hyper-parameter) is the standard normal quantile of the scale's
-    cumulative prior probability.
+    The normal score of a hyper-parameter is the standard normal quantile of its cumulative prior
+    probability.
 
     ``truth``, shape (K, h), are the true scores of K possible machines. ``information``, shape (K,
     h, h), is the Fisher information of the readings about the scores. ``error``, shape (K, h), are
@@ -131,9 +132,9 @@ def _along(axes: Array, values: Array) -> Array:
 
 
 def fisher_information(bound: BoundModel, scores: Array) -> Array:
-    """Return the Fisher information of planned readings about the normal scores of the scales.
+    """Return the Fisher information of planned readings about normal scores of hyper-parameters.
 
-    The scales of the noise and of other effects are the hyper-parameters. The effects, among them
+    The hyper-parameters are the scales of the noise and of other effects. These effects, among them
     those of the parameters of interest, are integrated out: the readings have the covariance V =
     Σ_c s_c x_c x_cᵀ + σ² 1. Here x_c is the column of changes of the readings per unit of effect c,
     s_c is the variance of this effect, σ² is the variance of the white noise, and the last 1 is the
@@ -194,8 +195,8 @@ def _information_at(
     """Return the Fisher information of N reduced readings about h normal scores, shape (h, h).
 
     The readings of a test are reduced to a few combinations of the readings, which contain all
-    information about the effects. The normal score of a scale (hyper-parameter) is the standard
-    normal quantile of the scale's cumulative prior probability.
+    information about the effects. The normal score of a hyper-parameter is the standard normal
+    quantile of its cumulative prior probability.
 
     Parameters
     ----------
@@ -207,10 +208,11 @@ def _information_at(
     noise
         Variance of the white noise.
     slopes
-        Derivatives of ``variances`` with respect to the normal scores of the h scales, shape (h,
-        C).
+        Derivatives of ``variances`` with respect to the normal scores of the h hyper-parameters,
+        shape (h, C).
     noise_slope
-        Derivatives of ``noise`` with respect to the normal scores of the h scales, shape (h,).
+        Derivatives of ``noise`` with respect to the normal scores of the h hyper-parameters, shape
+        (h,).
     """
     precision = _precision(blocks, variances, noise)
     is_changing: Array = np.asarray(slopes.any(axis=0))
