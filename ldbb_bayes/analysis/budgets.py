@@ -412,7 +412,7 @@ def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin
 def _coefficient_line(key: _SourceKey, portion: _Portion, u: float) -> Contribution:
     """Return the line of one nuisance coefficient in the budget of a parameter.
 
-    ``key`` names the coefficient, ``portion`` states its share of the parameter's variance, and
+    ``key`` names the coefficient, ``portion`` holds its share of the parameter's variance, and
     ``u`` is the standard uncertainty of the parameter. If the budget is an average over models, the
     coefficient's standard uncertainty and the sign of its sensitivity are taken from one of the
     models: the one that contributes most to the share.

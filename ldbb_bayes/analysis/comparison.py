@@ -706,7 +706,7 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
 def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
     """Return the number of evidences that `compare` computes in its own process.
 
-    ``plan`` states which results are computed, and ``models`` is the number of models that the
+    ``plan`` says which results are computed, and ``models`` is the number of models that the
     caller gave. If tests are to be left out, there is one more evidence for each model and each
     test of ``campaign``. Evidences under other assumptions about the random differences between
     circles are not included, because another process may compute them.

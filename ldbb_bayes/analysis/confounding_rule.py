@@ -39,7 +39,7 @@ def confounding_sources(
     A source of uncertainty is called assumed if its standard uncertainty is neither measured nor
     stated. A parameter is confounded with assumed sources if these sources together cause more than
     half of its variance, and act on the same combination of parameters. ``sources`` are all sources
-    of the parameter's variance, the largest share first. ``likeness`` states how similarly two
+    of the parameter's variance, the largest share first. ``likeness`` says how similarly two
     sources act. Each source causes errors of all parameters, which form a vector. The likeness is
     the squared cosine of the angle between the vectors of the two sources. The keys are pairs of
     names of sources. If ``likeness`` is None, all sources are taken to act on the same combination.

@@ -218,7 +218,7 @@ def clocked(
     """Return copies of all tests of a plan with one ball or both balls turned in their sockets.
 
     Each test is copied once for each angle of ``turns_deg`` [°], and this angle is added to the
-    angle of the ball in the test. ``work_ball`` and ``tool_ball`` state which balls are turned.
+    angle of the ball in the test. ``work_ball`` and ``tool_ball`` say which balls are turned.
     """
     tests = []
     for test in plan.tests:

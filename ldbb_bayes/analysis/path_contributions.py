@@ -42,7 +42,7 @@ DRAWS = 2000
 TOGETHER = "compliance and geometry"
 COMPLIANCE = "compliance"
 GEOMETRY = "geometry"
-# Columns of the table of contributions to the readings. ``_PLACE_COLUMNS`` state the circle, the
+# Columns of the table of contributions to the readings. ``_PLACE_COLUMNS`` give the circle, the
 # force and the source of the contribution; ``_VALUE_COLUMNS`` hold values in µm.
 _PLACE_COLUMNS = ["plane", "radius_mm", "force_N", "source"]
 _VALUE_COLUMNS = ["maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high"]

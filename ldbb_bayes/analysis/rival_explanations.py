@@ -156,7 +156,7 @@ def _compare_slopes(
     """Return the log Bayes factor of a model with slopes over a model without slopes.
 
     Slopes are changes of compliance with force. The result also holds the two log evidences.
-    ``label`` states how alternative explanations are treated. ``error`` is the error of the log
+    ``label`` says how alternative explanations are treated. ``error`` is the error of the log
     Bayes factor [nat]. ``log_evidence_by_slopes`` holds two numbers: the log evidence with slopes,
     and the log evidence without slopes. In ``pair``, the model without slopes comes first.
     """

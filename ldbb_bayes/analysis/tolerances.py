@@ -29,11 +29,11 @@ __all__ = [
 _UPPER = ("upper",)
 _LOWER = ("lower",)
 _BOTH = ("lower", "upper")
-# Quantities of the machine's circular path that may have a tolerance. The values state whether a
+# Quantities of the machine's circular path that may have a tolerance. The values say whether a
 # tolerance that is a single number without a sign is an upper or a lower limit.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
 # Stiffnesses in a plane for which the user may state a tolerance: the least and the greatest
-# stiffness along the bar, and the ratio of the greatest to the least. The values state whether a
+# stiffness along the bar, and the ratio of the greatest to the least. The values say whether a
 # tolerance that is a single number without a sign is an upper or a lower limit.
 STIFFNESS_QUANTITIES = {"k_min": _LOWER, "k_max": _LOWER, "k_ratio": _UPPER}
 # Internal units of the stiffnesses in ``STIFFNESS_QUANTITIES``; the ratio has no unit.

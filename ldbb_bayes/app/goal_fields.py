@@ -65,7 +65,7 @@ def with_goals(
     -------
     list
         The rows. Each row has three further texts. ``wanted`` is the largest U (k = 2) that the
-        goal permits. ``reached`` states on how many of the possible machines U is small enough:
+        goal permits. ``reached`` says on how many of the possible machines U is small enough:
         "nine" means nine in ten, "half" means half, and "no" means fewer than half. ``refused`` is
         the error message if the text of the goal cannot be read. Texts that do not apply are empty.
     """

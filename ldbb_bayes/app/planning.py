@@ -432,11 +432,11 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
 def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) -> dict[str, Any]:
     """Return the uncertainties and decisions that the planned tests are expected to give.
 
-    Entry ``rows`` of the result states two expanded uncertainties U (k = 2) of every parameter: U
+    Entry ``rows`` of the result holds two expanded uncertainties U (k = 2) of every parameter: U
     from the fit, and U expected after the planned tests. Slopes (changes of compliance with force)
-    are left out. Entry ``settle`` states the probability that the evidence will decide for linear
-    compliance, and the probability that it will decide for constant compliance. The entry is None
-    if these probabilities cannot be forecast.
+    are left out. Entry ``settle`` holds two probabilities: that the evidence will decide for linear
+    compliance, and that it will decide for constant compliance. The entry is None if these
+    probabilities cannot be forecast.
 
     Parameters
     ----------

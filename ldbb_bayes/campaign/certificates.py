@@ -208,7 +208,7 @@ class CalibrationCertificate(Shown):
 
         An error of indication is preferred. If there is none, a deviation from the nominal length
         is used, and then a length that is stated together with its nominal value. ``lengths`` holds
-        lists of quantities in units of length; the keys state what the quantities are, such as
+        lists of quantities in units of length; the keys say what the quantities are, such as
         ``deviation``. If the certificate states several bars, the bar with the nominal length
         ``length_mm`` is used. Raise an `InputError` if no quantity states an error, or if more than
         one remains.

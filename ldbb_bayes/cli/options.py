@@ -2,7 +2,7 @@
 
 A command is a function whose annotations contain an `Option`, or a `Group` of options that together
 make one argument. `command` passes these options to Typer, the library that reads the command line.
-The file ``options.toml`` states the names, help texts and defaults of the options.
+The file ``options.toml`` holds the names, help texts and defaults of the options.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Option:
     help: str  #: help text of the option
     default: Any  #: value used if the option is not typed; for None, no value is passed on
     to: str  #: keyword argument that gets the value; if empty, the argument has the option's name
-    #: further arguments of `typer.Option`; the key ``name`` states the flag of the option, if the
+    #: further arguments of `typer.Option`; the key ``name`` gives the flag of the option, if the
     #: flag does not follow from the name of the option
     settings: Mapping[str, Any]
 
@@ -181,7 +181,7 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     to
         Keyword argument that gets the value. Default: the name of the option.
     **settings
-        Further arguments of `typer.Option`. The argument ``name`` states the flag of the option, if
+        Further arguments of `typer.Option`. The argument ``name`` gives the flag of the option, if
         the flag does not follow from the name of the option.
 
     Returns

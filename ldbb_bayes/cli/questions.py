@@ -82,7 +82,7 @@ def import_with_answers(
 def _ask_what_is_open(question: OpenQuestionError, layout: lb.reading.Layout) -> lb.reading.Layout:
     """Ask the user for information that the files do not give; return the layout with the answer.
 
-    ``question`` states what is missing, and ``layout`` states how the files are to be read.
+    ``question`` says what is missing, and ``layout`` says how the files are to be read.
     """
 
     def read(answer: str) -> lb.reading.Layout:

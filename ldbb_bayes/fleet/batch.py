@@ -108,7 +108,7 @@ def run_batch(
 ) -> Batch:
     """Fit every campaign separately and write the results as the rows of one table.
 
-    If a campaign cannot be fitted, its row states the reason. Every row is saved as soon as it is
+    If a campaign cannot be fitted, its row gives the reason. Every row is saved as soon as it is
     computed. If a batch is stopped for any reason (Ctrl-C, kill -9, a full disk), the same call
     with ``resume=True`` fits the remaining campaigns. The table is then the same as if the batch
     had not been stopped.

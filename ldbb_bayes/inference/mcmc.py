@@ -330,7 +330,7 @@ class _Ensemble:
     def run(self, plan: BlockPlan) -> Array:
         """Run the next block of steps, and return its stored draws, shape (draws, walkers, d).
 
-        The draws are the d coordinates of all walkers at every stored step. ``plan`` states how
+        The draws are the d coordinates of all walkers at every stored step. ``plan`` says how
         many steps are run and which of them are stored.
         """
         self._sampler.reset()

@@ -526,7 +526,7 @@ def _test_of_coefficients(
 def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
     """Return columns that represent independent noise of the Fourier coefficients of each test.
 
-    ``term`` states the sd of the noise of each Fourier coefficient. Every Fourier function (such as
+    ``term`` gives the sd of the noise of each Fourier coefficient. Every Fourier function (such as
     cos 2θ) that has noise becomes a column. Each of ``tests`` tests has a separate coefficient for
     this column, and the prior sd of the coefficient is the sd of the noise.
     """

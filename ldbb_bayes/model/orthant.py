@@ -137,7 +137,7 @@ class _Solved(NamedTuple):
 
     Each of the w vectors e is standard normal and has q elements. Its constraints depend only on
     the components of e along d orthonormal directions, which ``axes``, shape (w, d, q), holds.
-    ``tilted`` states the constraints on these d components, with a triangular matrix of
+    ``tilted`` holds the constraints on these d components, with a triangular matrix of
     coefficients, and the shifts (tilts) of the density from which the components are drawn.
     """
 
@@ -155,7 +155,7 @@ class _Points:
     def of(self, tilted: Tilted, size: int) -> Array:
         """Return quasi-random points in the unit cube for w sets of constraints.
 
-        ``tilted`` states the constraints, each set of them on a standard normal vector x. There are
+        ``tilted`` holds the constraints, each set of them on a standard normal vector x. There are
         eight scrambles (randomly shifted copies of a lattice) of ``size`` points. If all sets of
         constraints use the same points, the result has the shape (dimensions, scrambles · size, 1).
         Otherwise it has the shape (dimensions, scrambles · size, w). For each set, the points are
@@ -675,7 +675,7 @@ def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
 def _shift_of_problem(tilted: Tilted) -> Array:
     """Return the shifts of the quasi-random points for w sets of constraints, shape (d, 1, w).
 
-    ``tilted`` states the constraints. Each set has d constraints on a standard normal vector. The
+    ``tilted`` holds the constraints. Each set has d constraints on a standard normal vector. The
     shift for a set is computed from the lower bounds of its constraints alone.
     """
     return np.asarray(tilted.bound[:, None] * _DIGITS)

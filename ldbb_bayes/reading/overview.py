@@ -138,7 +138,7 @@ def _labelled_cells(
 ) -> list[tuple[str, str]]:
     """Return place and text of the filled cells of a row in a list of tests.
 
-    ``place`` states the line number and the sheet. Each text is ``header: cell``, with the header
+    ``place`` holds the line number and the sheet. Each text is ``header: cell``, with the header
     of the cell's column. If the cell is a word such as CW, "direction" takes the place of the
     header.
     """

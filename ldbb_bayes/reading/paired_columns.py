@@ -29,11 +29,11 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     """Return the tables that stand beside each other in a sheet, each as a separate sheet.
 
     A new table begins at each column of angles. The first column of the sheet must hold angles, and
-    all tables must have the same number of columns. If ``layout`` states columns by their names,
-    every table must have columns with these names. A sheet that does not meet these conditions is
-    returned unchanged. A table is named after the header of its second column without the unit,
-    such as "100 N". Tables may differ in length: if all cells of a table are empty in a row, the
-    row is left out of this table.
+    all tables must have the same number of columns. If ``layout`` names columns, every table must
+    have columns with these names. A sheet that does not meet these conditions is returned
+    unchanged. A table is named after the header of its second column without the unit, such as "100
+    N". Tables may differ in length: if all cells of a table are empty in a row, the row is left out
+    of this table.
     """
     header = first_header(sheet.rows)
     if header is None:

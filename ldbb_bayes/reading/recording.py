@@ -56,7 +56,7 @@ def option_for(key: str) -> str:
 class RowUnits(NamedTuple):
     """Units that one source in a file states, row by row, for the numbers in a column."""
 
-    units: Sequence[str]  #: unit in each row as written in the file; empty if a row states none
+    units: Sequence[str]  #: unit in each row as written in the file; empty if a row has none
     source: str  #: name of the source in messages, such as "a column of units"
 
 

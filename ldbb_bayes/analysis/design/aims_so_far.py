@@ -130,7 +130,7 @@ def _inflation(sd: float, weights: Array, covariance: Array) -> float:
 class GoalState:
     """A goal for the uncertainty of a parameter, and the present estimate of the parameter.
 
-    ``aim`` states the standard uncertainty that is needed to meet the goal. It is used for the
+    ``aim`` holds the standard uncertainty that is needed to meet the goal. It is used for the
     choice of the next circle.
     """
 
@@ -221,7 +221,7 @@ def goal_states(
 class ToleranceState:
     """Present decision on a quantity with a tolerance, and the uncertainty needed to decide.
 
-    ``aim`` states the standard uncertainty of the quantity at which a decision is possible if the
+    ``aim`` holds the standard uncertainty of the quantity at which a decision is possible if the
     estimate does not change.
     """
 

@@ -739,7 +739,7 @@ def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | Non
 def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) -> tuple[str, ...]:
     """Return the names of the parameters that further circles would hardly improve.
 
-    ``forecast`` states the expected standard deviations of the parameters. For the parameters
+    ``forecast`` holds the expected standard deviations of the parameters. For the parameters
     returned, this standard deviation would decrease by less than 20 % even if every test were run
     very many times. Only the parameters of interest of ``space`` are examined.
     """

@@ -173,7 +173,7 @@ class CampaignFamily:
     def price(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
         """Return the price of the machine time of ``tests``, plus the price of the certificates.
 
-        ``costs`` states the times of circles, set-ups and turns of the balls, and the price of an
+        ``costs`` holds the times of circles, set-ups and turns of the balls, and the price of an
         hour.
         """
         return price_of(costs, minutes_of(costs, tests), self.certificates_price)

@@ -125,7 +125,7 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
     ``blocks``, shape (tests, rows, m), holds the matrix G of each test for m coefficients, at one
     value of the hyper-parameters; GᵀG is the information of the test. The result is the same for
     all values of the hyper-parameters. ``chosen`` are the names of the parameters of interest.
-    ``information`` states the names of the coefficients, and whether their priors are flat.
+    ``information`` holds the names of the coefficients, and says whether their priors are flat.
     """
     interest = [information.names.index(name) for name in chosen]
     columns = _connected_columns(blocks, interest)

@@ -103,7 +103,7 @@ def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
 def price_of(costs: Costs, minutes: float, certificates: float = 0.0) -> float:
     """Return the price of a machine time, ``minutes`` [min], plus the price of certificates.
 
-    ``costs`` states the price of machine time, and ``certificates`` is the price of the
+    ``costs`` holds the price of machine time, and ``certificates`` is the price of the
     certificates.
     """
     return costs.price_per_hour * minutes / _MINUTES_PER_HOUR + certificates

@@ -218,7 +218,7 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
     """Return the shares of a few candidates that maximise the criterion, shape (candidates,).
 
-    ``objective`` states the criterion as a function of the numbers of tests of these candidates,
+    ``objective`` gives the criterion as a function of the numbers of tests of these candidates,
     and ``tests`` is the number of all tests. Shares are not negative and sum to one. The solver
     SLSQP starts from the shares ``start``, shape (candidates,). For the solver, the criterion is
     divided by a typical value of its derivatives with respect to the shares; ``tolerance`` is the
