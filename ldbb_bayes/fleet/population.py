@@ -168,10 +168,10 @@ class PooledMachine(Result):
     p_value: float | None = None
     #: whether the machine stands out from the other machines: its corrected p-value is below 5 %
     flag: bool = False
-    #: deviation of each parameter of the machine from the prediction of the other machines, stated
-    #: as the quantile of the standard normal distribution with the same two-sided p-value; positive
-    #: above the prediction. The keys are the names of the parameters. Empty if there are fewer than
-    #: six machines.
+    #: deviation of each parameter of the machine from the value predicted from the other machines;
+    #: positive if the parameter is larger. It is stated as the standard normal quantile with the
+    #: same two-sided p-value. The keys are the names of the parameters. Empty if there are fewer
+    #: than six machines.
     z: dict[str, float] = field(default_factory=dict)
 
 

@@ -43,8 +43,8 @@ __all__ = [
 ]
 
 # The spreads (standard deviations of machines about the mean of their population) are drawn at
-# random. At most this number of draws, divided by the number of machines, is processed at once, so
-# that the arrays fit into the processor's cache.
+# random. For n machines, at most this number divided by n draws are processed at once, so that the
+# arrays fit into the processor's cache.
 _PAIRS_AT_ONCE = 4096
 # Degrees of freedom of the Student t distribution from which ln s is drawn. The spreads s are the
 # standard deviations of machines about the mean of their population.

@@ -59,9 +59,9 @@ class _Noise:
 
 
 class _SortedColumns(NamedTuple):
-    """Columns (readings per unit coefficient) of all nuisance terms, sorted into two groups.
+    """Columns of the design matrix for all nuisance terms, sorted into two groups.
 
-    The columns are sorted by whether their coefficients are the same in all tests or differ between
+    The coefficients of one group are the same in all tests; those of the other group differ between
     tests. Nuisances are effects that are modelled but not of interest.
     """
 

@@ -434,10 +434,10 @@ class Orthant:
         return self._tilted.log_weight(x[:, None])[0]
 
     def _complete(self, x: Array, normal: Array) -> Array:
-        """Return vectors e (w, q) from their coordinates x (w, d) along the directions `axes`.
+        """Return w vectors e of q elements that have the coordinates x along the directions `axes`.
 
-        Each of w vectors e has q elements, and there are d directions. The component of e
-        perpendicular to these directions is that of the vectors ``normal``, shape (w, q).
+        ``x``, shape (w, d), holds the coordinates along the d directions. Perpendicular to these
+        directions, each vector e has the same component as the vector ``normal``, shape (w, q).
         """
         normal_along_axes = np.einsum("wiq,wq->wi", self.axes, normal)
         return normal + np.einsum("wiq,wi->wq", self.axes, x - normal_along_axes)

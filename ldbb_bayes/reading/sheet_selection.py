@@ -250,9 +250,9 @@ def _note_rows(sheet: Sheet, log: AssumptionLog) -> None:
 
 
 def _note_other_sheets(sheet: Sheet, log: AssumptionLog) -> None:
-    """Add to the log the format of a file, and which other sheets of it are left out.
+    """Note the format of a file, and the names of its sheets that are left out, in the log.
 
-    If hidden rows and number formats of the file cannot be examined, this is added too.
+    A further note is added if hidden rows and number formats of the file cannot be examined.
     """
     place = str(sheet.path)
     if sheet.format:

@@ -164,12 +164,11 @@ class _SheetColumns:
         return numbers
 
     def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
-        """Return, for each of the n rows of a table, whether a reading is missing, shape (n,).
+        """Return, for each of the n rows of a table, whether it has no reading, shape (n,).
 
-        The result is used for the column with the index ``column``, because its numbers may be
-        missing in these rows. If this column holds readings (``role`` is reading), the result is
-        about this column alone. For any other column, the result is true for rows in which all
-        readings are missing.
+        In these rows, the number in the column with the index ``column`` may be missing. If this
+        column itself holds readings (``role`` is reading), only its own readings count. For any
+        other column, a row has no reading if all its readings are missing.
         """
         if role == "reading":
             return missing_in(self.cells[column])

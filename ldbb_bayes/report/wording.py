@@ -376,7 +376,7 @@ def term_words(term: str) -> str:
 
 
 def source_words(term: str) -> str:
-    """Return the name in words under which an uncertainty budget shows a source of uncertainty.
+    """Return the name, in words, of a source of uncertainty in an uncertainty budget.
 
     ``term`` is the class name of a model term, or "Parameters" for the parameters' own priors.
     """
@@ -1033,8 +1033,8 @@ def workflow_sentences(workflow: Workflow) -> tuple[str, ...]:
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
     """Return sentences on a comparison of models.
 
-    The sentences state the evidence for each model, how the evidence depends on assumptions, and
-    the further results of the comparison.
+    The sentences state the evidence for each model, and how much it changes with other assumptions.
+    The further results of the comparison follow.
     """
     return _sentences("comparison_sentences", comparison)
 

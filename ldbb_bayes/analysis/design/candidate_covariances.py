@@ -46,10 +46,10 @@ class CandidateCovariances:
         return np.asarray(self._covariance[:, -s:, -s:])
 
     def after(self) -> Array:
-        """Return the covariances of the s parameters of interest after each possible circle.
+        """Return the covariances of the s parameters of interest if one more circle is run.
 
-        The result has the shape (K, candidates, s, s), for K values of the hyper-parameters, all
-        possible circles (candidates), and s parameters of interest.
+        The result has the shape (K, candidates, s, s), for K values of the hyper-parameters and all
+        circles that could be run (candidates).
         """
         s = self._interest
         results = []

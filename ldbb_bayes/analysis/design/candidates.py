@@ -131,10 +131,10 @@ def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> 
 
 
 def _kind_of(test: CircularTest, direction: Direction | None, uses_radius: bool) -> _TestKind:
-    """Return the kind of a test, with ``direction`` as its direction of travel.
+    """Return the kind of a test: its plane, set-up, centre and radius, and ``direction``.
 
-    The kind of a test consists of its plane, set-up, centre, radius and direction of travel. The
-    radius is left out if ``uses_radius`` is false.
+    ``direction`` is the direction of travel that is used for the test. The radius is left out if
+    ``uses_radius`` is false.
     """
     radius_mm = test.radius_mm if uses_radius else None
     return _TestKind(test.plane, test.setup, tuple(test.circle.centre_mm), radius_mm, direction)

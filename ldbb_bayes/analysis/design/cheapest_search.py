@@ -259,8 +259,8 @@ class _Search:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        # Smallest coefficient `_Progress.inflation` in the families that have been searched. It is
-        # used in a family that has no full forecast yet.
+        # Smallest value of ``inflation`` (see `_Progress`) in the families that have been searched.
+        # It is used in a family that has no full forecast yet.
         self._inflation = np.inf
         #: whether the largest campaign of at least one family reaches all goals
         self.is_reachable = False

@@ -171,8 +171,8 @@ class BallForm(Term):
     def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
         """Return the prior of one ball's form error, or of the sum of both balls' form errors.
 
-        ``balls`` are the balls that contribute to the form error. The result is a dict of those
-        keyword arguments of `Columns` that describe the prior.
+        ``balls`` are the balls that contribute to the form error. The result is a dict with keyword
+        arguments of `Columns`, such as ``sd`` and ``mean``.
         """
         orders = np.repeat(_FORM_ORDERS, 2).astype(float)
         if self.law == "1/n":
