@@ -38,8 +38,8 @@ _MOST_CIRCLES = 40
 # size, the search estimates how many circles the family needs: it multiplies the number of circles
 # of each candidate test by the smallest factor with which the goals are reached.
 _CIRCLES_OF_SHARES = 8
-# The search in a family of campaigns begins with this share of the number of circles that the
-# family is estimated to need.
+# The search in a family of campaigns begins with this fraction of the estimated number of circles
+# with which the goals are reached.
 _BEGIN_SHARE = 0.85
 # Number of bisection steps in the search for a factor. If the number of circles of each candidate
 # test in a trial campaign is multiplied by this factor, the goals are just reached.
