@@ -499,8 +499,8 @@ def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str)
     """Return value ± expanded uncertainty (k = 2) with the display unit, as text.
 
     ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval,
-    all in the internal unit ``unit`` (of mm, N and rad). If the interval is skewed about the value,
-    the text is the value and the interval instead.
+    all in the internal unit ``unit``, which is composed of mm, N and rad. If the interval is skewed
+    about the value, the text is the value and the interval instead.
     """
     factor, label = display_unit(unit)
     if is_skewed(mean, interval):

@@ -193,7 +193,7 @@ class _SourceKey(NamedTuple):
 
 @dataclass
 class _Portion:
-    """Share of a source in the variance of one parameter, summed over the models of an average.
+    """Share of one source of uncertainty in the variance of a parameter, summed over the models.
 
     Each model contributes a part to the share. ``share`` is the sum of these parts, and ``largest``
     the largest part. ``budget`` is the budget under the model that contributes the largest part,

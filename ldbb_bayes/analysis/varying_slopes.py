@@ -176,11 +176,11 @@ def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, N
     """Search for the subsets of slopes with the largest evidence.
 
     Slopes are changes of compliance with force. The search starts from the subset without slopes
-    and the subset of all slopes. Return, for every subset tried, the quadrature nodes of the
-    posterior: weighted values of the hyper-parameters, with the evidence of the subset. ``weigh``
-    returns the nodes for a subset. ``slopes`` is the number of possible slopes. In each step, the
-    subsets that differ by one slope from the best subset are tried; each best subset is used once.
-    The search ends after ``_SEARCHED_SUBSETS`` subsets, or when all subsets have been tried.
+    and the subset of all slopes. In each step, the subsets that differ by one slope from the best
+    subset are tried; each best subset is used once. The search ends after ``_SEARCHED_SUBSETS``
+    subsets, or when all subsets have been tried. Return, for every subset tried, the quadrature
+    nodes of the posterior: weighted values of the hyper-parameters, with the evidence of the
+    subset. ``weigh`` returns the nodes for a subset. ``slopes`` is the number of possible slopes.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):

@@ -79,7 +79,7 @@ class LeftOutCircle:
     #: least as much as this circle
     p_value: float
     family_wise_p_value: float  #: p-value adjusted for the number of circles (Holm)
-    worst_order: int  #: Fourier order in which the circle deviates most
+    worst_order: int  #: Fourier order in which the circle deviates most from the prediction
 
 
 @dataclass(frozen=True, eq=False)

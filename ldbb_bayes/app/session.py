@@ -58,11 +58,11 @@ class Session:
     names: dict[str, str] = field(default_factory=dict)
     #: Lock that lets only one file be added at a time, so that the limit on the total size holds.
     adding: asyncio.Lock = field(default_factory=asyncio.Lock)
-    #: The fit. The outcome of the fit holds the warnings of the report and the sentence on whether
-    #: the results can be used; if the fit is refused, the outcome states the reason.
+    #: Computation of the fit. Its outcome holds the warnings of the report and the sentence on
+    #: whether the results can be used. If the fit is refused, the outcome states the reason.
     fit: Computation = field(init=False)
-    #: The search for the cheapest campaign. The outcome of the search holds the tables and
-    #: sentences that the page shows; if the search is refused, the outcome states the reason.
+    #: Search for the cheapest campaign. Its outcome holds the tables and sentences that the page
+    #: shows. If the search is refused, the outcome states the reason.
     search: Computation = field(init=False)
 
     def __post_init__(self) -> None:

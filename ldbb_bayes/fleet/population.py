@@ -122,7 +122,7 @@ _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 @dataclass(frozen=True)
 class PooledParameter(Result):
-    """Mean, spread and prediction of one parameter of the machines of a population.
+    """Mean and spread of a parameter over a population, and prediction for a further machine.
 
     Attributes of type ``Summary`` hold a mean, a standard deviation and a credible interval, in
     internal units (mm, N, rad).

@@ -124,14 +124,14 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
 def _propose_tilted(
     posterior: HyperPosterior, proposal: Integral, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draw 256 pairs of hyper-parameters φ and parameters β, and return the accepted pairs.
+    """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
-    φ is drawn from ``proposal`` and accepted in proportion to its weight. The weight is the
-    posterior density of φ under the condition that no compliance is negative, divided by the
-    proposal. β is drawn given the accepted φ, under the same condition. The result is a tuple of
-    two arrays: the accepted values of φ in unbounded coordinates, shape (accepted, h), and the
-    accepted values of β, shape (accepted, p). h is the number of hyper-parameters, p the number of
-    parameters.
+    φ is drawn from ``proposal`` and accepted with a probability proportional to its weight. The
+    weight is the posterior density of φ under the condition that no compliance is negative, divided
+    by the density of the proposal. β is drawn given the accepted φ, under the same condition. The
+    result is a tuple of two arrays: the accepted values of φ in unbounded coordinates, shape
+    (accepted, h), and the accepted values of β, shape (accepted, p). h is the number of
+    hyper-parameters, p the number of parameters.
     """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
@@ -143,7 +143,7 @@ def _propose_tilted(
 def _propose_untruncated(
     posterior: HyperPosterior, proposal: Integral, share_inside: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draw 256 pairs of hyper-parameters φ and parameters β, and return the accepted pairs.
+    """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
     φ is drawn from ``proposal``. For each φ, several β are drawn, and negative compliances are
     allowed at first. φ is accepted with a probability proportional to its weight, the posterior

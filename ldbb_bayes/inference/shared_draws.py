@@ -31,7 +31,7 @@ _REPEATS = 20
 
 
 class SharedDraws(NamedTuple):
-    """Random draws of the hyper-parameters, the parameters and the nuisances that tests share."""
+    """Random draws of hyper-parameters, parameters and nuisances that several tests share."""
 
     #: hyper-parameters (scales of the noise and of other effects), shape (n, h); scales that are
     #: lengths are in mm

@@ -1,4 +1,4 @@
-"""Model of the machine: kinematic chain, readings, and effects of parameters on them."""
+"""Model of the machine: kinematic chain, readings, and effects of parameters on the readings."""
 
 import lazy_loader
 

@@ -65,7 +65,7 @@ class MeasuredArc:
 
 
 def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
-    """Return the arcs of a campaign after joining the two half circles of each divided test.
+    """Return the arcs of a campaign, with the two half circles of a test joined into one arc.
 
     In the returned list, the joined arc takes the place of its first half.
     """

@@ -98,7 +98,7 @@ def _close_run(blocks: list[_RowBlock], run: Sequence[Row]) -> None:
 
 
 def _loads_in(sheet: Sheet, rows: Sequence[Row]) -> dict[int, NamedLoad]:
-    """Return a dict with the loads in rows that state exactly one load; the keys are the lines.
+    """Return a dict with the loads of rows that state exactly one load; the keys are line numbers.
 
     Rows that name a column of angles or times, or another quantity such as a preload, are left out.
     """

@@ -390,8 +390,8 @@ def _add_statements_below(statements: dict[str, list[LineStatement]], lines: Lin
     """Add to ``statements`` what lines below a table state about the readings.
 
     These lines may state whether the readings measure the radius or the diameter, and whether they
-    contain the deflection of the mount. Other statements of these lines may be results, and are not
-    added.
+    contain the deflection of the mount. Other numbers and texts below a table may be results of the
+    measurement, and are not added.
     """
     statements_of_lines = statements_in(lines)
     for key in _STATED_BELOW:

@@ -336,10 +336,9 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
     ``reading_um`` are the readings of the test [µm].
     """
     radius_mm = recording.radius_mm
-    # ``is_near`` is true if the readings can be distances on a circle with the nominal radius.
-    # ``is_far`` is true if they are too large for deviations, and therefore probably distances on a
-    # circle of some radius. Distances on a circle of another radius must not be mistaken for
-    # deviations.
+    # Readings are either distances between the balls or deviations from the radius. ``is_near`` is
+    # true if they can be distances on a circle with the nominal radius. ``is_far`` is true if they
+    # are too large for deviations, so that they are probably distances on a circle of any radius.
     median_mm = float(np.median(reading_um)) * 1e-3
     scatter_mm = float(np.median(np.abs(reading_um - 1e3 * median_mm))) * 1e-3
     is_near = abs(median_mm - radius_mm) < _LARGEST_DEVIATION_MM

@@ -173,8 +173,8 @@ def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
 def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
     """Return the goal that a string such as "5 %" or "2 nm/N" states.
 
-    ``name`` and ``unit`` are the name and the unit of the parameter. ``subject`` names the goal in
-    error messages.
+    A goal is the largest expanded uncertainty that a parameter may have. ``name`` and ``unit`` are
+    the name and the unit of the parameter. ``subject`` names the goal in error messages.
     """
     number = _SIGN.sub("", text)
     percentage = _PERCENTAGE.fullmatch(number)

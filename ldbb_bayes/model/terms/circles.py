@@ -118,11 +118,11 @@ class Discrepancy(Term):
     scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the discrepancy as noise of the Fourier coefficients of the orders 2 to 12.
+        """Return the discrepancy, described as noise of the Fourier coefficients of orders 2 to 12.
 
-        ``setting`` describes the test conditions. The discrepancy consists of model inadequacy and
-        variation from one circle to the next. The noise is independent between the tests of a
-        campaign.
+        The discrepancy consists of model inadequacy and variation from one circle to the next. The
+        noise is independent between the tests of a campaign. ``setting`` describes the test
+        conditions.
         """
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
         return (BasisNoise("kappa", sd, setting.circle),)

@@ -1,7 +1,8 @@
-"""Figures of a comparison of models: the evidence, and parameters against force with local fits.
+"""Figures of a comparison of models: the evidence, and parameters plotted against force.
 
-ln B is the log Bayes factor, which states how much the readings favour one model over another. A
-local fit uses only the tests at two neighbouring forces.
+ln B is the log Bayes factor, which states how much the readings favour one model over another. The
+plots against force also show local fits. A local fit uses only the tests at two neighbouring
+forces.
 """
 
 from __future__ import annotations
