@@ -68,7 +68,8 @@ class UncertaintyAim:
     #: weights w of the p parameters β in the combination w·β, shape (p,); the parameters are in
     #: units of their prior standard deviations
     weights: Array
-    target: float  #: largest standard uncertainty of w·β at which the aim is reached
+    #: largest standard uncertainty of the combination w·β at which the aim is reached
+    target: float
     #: factor by which the standard uncertainty of w·β is larger because the hyper-parameters are
     #: unknown. It is computed for the present state of the campaign: the standard uncertainty of
     #: w·β, divided by the root mean square of its standard uncertainties for K known values of the
