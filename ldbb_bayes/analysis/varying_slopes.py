@@ -96,7 +96,7 @@ class AveragedSlopes(NamedTuple):
     """Probabilities that compliances change with force, and compliances as curves against force."""
 
     slopes: dict[str, VaryingSlope]  #: probability that each compliance changes with force
-    subsets: tuple[SlopeSubset, ...]  #: subsets of slopes, the most probable first
+    subsets: tuple[SlopeSubset, ...]  #: subsets of the compliances with slopes, most probable first
     #: curve of each compliance against force, averaged over models in which different subsets of
     #: the compliances change with force
     curves: dict[str, Curve]

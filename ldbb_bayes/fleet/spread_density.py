@@ -67,9 +67,9 @@ _RANGE_ABOVE = 25.0
 # enough if its weights can be trusted and its effective sample size exceeds this fraction of the
 # number of draws. Otherwise a second set is drawn.
 _EFFECTIVE_SHARE = 0.2
-# When the machines' spreads (standard deviations about their mean) are drawn a second time, the
-# covariance used is the covariance of the first draws, plus this fraction of the covariance that
-# follows from the curvature of the density at its mode.
+# The machines' spreads (standard deviations about their mean) may be drawn a second time. The
+# covariance for these draws is the covariance of the first draws, plus this fraction of the
+# covariance that follows from the curvature of the density at its mode.
 _ADDED_VARIANCE = 0.05
 # Smallest eigenvalue of the curvature matrix at the mode of the density of ln s; smaller
 # eigenvalues are replaced by this number. The spreads s are the standard deviations of machines
@@ -299,8 +299,8 @@ class Spreads:
     #: k random draws of the spreads (standard deviations from machine to machine) of c parameters,
     #: in units of the parameters' prior sd, shape (k, c)
     spread: Array
-    #: for each of k random draws, the logarithm of the posterior density divided by the density of
-    #: the distribution from which the draws were made; up to a constant, shape (k,)
+    #: log importance weight of each of k random draws, shape (k,): ln(posterior density / density
+    #: of the distribution from which the draws were made), up to a constant
     log_weight: Array
     #: importance weights of the k random draws, Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array

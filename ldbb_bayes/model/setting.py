@@ -139,8 +139,8 @@ class Setting:
     #: linearised, shape (compliances,)
     compliance_estimate: Array
     #: magnitude of each compliance in internal units (mm, N, rad), shape (compliances,): its
-    #: estimate and the standard uncertainty of the estimate, added in quadrature. Prior sds are
-    #: proportional to these magnitudes
+    #: estimate and the standard uncertainty of the estimate, added in quadrature. The default prior
+    #: sds of the compliances' changes with force are proportional to these magnitudes
     compliance_size_estimate: Array
     #: magnitude of the direct compliance along each of X, Y, Z [mm/N], shape (3,); zero for an axis
     #: without a direct compliance

@@ -20,7 +20,7 @@ __all__ = ["advice_on_tests", "cells_of", "columns_of_further_readings", "column
 _FEWEST_ROWS = 9
 # Smallest share of numbers among the cells of a column of readings.
 _SHARE_OF_NUMBERS = 0.8
-# Columns with these roles hold numbers of the readings and cannot hold the names of tests.
+# Columns with these roles hold one number for each reading, and cannot hold the names of tests.
 _ROLES_OF_NUMBERS = ("angle", "reading", "time")
 # Largest number of columns that a message names.
 _COLUMNS_SHOWN = 6

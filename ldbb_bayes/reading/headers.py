@@ -108,7 +108,7 @@ class _HeaderRows(NamedTuple):
 
     line: int  # line number of the header in the file; 0 without a header
     start: int  # index of the first header row among the sheet's rows
-    end: int  # index of the row of the sheet in which the numbers begin
+    end: int  # index, in the sheet, of the row at which the numbers begin
     headers: list[str]  # name of each column, as the file writes it
     units: list[str]  # unit of each column; empty if none is stated
     # units with a factor, such as 0.1 um, in the row of units; the keys are the column indices

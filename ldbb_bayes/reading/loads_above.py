@@ -67,11 +67,10 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
 
 
 def _columns_named(names: Sequence[str]) -> list[bool]:
-    """Return, for each column, whether the texts above its header are added to the header.
+    """Return, for each column, whether the texts above its header become part of the header.
 
-    The texts are not added to headers of angles and to empty headers. If there are several columns
-    of angles, and equally many columns of readings, the texts are added only to the headers of the
-    readings.
+    They do not if the header is empty or names angles. If there are several columns of angles, and
+    equally many columns of readings, the texts are added only to the headers of the readings.
     """
     angles = [has_role(unit_of(name).name, "angle") for name in names]
     readings = [has_role(unit_of(name).name, "reading") for name in names]

@@ -80,8 +80,8 @@ class Source(NamedTuple):
 
     The product is hyper · circle · (order/6)^(−decay). ``hyper``, ``circle`` and ``decay`` name the
     hyper-parameters in this product: the scale of an effect, the noise factor λ of a circle, and
-    the exponent. If one of these names is None, the corresponding factor of the product is 1.
-    ``order`` is the order of the coefficient's harmonic.
+    the exponent of the decrease with the order. If one of these names is None, the corresponding
+    factor of the product is 1. ``order`` is the order of the coefficient's harmonic.
     """
 
     hyper: Hyper | None = None
