@@ -17,8 +17,8 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["AssumedSize", "DecidingAssumption", "deciding_assumptions"]
 
-# A parameter is said to depend on an assumed effect if the effect causes at least this fraction of
-# the parameter's variance.
+# A parameter is said to depend on an effect with an assumed standard uncertainty if the effect
+# causes at least this fraction of the parameter's variance.
 _DECIDING_SHARE = 0.05
 # Two prior standard deviations are treated as equal if the larger divided by the smaller is below
 # this number.
@@ -50,11 +50,12 @@ class DecidingAssumption(Result):
 
 
 def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumption, ...]:
-    """Return the assumed effects that cause at least 5 % of the variance of at least one parameter.
+    """Return the effects on whose assumed standard uncertainties parameters depend.
 
-    An effect is a model term, such as the deflection of the mount. It is assumed if the standard
-    uncertainty of its coefficients is neither measured in this campaign nor stated by a certificate
-    or by the user. The priors of the parameters do not count as effects.
+    An effect is a model term, such as the deflection of the mount. The standard uncertainty of its
+    coefficients is assumed if it is neither measured in this campaign nor stated by a certificate
+    or by the user. An effect is returned if it causes at least 5 % of the variance of at least one
+    parameter. The priors of the parameters do not count as effects.
 
     Parameters
     ----------
@@ -64,8 +65,8 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
     Returns
     -------
     tuple of DecidingAssumption
-        One entry for each assumed effect that causes at least 5 % of a variance. The effect with
-        the largest share of a parameter's variance comes first.
+        One entry for each effect. The effect with the largest share of a parameter's variance comes
+        first.
     """
     lines_by_term: dict[str, list[Contribution]] = {}
     shares: dict[str, dict[str, float]] = {}

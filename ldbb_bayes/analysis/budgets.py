@@ -96,9 +96,9 @@ class Budget(Result):
     unit: str
     u: float  #: standard uncertainty of the parameter: its posterior standard deviation
     contributions: tuple[Contribution, ...]
-    #: model term with the largest share of the parameter's variance. If sources that are not
-    #: measured in this campaign (stated or assumed) cause more than half of the variance, the term
-    #: with the largest share among these sources is taken instead.
+    #: model term with the largest share of the parameter's variance. If more than half of the
+    #: variance comes from sources whose standard uncertainty is stated or assumed, the term with
+    #: the largest share among these sources is taken instead.
     heaviest: str
     #: standard uncertainty that the parameter would have if the term ``heaviest`` were known
     #: exactly; None if the term cannot be known (reading noise, or the priors of the parameters)

@@ -324,22 +324,22 @@ class Comparison(Result):
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
-        """Return the log evidence of an assumption, minus that of the models' own assumption [nat].
+        """Return by how much an assumption changes the log evidence [nat].
 
-        The assumptions are about the random differences between circles. Each assumption has two
-        log evidences, one for each of the two models. The larger one counts as the log evidence of
-        the assumption.
+        The assumption is about the random differences between circles. It is compared with the
+        assumption that the models make. Under each assumption, there are two log evidences, one for
+        each of the two models; the larger one is used.
         """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
     def turning(self) -> list[Assumed]:
         """Return the assumptions that change the sign of the log Bayes factor.
 
-        The assumptions are about the random differences between circles. Under the assumption in
-        the models, the log Bayes factor of the second model over the first is `headline`; under the
-        returned assumptions, it has the opposite sign. The assumption that white noise is the only
-        random difference is never returned. The assumption with the largest log evidence comes
-        first.
+        The assumptions are about the random differences between circles. Under the assumption that
+        the models make, the log Bayes factor of the second model over the first is `headline`;
+        under the returned assumptions, it has the opposite sign. The assumption that white noise is
+        the only random difference is never returned. The assumption with the largest log evidence
+        comes first.
         """
         opposite_sign = -np.sign(self.headline[0])
         turning = []
@@ -352,8 +352,8 @@ class Comparison(Result):
     def allowed(self, assumed: Assumed) -> bool:
         """Return whether the readings allow an assumption about random differences between circles.
 
-        The readings allow the assumption unless its log evidence is 5 nat or more below the log
-        evidence of the assumption in the models.
+        The readings allow the assumption unless it reduces the log evidence by 5 nat or more,
+        compared with the assumption that the models make.
         """
         return self.gain(assumed) > -_REJECTED
 

@@ -34,12 +34,12 @@ NEAR_TIE = 1e-6
 def confounding_sources(
     sources: Sequence[VarianceSource], likeness: Mapping[tuple[str, str], float] | None
 ) -> tuple[VarianceSource, ...]:
-    """Return the assumed sources with which a parameter is confounded, or an empty tuple.
+    """Return the sources of uncertainty with which a parameter is confounded, or an empty tuple.
 
-    A source of uncertainty is called assumed if its standard uncertainty is neither measured nor
-    stated. A parameter is confounded with assumed sources if these sources together cause more than
-    half of its variance, and act on the same combination of parameters. ``sources`` are all sources
-    of the parameter's variance, the largest share first. ``likeness`` says how similarly two
+    Only sources whose standard uncertainty is assumed (neither measured nor stated) are considered.
+    A parameter is confounded with such sources if together they cause more than half of its
+    variance, and act on the same combination of parameters. ``sources`` are all sources of the
+    parameter's variance, the largest share first. ``likeness`` says how similarly two
     sources act. Each source causes errors of all parameters, which form a vector. The likeness is
     the squared cosine of the angle between the vectors of the two sources. The keys are pairs of
     names of sources. If ``likeness`` is None, all sources are taken to act on the same combination.

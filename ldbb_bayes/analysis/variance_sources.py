@@ -269,11 +269,11 @@ class AveragedVariance:
         return {term: np.clip(share, 0.0, 1.0) for term, share in removed.items()}
 
     def sd_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the standard uncertainties of q quantities if assumed effects were known exactly.
+        """Return the standard uncertainties of q quantities if some effects were known exactly.
 
-        An effect is assumed if its standard uncertainty is neither measured nor stated.
-        ``partners`` are names of model terms or of parameters; only their coefficients are taken to
-        be known (see `ModelVariance.variance_without_assumed`). The result has the shape (q,).
+        ``partners`` are names of model terms or of parameters. Those of their coefficients are
+        taken to be known whose standard uncertainty is assumed, that is, neither measured nor
+        stated (see `ModelVariance.variance_without_assumed`). The result has the shape (q,).
         """
         variance = np.diag(self.spread).copy()
         for model in self.models:

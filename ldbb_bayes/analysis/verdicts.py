@@ -109,10 +109,10 @@ class Verdict(StrEnum):
     origins, the term counts as one source for each origin. In the rules, sd is the standard
     deviation. The verdict is the first of these that applies:
 
-    1. *confounded*, if one assumed effect causes more than half of the parameter's variance, or if
-       several assumed effects that act on the same combination of parameters together cause more
-       than half. The effects with the largest shares are named, but no effect with a share below
-       5 %. An effect is a term of the model, or another parameter through its prior.
+    1. *confounded*, if more than half of the parameter's variance comes from one effect whose
+       standard uncertainty is assumed, or from several such effects that act on the same
+       combination of parameters. The effects with the largest shares are named, but no effect with
+       a share below 5 %. An effect is a term of the model, or another parameter through its prior.
        An effect that causes an error of this parameter causes errors of the other parameters at the
        same time. Two effects act on the same combination if their vectors of these errors, in units
        of posterior sds, are nearly proportional: the squared cosine of the angle between the

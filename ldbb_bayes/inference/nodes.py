@@ -432,13 +432,12 @@ class HyperPosterior:
 
     @cached_property
     def coarse_probability(self) -> ProbabilityInside:
-        """Posterior probability that no compliance is negative, from a few nodes.
+        """Rough posterior probability that no compliance is negative.
 
-        The error allowed in the logarithm of the probability is 0.02 nat. If the average over all
-        nodes still misses this tolerance, the error is larger.
-
-        Nodes are values of the hyper-parameters. The few nodes are picked from the `proposal` of
-        the density that allows negative compliances.
+        The error allowed in the logarithm of the probability is 0.02 nat. The probability is
+        averaged over as few nodes (values of the hyper-parameters) as this tolerance allows. They
+        are picked from the `proposal` of the density that allows negative compliances. If even the
+        average over all nodes is not accurate enough, the error is larger.
         """
         return self.probability_inside(self.plain.proposal, _PROBABILITY_TOLERANCE)
 
@@ -454,32 +453,30 @@ class HyperPosterior:
 
     @cached_property
     def coarse_truncated(self) -> Integral:
-        """Coarse nodes of the posterior density, with exact weights.
+        """Coarse nodes (weighted values of the hyper-parameters) of the posterior density.
 
-        Nodes are weighted values of the hyper-parameters; the values are the same as in `coarse`.
-        The weights differ if the posterior density includes, as a factor, the probability that no
-        compliance is negative (``truncated``). `coarse` replaces this probability by an upper
-        bound; here the probability itself is used.
+        If ``truncated`` is true, the posterior density has the probability that no compliance is
+        negative as a factor. In `coarse`, the weights are computed with an upper bound of this
+        probability. Here, the same values have weights that are computed with the probability.
         """
         return self._replace_bound(self.coarse)
 
     @cached_property
     def sample_nodes(self) -> Integral:
-        """Values of the hyper-parameters from `proposal`, with exact weights.
+        """Values of the hyper-parameters from `proposal`, with weights for the posterior density.
 
-        The weights differ from those in `proposal` only if the posterior density includes, as a
-        factor, the probability that no compliance is negative (``truncated``). `proposal` replaces
-        this probability by an upper bound; here the probability itself is used.
+        If ``truncated`` is true, the posterior density has the probability that no compliance is
+        negative as a factor. In `proposal`, the weights are computed with an upper bound of this
+        probability. Here, they are computed with the probability.
         """
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
-        """Return an integral with the exact probability in place of its upper bound.
+        """Return an integral with the probability that no compliance is negative in its weights.
 
-        The probability is that of the condition that no compliance is negative. The weights of
-        ``integral`` are computed with an upper bound of this probability, which is replaced by the
-        probability itself. If the probability is not a factor of the posterior density
-        (``truncated`` is False), the integral is returned unchanged.
+        The weights of ``integral`` contain an upper bound of this probability. The bound is
+        replaced by the probability. If ``truncated`` is false, the posterior density does not
+        contain the probability, and the integral is returned unchanged.
         """
         if not self.truncated:
             return integral

@@ -163,8 +163,8 @@ def words_of_fit(
     bound
         The model bound to the campaign.
     confounded
-        Names of the effects that each confounded parameter is confounded with. The keys are the
-        names of the parameters.
+        Names of the effects with which each parameter is confounded. The keys are the names of the
+        confounded parameters.
 
     Returns
     -------

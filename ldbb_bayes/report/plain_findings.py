@@ -126,7 +126,7 @@ def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:
 
 
 def _inseparable(circle: StatedQuantity, words: Words) -> str:
-    """Return a sentence that names the effects that a circular deviation is confounded with.
+    """Return a sentence that names the effects with which a circular deviation is confounded.
 
     ``circle`` is the circular deviation. The sentence is empty if there are no such effects.
     """

@@ -246,9 +246,9 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     """Return explanations of the effects that the verdicts on parameters name.
 
     Each effect is a model term, such as the mount. A verdict states how far the readings determine
-    a parameter. The verdict names the effects that the parameter is confounded with, and the effect
-    that contributes most to the parameter's variance. Each explanation is a text in the language of
-    the test certificate.
+    a parameter. The verdict names the effects with which the parameter is confounded, and the
+    effect that contributes most to the parameter's variance. Each explanation is a text in the
+    language of the test certificate.
     """
     words = numbers.words
     partners: dict[str, None] = {}

@@ -46,8 +46,8 @@ class StatedQuantity:
         String with the limit if the sheet states only a limit of the quantity, and otherwise an
         empty string.
     hangs_on
-        For a quantity that is computed from several parameters, the names of the effects that these
-        parameters are confounded with. Empty for all other quantities.
+        For a quantity that is computed from several parameters, the names of the effects with which
+        these parameters are confounded. Empty for all other quantities.
     direction
         Key of the remark on how a compliance changes with force: increases, decreases or no_change.
         An empty string for all quantities that are not changes with force.
@@ -93,7 +93,7 @@ class StatedQuantity:
 
     @property
     def inseparable_partners(self) -> tuple[str, ...]:
-        """Names of the effects that an undetermined quantity is confounded with.
+        """Names of the effects with which an undetermined quantity is confounded.
 
         The tuple is empty if the readings determine the quantity, or if the quantity is not
         confounded.

@@ -772,10 +772,9 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
 
 def origin_words(origin: str) -> str:
-    """Return a string that states where the size of a source of variance comes from.
+    """Return a string that states the origin of the standard uncertainty of a source of variance.
 
-    The size is the standard uncertainty of the source. ``origin`` is "measured here", "stated" or
-    "assumed".
+    ``origin`` is "measured here" (in this campaign), "stated" or "assumed".
     """
     return str(_SENTENCES["origins"][origin])
 
@@ -807,8 +806,8 @@ def short_verdict_words(entry: ParameterIdentifiability | ChangeIdentifiability)
     """Return a short string with a verdict, such as "confounded: mount 39 %, …".
 
     A verdict states how far the readings determine a parameter. The string names one source of the
-    parameter's variance with its share. The ellipsis stands for further effects that the parameter
-    is confounded with.
+    parameter's variance with its share. The ellipsis stands for further effects with which the
+    parameter is confounded.
     """
     sources = _sources_with_shares(entry)
     ending = ", …" if len(sources) > 1 else ""
@@ -900,8 +899,8 @@ def verdict_words(
         Verdict on the parameter, or on the change of a compliance with force.
     shares
         Whether the string states, for each named effect, the share of the variance that is due to
-        the effect. The string names the effects that the parameter is confounded with, or the
-        effect that limits an identified parameter.
+        the effect. The string names the effects with which the parameter is confounded or, if
+        the parameter is identified, the effect with the largest share of its variance.
 
     Returns
     -------
