@@ -17,7 +17,7 @@ from ldbb_bayes.units import display_name, display_unit, two_digits
 
 __all__ = ["effects_of_certificates", "uncertainty_change"]
 
-_MOST_EFFECTS = 4  # number of parameters shown for a certificate at most
+_MOST_EFFECTS = 4  # largest number of parameters that are shown for a certificate
 _SMALLEST_EFFECT = 0.05  # smallest relative reduction of U for which a parameter is shown
 # Part of the instrument that each calibration certificate covers. The keys are the names of the
 # instrument's attributes whose values certificates state.

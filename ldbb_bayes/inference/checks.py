@@ -125,8 +125,8 @@ class TestChecks(Result):
 
     #: p-value of the residual at each Fourier order; the keys are the orders from 0 to 12
     orders_p: dict[int, float]
-    #: p-value of the sum of squares of the residuals that remain after a fit of the Fourier orders
-    #: 0 to 12, under the hypothesis that the readings contain white noise as strong as modelled
+    #: p-value of the hypothesis that white noise in the readings is as strong as modelled. It is
+    #: computed from the residuals of a fit of the Fourier orders 0 to 12 to the readings.
     noise_p: float | None
     #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
     #: readings

@@ -57,9 +57,9 @@ _TAIL_POWER = 0.5
 # of the polynomial at the sampled points. Singular values below this fraction of the largest one
 # count as zero. The terms of the polynomial are then linearly dependent at these points.
 _DEPENDENT = 1e-10
-# Largest standard deviation of the ratios of two densities, as a fraction of their mean, with which
-# the mean is trusted. If the ratios scatter more, a sample of a few hundred nodes (points) may miss
-# the largest ratios.
+# The mean of the ratios of two densities is trusted if their standard deviation is at most this
+# fraction of the mean. If the ratios scatter more, a sample of a few hundred nodes (points) may
+# miss the largest ratios.
 _LARGEST_SCATTER = 0.4
 # The mean of the ratios of two densities is not trusted if ln(ratio / mean) exceeds this value for
 # any ratio. The square of such a large ratio might overflow.
@@ -67,8 +67,8 @@ _LARGEST_LOG_RATIO = 50.0
 # The tail of the ratios of two densities is examined only if the largest value of (ratio − mean) /
 # mean is at least this value.
 _LARGEST_PLAIN_RESIDUAL = 1.0
-# Factor by which the standard error of the mean of the ratios of two densities is multiplied to
-# obtain the error that is reported.
+# The error that is reported for the mean of the ratios of two densities is the standard error of
+# the mean, times this factor.
 _STANDARD_ERRORS = 3.5
 
 

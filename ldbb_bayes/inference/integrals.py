@@ -50,8 +50,8 @@ _HEAVY_TAIL_K = 0.4
 # If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
 # the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
-# Upper estimate of the share of an integral that lies beyond the outermost nodes of a lattice, as a
-# multiple of the share that these nodes contribute.
+# The outermost nodes of a lattice contribute a share to an integral. The share from the region
+# beyond these nodes is taken to be at most this multiple of their share.
 _BEYOND_EDGE = 3.0
 # Error of the log integral from a lattice, as a fraction of the difference between the log
 # integrals from the lattice's two grids. The log integral from the lattice is the logarithm of the

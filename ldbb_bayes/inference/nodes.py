@@ -83,8 +83,8 @@ _COARSE_STEP = 1.25
 # hyper-parameters) of smallest weight. The share of the integral that belongs to these nodes is at
 # most the tolerance [nat] divided by this number.
 _PARTS_OF_TOLERANCE = 20.0
-# Largest share of the integral that may belong to the nodes of smallest weight, at which the
-# probability that no compliance is negative is not computed. This limit holds for every tolerance.
+# The probability that no compliance is negative is not computed at the nodes of smallest weight.
+# For every tolerance, the share of the integral that belongs to these nodes is at most this value.
 _LARGEST_LEFT_OUT = 5e-4
 # Smallest tolerance [nat] for the log probability that no compliance is negative. The tolerance is
 # a quarter of that of the log evidence, but at least this value.

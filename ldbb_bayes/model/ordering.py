@@ -41,8 +41,9 @@ _GROUP_COST = 100.0
 # Time of the function calls that eliminate one column of a group, in units of the time of one
 # multiplication.
 _COLUMN_COST = 200.0
-# Time of the function calls that compute the change of `PRODUCT_COLUMNS` later columns when a group
-# of columns is eliminated, in units of the time of one multiplication.
+# When a group of columns is eliminated, later columns change. This is the time of the function
+# calls that compute the change of `PRODUCT_COLUMNS` later columns, in units of the time of one
+# multiplication.
 _PRODUCT_CALL_COST = 250.0
 # Time to subtract one product from one entry of the matrix P = Aᵀ D⁻¹ A, in units of the time of
 # one multiplication.
