@@ -382,7 +382,7 @@ def find_columns(
         candidates = units
         if role == "angle":
             candidates = _units_of_angles(headers, units, "time" in layout.columns)
-        _find_role_by_unit(role, roles, candidates)
+        _find_role_by_unit(role, roles, candidates, headers)
     _settle_time(roles, layout, headers)
     _settle_readings(roles)
     if len(roles.readings) > 1 and "test" in roles.columns:
@@ -489,8 +489,7 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
     their headers state loads, such as 36 N, or name runs, such as Run 1; each column is then a
     separate test. ``place`` names the table in error messages.
     """
-    assigned = set(roles.columns.values())
-    free = [column for column in range(len(headers)) if column not in assigned]
+    free = _free_columns(role, roles, headers)
     candidates = _candidates(role, free, headers)
     if role == "reading":
         roles.readings = _several_readings(free, candidates, headers)
@@ -508,6 +507,20 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
     column = candidates[0]
     if role == "reading" or headers[column] not in PER_TEST:
         roles.columns[role] = column
+
+
+def _free_columns(role: str, roles: ColumnRoles, headers: Sequence[str]) -> list[int]:
+    """Return the indices of the columns that have no role yet and may have ``role``.
+
+    If the headers of the readings state loads, as in ``F = 100 N``, the other columns with such
+    headers hold readings, too, and not forces or pressures.
+    """
+    assigned = {*roles.columns.values(), *roles.readings}
+    free = [column for column in range(len(headers)) if column not in assigned]
+    names_of_readings = [headers[column] for column in roles.readings]
+    if role in ("force", "pressure") and load_in_name(names_of_readings) is not None:
+        return [column for column in free if load_in_name([headers[column]]) is None]
+    return free
 
 
 def _several_candidates(
@@ -549,7 +562,9 @@ def _units_of_angles(headers: Sequence[str], units: Sequence[str], is_log: bool)
     return units_of_angles
 
 
-def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> None:
+def _find_role_by_unit(
+    role: str, roles: ColumnRoles, units: Sequence[str], headers: Sequence[str]
+) -> None:
     """Give a role to a free column whose unit fits this role, such as deg for angle.
 
     A free column is a column without any role. Nothing is done if another column already has the
@@ -559,11 +574,11 @@ def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> N
         return
     if role == "reading" and roles.readings:
         return
-    assigned = {*roles.columns.values(), *roles.readings}
+    free = _free_columns(role, roles, headers)
     in_unit = [column for column, unit in enumerate(units) if unit in UNITS[role]]
-    free = [column for column in in_unit if column not in assigned]
-    if len(free) == 1:
-        roles.columns[role] = free[0]
+    candidates = [column for column in in_unit if column in free]
+    if len(candidates) == 1:
+        roles.columns[role] = candidates[0]
 
 
 def _several_readings(

@@ -24,7 +24,13 @@ DIRECTED = tuple(
 
 def step_cases() -> dict[str, FieldCase]:
     """Return the cases of refusals whose step reads the file."""
-    return {**cases_of_tests(), **json_cases(), **octave_cases(), **format_cases()}
+    return {
+        **cases_of_tests(),
+        **json_cases(),
+        **octave_cases(),
+        **format_cases(),
+        **header_cases(),
+    }
 
 
 def cases_of_tests() -> dict[str, FieldCase]:
@@ -184,5 +190,23 @@ def format_cases() -> dict[str, FieldCase]:
             files,
             refusal=refusal,
             mended=mended,
+        )
+    return cases
+
+
+def header_cases() -> dict[str, FieldCase]:
+    """Return headers that state the force of each column, or stand in several rows."""
+    kind = "headers of readings"
+    cases = {}
+    headers = {
+        "daN": "Angle [deg];F = 10 daN;F = 30 daN;F = 60 daN",
+        "kN": "Angle [deg];Force 0.1 kN;Force 0.3 kN;Force 0.6 kN",
+        "kN_in_um": "Winkel [Grad];Kraft = 0,1 kN [µm];Kraft = 0,3 kN [µm];Kraft = 0,6 kN [µm]",
+    }
+    for name, header in headers.items():
+        cases[f"force_in_header_{name}"] = FieldCase(
+            kind,
+            f"headers such as {header.split(';')[1]!r}",
+            field.wide(header, lambda k: [f"{5 * k}", *field.readings_of(k)]),
         )
     return cases

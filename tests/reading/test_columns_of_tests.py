@@ -69,3 +69,25 @@ def test_mixed_directions_without_a_column_of_tests_name_the_column_of_direction
     path.write_text(path.read_text().replace("\n1,", "\n,").replace("\n2,", "\n,"))
     with pytest.raises(lb.InputError, match="--test-column 'direction'"):
         lb.import_campaign(path)
+
+
+def loaded(folder: Path, *headers: str) -> Path:
+    """Write a table with a column of readings below each header."""
+    lines = [";".join(["Angle [deg]", *headers])]
+    for angle in ANGLES:
+        lines.append(";".join([str(angle), *[reading(angle, 100.0)] * len(headers)]))
+    path = folder / "loaded.csv"
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
+def test_a_force_in_the_header_is_that_of_the_column(tmp_path: Path) -> None:
+    path = loaded(tmp_path, "F = 3,6 daN", "F = 49 daN", "F = 74,2 daN")
+    tests = lb.import_campaign(path).campaign.tests
+    assert [test.force_N for test in tests] == [36.0, 490.0, 742.0]
+
+
+def test_a_column_of_readings_that_is_not_asked_for_is_no_column_of_forces(tmp_path: Path) -> None:
+    path = loaded(tmp_path, "F = 3,6 daN", "F = 49 daN", "F = 74,2 daN")
+    result = lb.import_campaign(path, layout=Layout(columns={"reading": [2, 4]}))
+    assert [test.force_N for test in result.campaign.tests] == [36.0, 742.0]
