@@ -39,6 +39,7 @@ __all__ = [
     "is_rule",
     "names_any_role",
     "names_columns",
+    "names_runs",
     "unit_of",
 ]
 
@@ -616,15 +617,20 @@ def _several_readings(
 
 def _numbered(columns: Sequence[int], headers: Sequence[str]) -> bool:
     """Return whether columns are named after runs, such as "Run 1" and "Run 2"."""
+    return names_runs([unit_of(headers[column]).name for column in columns])
+
+
+def names_runs(names: Sequence[str]) -> bool:
+    """Return whether names are those of different runs, such as "Run 1" and "Run 2"."""
     numbers = set()
-    names = set()
-    for column in columns:
-        match = _RUN.fullmatch(comparable(unit_of(headers[column]).name))
+    words = set()
+    for name in names:
+        match = _RUN.fullmatch(comparable(name))
         if match is None:
             return False
         numbers.add(match["number"])
-        names.add(match["name"])
-    return len(names) == 1 and len(numbers) == len(columns)
+        words.add(match["name"])
+    return len(words) == 1 and len(numbers) == len(names)
 
 
 def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:

@@ -45,6 +45,7 @@ from ldbb_bayes.reading.names import unknown_length_in_name
 from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.planes import take_plane_option, unread_plane
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
+from ldbb_bayes.reading.runs_above import with_runs_in_header
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.sheet_selection import SheetSelection, note_left_out, select_sheets
 from ldbb_bayes.reading.splitting import layout_names, split_sheet
@@ -225,7 +226,8 @@ def _select_tables(
     sheets = []
     for path in paths:
         for sheet in _sheets_of_file(path, layout, is_only_file=len(paths) == 1):
-            sheets += split_pairs(with_loads_in_header(sheet), layout)
+            named = with_runs_in_header(with_loads_in_header(sheet))
+            sheets += split_pairs(named, layout)
     return select_sheets(sheets, layout, log, matched)
 
 

@@ -22,6 +22,10 @@ from ldbb_bayes.reading.travel_direction import direction_named
 from ldbb_bayes.reading.words import UNITS, unit_named
 
 __all__ = ["with_loads_in_header"]
+
+
+# Regular expression for a bracket that opens in a text, as in "Run 1 (36 N)".
+_OPENING = re.compile(r"\s*[\[({]\s*(?=\S)")
 # A line of loads has at least this number of cells; a line with fewer cells is a label and its
 # value, as in Force;300 N.
 _FEWEST_COLUMNS = 3
@@ -59,11 +63,16 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
         if not is_named[column + 1]:
             merged.append(name)
             continue
-        above = " ".join(words[column] for words in lines)
+        above = " ".join(_without_brackets(words[column]) for words in lines)
         unit_or_name = f"[{name}]" if unit_named(name) else name
         merged.append(f"{above} {unit_or_name}")
     rows = [*sheet.rows[:first], Row(names.line, merged), *sheet.rows[header + 1 :]]
     return replace(sheet, rows=rows)
+
+
+def _without_brackets(text: str) -> str:
+    """Return a text without brackets, at which a header would end: ``Run 1, 36 N``."""
+    return re.sub(r"[\])}]", "", _OPENING.sub(", ", text)).removeprefix(", ")
 
 
 def _columns_named(names: Sequence[str]) -> list[bool]:

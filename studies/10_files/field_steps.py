@@ -11,6 +11,7 @@ from typing import Any
 import field_files as field
 import numpy as np
 from field_files import TRUTH, FieldCase
+from openpyxl import Workbook
 
 __all__ = ["step_cases"]
 
@@ -208,5 +209,59 @@ def header_cases() -> dict[str, FieldCase]:
             kind,
             f"headers such as {header.split(';')[1]!r}",
             field.wide(header, lambda k: [f"{5 * k}", *field.readings_of(k)]),
+        )
+    cases |= two_row_cases()
+    return cases
+
+
+def pairs(k: int) -> list[object]:
+    """Angle and reading of each circle, beside each other."""
+    cells: list[object] = []
+    for circle in TRUTH:
+        cells += [float(circle.angle_deg[k]), float(circle.reading_um[k])]
+    return cells
+
+
+def shared(k: int) -> list[object]:
+    """Angle, and the reading of each circle."""
+    return [5.0 * k, *(float(circle.reading_um[k]) for circle in TRUTH)]
+
+
+def two_row_cases() -> dict[str, FieldCase]:
+    """Return workbooks whose header has two rows of names."""
+    runs = ["Lauf 1", "Lauf 2", "Lauf 3"]
+    twice = [run for run in runs for _ in range(2)]
+    merged = [cell for run in runs for cell in (run, None)]
+    loaded = ["Lauf 1 (100 N)", None, "Lauf 2 (300 N)", None, "Lauf 3 (600 N)", None]
+    names = ["Winkel [°]", "Abweichung [µm]"] * 3
+    shapes = {
+        "pairs": ([twice, names], pairs, FORCES),
+        "merged_pairs": ([merged, names], pairs, FORCES),
+        "loaded_pairs": ([loaded, names], pairs, ()),
+        "shared_angle": (
+            [["", *runs], ["Winkel", *["Abweichung"] * 3], ["deg", *["um"] * 3]],
+            shared,
+            FORCES,
+        ),
+        "angle_above": ([["Winkel", *runs], ["[°]", *["Abweichung [µm]"] * 3]], shared, FORCES),
+        "loads_below": (
+            [["Winkel [°]", "Abweichung [µm]", None, None], [None, "100 N", "300 N", "600 N"]],
+            shared,
+            (),
+        ),
+    }
+    cases = {}
+    for name, (header, row, options) in shapes.items():
+
+        def fill(book: Workbook, header: Any = header, row: Any = row) -> None:
+            sheet = book.create_sheet("Messung")
+            for cells in [*header, *(row(k) for k in range(len(field.ANGLES_DEG)))]:
+                sheet.append(cells)
+
+        cases[f"two_rows_{name}"] = FieldCase(
+            "headers in two rows",
+            f"{header[0][:3]} above {header[1][:3]}",
+            {"m.xlsx": field.workbook(fill)},
+            options=options,
         )
     return cases

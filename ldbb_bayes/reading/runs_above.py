@@ -1,0 +1,85 @@
+"""Runs in a row above the header, such as ``Run 1, Run 2`` above two columns ``Deviation``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.column_roles import count_numbers, has_role, names_runs, unit_of
+from ldbb_bayes.reading.merged_cells import with_merged_cells_filled
+from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.words import unit_named
+
+__all__ = ["with_runs_in_header"]
+
+# Numbers of a table stand at most this number of rows below its header; a row of units may be
+# between them.
+_ROWS_TO_NUMBERS = 2
+
+
+def with_runs_in_header(sheet: Sheet) -> Sheet:
+    """Return a sheet in which runs from a row above the header are added to the header.
+
+    The header ``Deviation [um]`` below the cell ``Run 1`` is changed to ``Deviation Run 1 [um]``. A
+    text in merged cells applies to all columns below. If the first cell of the header is empty or
+    only a unit, the name above it is put there. A sheet without such a row is returned unchanged.
+    """
+    rows = sheet.rows
+    for k in range(min(len(rows) - 2, LONGEST_OVERVIEW)):
+        if count_numbers(rows[k].cells) or count_numbers(rows[k + 1].cells):
+            continue
+        below = rows[k + 2 : k + 2 + _ROWS_TO_NUMBERS]
+        if any(count_numbers(row.cells) >= 2 for row in below):
+            names = _names_with_runs(rows[k], rows[k + 1].cells)
+            if names:
+                joined = [*rows[:k], Row(rows[k + 1].line, names), *rows[k + 2 :]]
+                return replace(sheet, rows=joined)
+    return sheet
+
+
+def _names_with_runs(above: Row, header: Sequence[str]) -> list[str]:
+    """Return the headers with the runs of the row above; an empty list if it names no runs."""
+    is_angle = has_role(unit_of(above.cells[0]).name, "angle")
+    if is_angle and not header[0]:
+        return _names_with_units(above, header)
+    names = list(header)
+    unit = unit_named(names[0].strip("[](){} "))
+    if is_angle and unit:
+        names[0] = f"{above.cells[0]} [{unit}]"
+    runs = with_merged_cells_filled(above, names).cells
+    readings = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "reading")]
+    if len(readings) < 2 or len(runs) != len(names):
+        return []
+    if not names_runs([runs[column] for column in readings]):
+        return []
+    for column in readings:
+        names[column] = _with_run(names[column], runs[column])
+    return names
+
+
+def _with_run(name: str, run: str) -> str:
+    """Return a header with a run in front of its unit: ``Deviation Run 1 [um]``."""
+    stated = unit_of(name)
+    if not stated.unit:
+        return f"{stated.name} {run}"
+    return f"{stated.name} {run} [{stated.unit}]"
+
+
+def _names_with_units(above: Row, header: Sequence[str]) -> list[str]:
+    """Return the headers of loads or runs below merged cells that name angle and readings.
+
+    An example is ``Angle, Deviation [um]`` above the cells ``100 N`` and ``300 N``. The result is
+    an empty list if the row above names something else, or if a header is missing.
+    """
+    texts = [cell for cell in above.cells[1:] if cell]
+    names = [above.cells[0], *header[1:]]
+    if len(texts) != 1 or len(names) < 3 or not all(names):
+        return []
+    readings = unit_of(texts[0])
+    if not has_role(readings.name, "reading"):
+        return []
+    if readings.unit:
+        names[1:] = [f"{name} [{readings.unit}]" for name in names[1:]]
+    return names

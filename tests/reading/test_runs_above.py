@@ -1,0 +1,51 @@
+"""Headers of two rows: runs above the names of the columns, or loads below them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.reading.layout import Layout
+
+FORCES = Layout(forces_N=[36.0, 490.0])
+
+
+def table(folder: Path, *header: str) -> Path:
+    """Write a table with one column of angles and two of readings."""
+    lines = [*header]
+    lines += [f"{5 * k};{0.1 * k:.2f};{0.2 * k:.2f}" for k in range(72)]
+    path = folder / "runs.csv"
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        (";Run 1;Run 2", "Angle [deg];Dev. [um];Dev. [um]"),
+        ("Angle;Run 1;Run 2", "[deg];Dev. [um];Dev. [um]"),
+    ],
+)
+def test_runs_above_name_the_tests(header: tuple[str, str], tmp_path: Path) -> None:
+    tests = lb.import_campaign(table(tmp_path, *header), layout=FORCES).campaign.tests
+    assert [test.name for test in tests] == ["Dev. Run 1", "Dev. Run 2"]
+
+
+def test_units_stay_with_the_readings(tmp_path: Path) -> None:
+    path = table(tmp_path, ";Run 1;Run 2", "Angle [deg];Deviation [mm];Deviation [mm]")
+    tests = lb.import_campaign(path, layout=FORCES).campaign.tests
+    assert tests[0].reading_um[1] == 100.0
+
+
+def test_a_unit_above_loads_is_that_of_all_readings(tmp_path: Path) -> None:
+    path = table(tmp_path, "Angle [deg];Deviation [mm];", ";36 N;490 N")
+    test = lb.import_campaign(path).campaign.tests[1]
+    assert (test.force_N, test.reading_um[1]) == (490.0, 200.0)
+
+
+def test_a_load_in_brackets_above_the_header_is_not_cut_off(tmp_path: Path) -> None:
+    path = table(tmp_path, ";Run 1 (36 N);Run 2 (490 N)", "Angle [deg];Dev. [um];Dev. [um]")
+    tests = lb.import_campaign(path).campaign.tests
+    assert [test.force_N for test in tests] == [36.0, 490.0]
