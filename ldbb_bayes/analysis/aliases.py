@@ -1,8 +1,8 @@
 """Degeneracies: combinations of coefficients whose effects on the readings cancel.
 
 Coefficients are the parameters of interest (compliances, their slopes and geometric errors) and the
-nuisance coefficients (effects that are modelled but not of interest). For example, a change of some
-parameters may cancel the effect of a nuisance coefficient in every reading. The readings then
+nuisance coefficients (of effects that are modelled but not of interest). For example, a change of
+some parameters may cancel the effect of a nuisance coefficient in every reading. The readings then
 cannot tell the two effects apart. The degeneracies span the null space of the design matrix. A
 sparse basis of this space is computed, so that each degeneracy involves few coefficients. No
 readings are needed. A plan (a campaign without readings) can therefore be examined too.
@@ -82,7 +82,7 @@ class Degeneracy:
 
     @property
     def nuisances(self) -> tuple[str, ...]:
-        """Names of the nuisance coefficients (effects not of interest) in the degeneracy."""
+        """Names of the nuisance coefficients (of effects not of interest) in the degeneracy."""
         return tuple(name for name in self.combination if name not in self.units)
 
 
@@ -90,12 +90,12 @@ class Degeneracy:
 class _Coefficients:
     """The m coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients are effects that are not of interest. If the model was made from a preset
-    (a ready-made model) by leaving out effects, these effects are included here. ``owners`` are the
-    class names of the model terms that the coefficients belong to; for a parameter, the name is
-    empty. ``columns``, shape (tests, 25, m), holds the effect of each coefficient on each test: the
-    changes, per unit of the coefficient, of the 25 Fourier coefficients of the test's radial
-    deviation. ``prior_sd``, shape (m,), are the prior standard deviations.
+    Nuisance coefficients describe effects that are not of interest. If the model was made from a
+    preset (a ready-made model) by leaving out effects, these effects are included here. ``owners``
+    are the class names of the model terms that the coefficients belong to; for a parameter, the
+    name is empty. ``columns``, shape (tests, 25, m), holds the effect of each coefficient on each
+    test: the changes, per unit of the coefficient, of the 25 Fourier coefficients of the test's
+    radial deviation. ``prior_sd``, shape (m,), are the prior standard deviations.
     """
 
     names: tuple[str, ...]
@@ -245,8 +245,8 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients are effects that are not of interest. A model may leave out some terms of
-    the preset (ready-made model) that it is made from. The result contains the nuisance
+    Nuisance coefficients describe effects that are not of interest. A model may leave out some
+    terms of the preset (ready-made model) that it is made from. The result contains the nuisance
     coefficients of all terms of the preset, including those that are left out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}

@@ -1,7 +1,7 @@
 """Further tests, or a calibration, that would resolve the degeneracies of a campaign.
 
-A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled but
-not of interest) whose effects on every reading cancel.
+A degeneracy is a combination of parameters and nuisance coefficients whose effects on every reading
+cancel. Nuisance coefficients describe effects that are modelled but not of interest.
 """
 
 from __future__ import annotations
@@ -70,12 +70,12 @@ class Cure(StrEnum):
 def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
     """Return what would resolve each degeneracy: kinds of further tests, or a calibration.
 
-    A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
-    but not of interest) whose effects on every reading cancel. A kind of further tests is returned
-    if the degeneracy vanishes when these tests are added to the plan. Turning both balls is
-    returned only if turning a single ball does not suffice. A calibration is returned for every
-    degeneracy in which parameters, or other coefficients, cancel the effect of a nuisance
-    coefficient; the field ``term`` is then not empty.
+    A degeneracy is a combination of parameters and nuisance coefficients whose effects on every
+    reading cancel. Nuisance coefficients describe effects that are modelled but not of interest. A
+    kind of further tests is returned if the degeneracy vanishes when these tests are added to the
+    plan. Turning both balls is returned only if turning a single ball does not suffice. A
+    calibration is returned for every degeneracy in which parameters, or other coefficients, cancel
+    the effect of a nuisance coefficient; the field ``term`` is then not empty.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Sparse basis of the combinations of coefficients whose effects on the readings cancel.
 
-Coefficients are the parameters of interest and the nuisance coefficients (effects that are modelled
-but not of interest). In each combination of the basis, one coefficient has the value one; it is
-called the pivot. The other coefficients cancel the effect of the pivot on the readings.
+Coefficients are the parameters of interest and the nuisance coefficients (of effects that are
+modelled but not of interest). In each combination of the basis, one coefficient has the value one;
+it is called the pivot. The other coefficients cancel the effect of the pivot on the readings.
 """
 
 from __future__ import annotations

@@ -38,8 +38,8 @@ __all__ = [
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
 )
-# Largest number of posterior draws from which nuisance coefficients (effects that are modelled but
-# not of interest) are summarized.
+# Largest number of posterior draws from which nuisance coefficients (of effects that are modelled
+# but not of interest) are summarized.
 _DRAWS = 1000
 
 

@@ -70,8 +70,8 @@ _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_
 def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
     """Return all results of a fit as a dictionary.
 
-    The results include changes of compliances with force, nuisance coefficients (effects that are
-    modelled but not of interest), warnings and decisions on conformity.
+    The results include changes of compliances with force, nuisance coefficients (of effects that
+    are modelled but not of interest), warnings and decisions on conformity.
 
     Parameters
     ----------

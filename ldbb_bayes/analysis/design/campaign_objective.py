@@ -65,10 +65,10 @@ def objective_of(
 ) -> Objective:
     """Return the objective of a search among candidate tests, for the chosen parameters.
 
-    Nuisance coefficients are effects that are modelled but not of interest. A nuisance coefficient
-    is omitted unless it is connected with a chosen parameter. Two coefficients are connected if
-    they change the same readings, or if other coefficients form a chain of such connections between
-    them.
+    Nuisance coefficients describe effects that are modelled but not of interest. A nuisance
+    coefficient is omitted unless it is connected with a chosen parameter. Two coefficients are
+    connected if they change the same readings, or if other coefficients form a chain of such
+    connections between them.
 
     Parameters
     ----------
