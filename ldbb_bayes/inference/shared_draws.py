@@ -25,8 +25,9 @@ __all__ = ["SharedDraws", "draw_with_shared"]
 # Gaussian density, at most this number of times. If a compliance is still negative, the parameters
 # are drawn from a density that is shifted towards compliances that are not negative.
 _PLAIN_TRIES = 4
-# If a draw from the shifted density is rejected, the parameters are drawn again, at most this
-# number of times in all.
+# The parameters may be drawn from a density that is shifted towards compliances that are not
+# negative. A draw that is then rejected is replaced by a new one; at most this number of draws is
+# made.
 _REPEATS = 20
 
 

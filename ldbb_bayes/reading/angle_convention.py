@@ -101,7 +101,7 @@ class AngleConvention(NamedTuple):
 
 
 class _Words(NamedTuple):
-    """What a header, a line or a name states about angles: where they begin, and the direction."""
+    """What a text states about angles: where they begin, and in which direction they increase."""
 
     zero: str  # axis at which angles begin, such as +Y; empty if it is not stated
     sense: str  # CW or CCW; empty if it is not stated
