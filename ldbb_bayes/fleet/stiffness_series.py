@@ -57,10 +57,10 @@ class StiffnessOfVisit(Result):
 def stiffness_series(
     rows: pd.DataFrame, campaigns: Sequence[str]
 ) -> dict[str, tuple[StiffnessOfVisit, ...]]:
-    """Return the stiffness by direction of every campaign.
+    """Return the machine's stiffness by direction, computed from each campaign alone.
 
-    The keys are names of quantities, such as ``k_min``. Each value holds the quantity from every
-    campaign, in the order of the rows.
+    The keys are names of quantities, such as ``k_min``. Each value holds the results for this
+    quantity from all campaigns, in the order of the rows.
 
     Parameters
     ----------

@@ -252,7 +252,7 @@ def assess_fit(
     Parameters
     ----------
     bound : BoundModel
-        Model, applied to the campaign, that has the parameters of all averaged models.
+        Model of the campaign with the parameters of all averaged models.
     draws_by_model : sequence of ModelDraws
         The posterior draws in ``groups``, separately for each model.
     groups : mapping

@@ -37,9 +37,9 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# The sampler runs its steps in blocks, and doubles their length several times. In the first
-# doublings, up to this number, a block then also stores twice as many draws. After later doublings,
-# it stores no more draws than before, and the stored draws are twice as many steps apart.
+# The sampler runs its steps in blocks, and doubles their length several times. At each of the first
+# doublings, up to this number, the number of draws that a block stores is doubled too. At a later
+# doubling, it is not changed: the number of steps between stored draws is doubled instead.
 _DOUBLINGS_STORED = 2
 # A move by differential evolution changes the point of a walker by a factor times the difference
 # between the points of two other walkers. In this share of such moves, the factor is one, so that

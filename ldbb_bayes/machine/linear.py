@@ -59,10 +59,10 @@ _PARALLEL = 1e-10
 # a column is smaller than this fraction of the largest norm of all columns, the compliance is
 # treated as having no effect.
 _NULL_SHARE = 1e-10
-# Fraction below which a number counts as a rounding error. This concerns two kinds of numbers. The
-# effect of a compliance on the readings may be a sum of effects of kept compliances: a term is
-# ignored if it is smaller than this fraction of the sum. A negative eigenvalue of a matrix counts
-# as zero if it is smaller than this fraction of the largest element.
+# Fraction below which a number counts as a rounding error. It is used for two kinds of numbers. If
+# the effect of a compliance on the readings is written as a sum of the effects of other
+# compliances, a term is ignored if it is smaller than this fraction of the sum. A negative
+# eigenvalue of a matrix counts as zero if it is smaller than this fraction of the largest element.
 _ROUNDING_WEIGHT = 1e-7
 # A column holds the readings per unit of a compliance, scaled to length one. A column counts as
 # linearly independent of other columns if its component orthogonal to them is longer than this

@@ -833,10 +833,10 @@ def layout_names(sheet: Sheet, label: str) -> list[str]:
 
 
 def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool) -> dict[str, Any]:
-    """Return the fields that entries [[test]] of the layout state for one test.
+    """Return the values that tables [[test]] of the layout give for the fields of one test.
 
-    An entry may name the test by its label, or by the name of its sheet or file. If several entries
-    state a field, the entry with the most specific name is used.
+    A table may name the test by its label, or by the name of its sheet or file. If several tables
+    give a value for the same field, the table with the most specific name is used.
 
     Parameters
     ----------

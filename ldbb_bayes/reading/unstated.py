@@ -30,7 +30,7 @@ __all__ = ["note_unstated"]
 _MOST_TEXTS = 6
 # A note shows at most this number of characters of a text.
 _TEXT_SHOWN = 160
-# Fields whose values are not always used. A line with such a field counts as used only if a note
+# A line that states one of these fields is not always used in an import. It was used if a note
 # cites this line.
 _CITED_WHERE_USED = {"reading_scale"}
 # Regular expression for a number; texts that differ only in numbers are alike.

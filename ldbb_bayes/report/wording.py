@@ -791,10 +791,10 @@ def origins_in_words(entry: ParameterIdentifiability) -> str:
 def held_by_words(entry: ParameterIdentifiability) -> str:
     """Return a string with the sources that cause most of a parameter's variance.
 
-    In the example "mount 39 %, assumed", the mount causes 39 % of the variance, and the size of its
-    effect is assumed. If effects of assumed size cause more than half of the variance (the
-    parameter is confounded), the string names these effects. Otherwise it names only the source
-    with the largest share of the variance.
+    In the example "mount 39 %, assumed", the mount causes 39 % of the variance, and the standard
+    uncertainty of its deflection is assumed. If the parameter is confounded, the string names the
+    effects with which it is confounded. Otherwise it names only the source with the largest share
+    of the variance.
     """
     origin = origin_words(entry.held_by.origin)
     if str(entry.verdict) == "confounded":

@@ -104,11 +104,11 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
 
 
 def _plans(design: Design, today: Mapping[str, float]) -> list[_PlanBars]:
-    """Return the bars of every plan of tests, in the order in which they are drawn.
+    """Return the groups of bars in the bar chart, one group for each plan of tests.
 
     ``today`` holds the present standard deviations of the parameters; its keys are their names. The
-    first bars show the present standard deviations, unless ``today`` is empty. The last bars show
-    the standard deviations after very many repetitions of the recommended tests.
+    first group shows the present standard deviations, unless ``today`` is empty. The last group
+    shows the standard deviations after very many repetitions of the recommended tests.
     """
     plans = []
     if today:
