@@ -1,7 +1,7 @@
 """Conversion of tables in files of named values, such as JSON, to sheets.
 
 The rows of these tables are not lines of the file. The statements of the file and the rows of its
-tables are therefore numbered in their order, and messages call these numbers lines.
+tables are therefore numbered consecutively, and messages use these numbers as line numbers.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def sheets_of_entries(sheet: Sheet, tables: Sequence[EntryTable], format_name: s
     Parameters
     ----------
     sheet
-        Sheet without rows, which states the path of the file.
+        Sheet without rows, which holds the path of the file.
     tables
         Tables of the file.
     format_name
@@ -58,7 +58,7 @@ def sheets_of_entries(sheet: Sheet, tables: Sequence[EntryTable], format_name: s
 def statement_of(key: str, value: str) -> str:
     """Return a line of text for a key and its value: ``radius: 150 mm`` for ``radius_mm`` and 150.
 
-    The unit in a key is put behind the value only if this value is a number.
+    The unit is moved from the key to the value only if the value is a number.
     """
     stated = unit_of(key)
     if unit_named(stated.unit) and looks_like_number(value):
@@ -67,7 +67,7 @@ def statement_of(key: str, value: str) -> str:
 
 
 def _with_different_names(sheets: Sequence[Sheet]) -> list[Sheet]:
-    """Return sheets whose names differ; equal names are numbered."""
+    """Return the sheets with different names. If two names are equal, all names are numbered."""
     names = [sheet.name for sheet in sheets]
     if len(set(names)) == len(names):
         return list(sheets)

@@ -1,4 +1,4 @@
-"""Formats of text files that hold no table, such as XML, as error messages name them."""
+"""Names, for error messages, of formats such as XML whose files hold no table of readings."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ __all__ = ["format_of"]
 # Regular expression for the beginning of a file in XML or HTML.
 _MARKUP = re.compile(r"<(?:\?xml|!doctype|!--|[a-z][\w:.-]*[\s>/])", re.IGNORECASE)
 _WEB_PAGE = re.compile(r"<(?:!doctype html|html|table)", re.IGNORECASE)
-# Regular expression for a line of YAML that is no line of a table: a key and a value, or an entry
-# of a list.
+# Regular expression for a line of YAML that cannot be a row of a table, such as a key with a value,
+# or an entry of a list.
 _YAML_LINE = re.compile(r"(?:- )?[^\W\d][\w. -]*:(?:\s.*)?|- .*|[-+\d.,eE\[\] ]+|#.*|---")
 _SUFFIXES_OF_YAML = (".yml", ".yaml")
-# Regular expression for a line with a list of numbers behind its name, as in "angle = [0, 5, 10]".
+# Regular expression for a line with a name and a list of numbers, as in "angle = [0, 5, 10]".
 _NAMED_LIST = re.compile(
     rf"(?P<name>[^\W\d][\w. -]*?)\s*[=:]\s*[\[({{]?(?:\s*{NUMBER_IN_TEXT}[,;\s]){{9}}.*"
 )
 # Regular expression for a name with a number, as in "theta=360.00deg".
 _NAMED_NUMBER = re.compile(rf"[^\W\d][\w.]*\s*[=:]\s*(?={NUMBER_IN_TEXT})")
-# Fewest lines of names with numbers that may be the readings of a circle.
+# If fewer lines than this number consist of names with numbers, they are not taken for the readings
+# of a circle.
 _FEWEST_LINES = 9
 
 
 def format_of(sheet: Sheet) -> str:
-    """Return the format of a text file without a table, in words of an error message.
+    """Return a description, for error messages, of the format of a text file without a table.
 
     The result is empty for a workbook, and for a text whose format is not recognised.
     """
@@ -57,9 +58,9 @@ def _is_yaml(sheet: Sheet, texts: Sequence[str]) -> bool:
 
 
 def _names_beside_numbers(sheet: Sheet, texts: Sequence[str]) -> str:
-    """Return the names that stand beside the numbers of many lines, in words of an error message.
+    """Return a description, for error messages, of a file with a name beside each number.
 
-    The result is empty if there are no such lines. ``texts`` are the lines of the sheet.
+    The result is empty unless many lines have the same names. ``texts`` are the lines of the sheet.
     """
     names_of_lines = [_names_in(text) for text in texts]
     n_lines = Counter(names_of_lines)

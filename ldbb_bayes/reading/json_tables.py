@@ -1,4 +1,4 @@
-"""Tables in JSON: a list of records, columns as lists of numbers, or several of them with names."""
+"""Tables in JSON: lists of records, lists of rows, or columns as lists of numbers."""
 
 from __future__ import annotations
 
@@ -14,33 +14,34 @@ from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["is_json", "sheets_of_json"]
 
-# Fewest readings of a test; shorter lists hold something else.
+# A list with fewer elements than this number is not taken for the readings of a test.
 _FEWEST_ROWS = 9
-# Regular expression for the beginning of a text in JSON. A table of text may begin with [[, as in
-# [[Circle]], but not with [[ and a number.
+# Regular expression for the beginning of a file in JSON. Other text files may also begin with [[,
+# as in [[Circle]], but not with [[ followed by a number.
 _BEGINNING = re.compile(r'\{"|\[\{"|\[\[[-"\d]')
 # Characters with which a line in JSON begins.
 _MARKS = '{["]},'
-# Keys, in small letters, whose value names a table.
+# Keys, in small letters, whose value is the name of a table.
 _KEYS_OF_NAME = ("name", "label", "test", "id", "title")
-# Keys, in small letters, with the numbers of a column that has further statements.
+# Keys, in small letters, whose value is the list of numbers of a column. Such a key stands beside
+# keys with further properties of the column, such as its unit.
 _KEYS_OF_NUMBERS = ("values", "data", "value", "samples")
-# Keys, in small letters, with the unit of the numbers beside it.
+# Keys, in small letters, whose value is the unit of the numbers under a neighbouring key.
 _KEYS_OF_UNIT = ("unit", "units", "einheit")
-# Keys, in small letters, with the names of the columns of rows.
+# Keys, in small letters, whose value is the list of the names of a table's columns.
 _KEYS_OF_HEADER = ("columns", "header", "headers", "fields", "names")
 
 
 class _Number(str):
-    """Number with its digits as they stand in the file."""
+    """Number as text, with all digits that the file has."""
 
     __slots__ = ()
 
 
 def is_json(text: str) -> bool:
-    """Return whether a text is in JSON, or in JSON with one record a line.
+    """Return whether a text is in JSON, or has one JSON record in each line.
 
-    A line in JSON above a table of text does not count.
+    The result is False if only the first line is JSON and a table in another format follows.
     """
     if _BEGINNING.match("".join(text[:200].split())) is None:
         return False
@@ -58,7 +59,7 @@ def sheets_of_json(sheet: Sheet, text: str) -> list[Sheet]:
     Parameters
     ----------
     sheet
-        Sheet without rows, which states the path of the file.
+        Sheet without rows, which holds the path of the file.
     text
         The text.
 
@@ -78,7 +79,7 @@ def sheets_of_json(sheet: Sheet, text: str) -> list[Sheet]:
 
 
 def _parsed(sheet: Sheet, text: str) -> Any:
-    """Return the content of a text in JSON; a text with one record a line is a list of records."""
+    """Return the content of a text in JSON; for a text with one record in each line, a list."""
     decoder = json.JSONDecoder(
         parse_float=_Number, parse_int=_Number, object_pairs_hook=_with_different_keys
     )
@@ -159,9 +160,9 @@ def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTabl
 def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:
     """Return a name for the part of a file that is stored in ``content`` under a key.
 
-    The name is that of ``content`` or, if this has no name, the key. If ``content`` holds several
-    parts, the key is added to its name. ``content`` may state its name itself; otherwise its name
-    is ``name``, which may be empty.
+    The result is the name of ``content``; if there are several parts in ``content``, the key is
+    added. The name of ``content`` is the value of a key such as "name", or else ``name``. If both
+    are missing, the result is the key alone.
     """
     outer_name = _name_in(content) or name
     inner_parts = [value for value in content.values() if isinstance(value, dict | list)]
@@ -171,7 +172,7 @@ def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:
 
 
 def _name_in(content: Mapping[str, Any]) -> str:
-    """Return the name that a part of a file states for itself; empty if it states none."""
+    """Return the name of a part of a file: the value of a key such as "name"; empty without one."""
     for key, value in content.items():
         if key.casefold() in _KEYS_OF_NAME and isinstance(value, str):
             return value
@@ -179,7 +180,10 @@ def _name_in(content: Mapping[str, Any]) -> str:
 
 
 def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return the columns of numbers of equal length; the keys are those of the file."""
+    """Return the columns of numbers in a part of a file; the keys are those in the file.
+
+    If the columns differ in length, only those with the most frequent length are returned.
+    """
     columns = {}
     for key, value in content.items():
         numbers = _numbers_of(value)
@@ -191,10 +195,10 @@ def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
 
 
 def _numbers_of(value: Any) -> list[str]:
-    """Return the numbers of a column as texts; an empty list if a value is no column.
+    """Return the numbers of a column as texts; an empty list if ``value`` is not a column.
 
-    A column is a list, a dict with the numbers of the rows as keys, or a dict in which a list and
-    further statements stand, such as the unit.
+    A column is written in one of three ways: as a list, as a dict whose keys are the numbers of the
+    rows, or as a dict that holds a list and further properties such as the unit.
     """
     if isinstance(value, dict):
         return _numbers_of(_list_in(value))
@@ -216,14 +220,14 @@ def _list_in(content: Mapping[str, Any]) -> list[Any]:
 
 
 def _header_of(key: str, value: Any) -> str:
-    """Return the header of a column: its key, with the unit that stands beside its numbers."""
+    """Return the header of a column: its key and, if the file states it, its unit in brackets."""
     if isinstance(value, dict) and _unit_beside(value):
         return f"{key} [{_unit_beside(value)}]"
     return key
 
 
 def _unit_beside(value: Mapping[str, Any]) -> str:
-    """Return the unit that stands beside a number or beside numbers; empty if there is none."""
+    """Return the unit of a number or list of numbers in the same dict; empty if there is none."""
     for key, unit in value.items():
         if key.casefold() in _KEYS_OF_UNIT and isinstance(unit, str):
             return unit
@@ -231,7 +235,10 @@ def _unit_beside(value: Mapping[str, Any]) -> str:
 
 
 def _statements_beside(content: Mapping[str, Any], columns: Mapping[str, Any]) -> list[str]:
-    """Return the statements that stand beside the numbers of columns, except their units."""
+    """Return properties of columns, other than their units, as lines of text.
+
+    A property is stored in the same dict as the list of numbers of its column.
+    """
     statements = []
     for key in columns:
         value = content[key]
@@ -244,7 +251,11 @@ def _statements_beside(content: Mapping[str, Any], columns: Mapping[str, Any]) -
 
 
 def _names_of_columns(content: Mapping[str, Any], width: int) -> list[str]:
-    """Return the names of the columns of rows, which stand beside them; empty without names."""
+    """Return the names of a table's columns from a list under a key such as "columns".
+
+    ``content`` is the dict that contains the table, and ``width`` is the number of columns. The
+    result is empty if there is no such list.
+    """
     for key, value in content.items():
         is_list = key.casefold() in _KEYS_OF_HEADER and isinstance(value, list)
         if is_list and len(value) == width and all(type(name) is str for name in value):
@@ -253,7 +264,10 @@ def _names_of_columns(content: Mapping[str, Any], width: int) -> list[str]:
 
 
 def _are_records(content: Sequence[Any]) -> bool:
-    """Return whether a list consists of records: keys with single values, at least two numbers."""
+    """Return whether a list consists of records, which are the rows of a table.
+
+    A record is a dict without lists; the first record must hold at least two numbers.
+    """
     if len(content) < _FEWEST_ROWS or not all(isinstance(record, dict) for record in content):
         return False
     for record in content:
@@ -263,7 +277,7 @@ def _are_records(content: Sequence[Any]) -> bool:
 
 
 def _are_rows(content: Sequence[Any]) -> bool:
-    """Return whether a list consists of rows: lists of the same length, with numbers."""
+    """Return whether a list consists of rows: lists of one length, with at least two numbers."""
     if len(content) < _FEWEST_ROWS or not all(isinstance(row, list) for row in content):
         return False
     widths = {len(row) for row in content}
@@ -288,7 +302,7 @@ def _statements_of(key: str, value: Any) -> list[str]:
 
 
 def _text_of(value: Any) -> str:
-    """Return a single value as a text; a value with its unit gives ``36 N``."""
+    """Return a single value as a text; for a value with a unit, a text such as ``36 N``."""
     if value is None:
         return ""
     if isinstance(value, dict):

@@ -28,7 +28,7 @@ _FEWEST_ROWS = 9
 
 @dataclass
 class _Variable:
-    """Variable of Octave: its name, and the rows of its numbers or its text."""
+    """Variable of Octave: its name, its type, and rows of numbers or text."""
 
     name: str
     type: str = ""
@@ -36,7 +36,7 @@ class _Variable:
 
     @property
     def columns(self) -> list[list[str]]:
-        """Columns of the variable; a vector in one row is one column."""
+        """Columns of the variable. A variable with a single row is treated as one column."""
         cells = [row.cells for row in self.rows]
         if len(cells) == 1:
             return cells
@@ -54,15 +54,15 @@ def sheets_of_octave(sheet: Sheet, text: str) -> list[Sheet]:
     Parameters
     ----------
     sheet
-        Sheet without rows, which states the path of the file.
+        Sheet without rows, which holds the path of the file.
     text
         The text.
 
     Raises
     ------
     InputError
-        If the rows of a matrix have different lengths, or if vectors of different lengths cannot
-        be columns of one table.
+        If the rows of a matrix differ in length, or if vectors that would form one table differ in
+        length.
     """
     statements = []
     vectors = []
@@ -115,7 +115,7 @@ def _check_rows(sheet: Sheet, variable: _Variable) -> None:
 def _statement(variable: _Variable) -> str:
     """Return a line of text with the name and the value of a number, a string or a short vector.
 
-    The name is left out if the string itself names what it states, as in "theta: rad".
+    The name is left out if the string contains a colon, as in "theta: rad".
     """
     text = "; ".join(" ".join(row.cells) for row in variable.rows)
     if ":" in text:
@@ -124,7 +124,7 @@ def _statement(variable: _Variable) -> str:
 
 
 def _table_of_vectors(sheet: Sheet, lines: list[str], variables: Sequence[_Variable]) -> EntryTable:
-    """Return a table whose columns are vectors, and the columns of matrices."""
+    """Return one table whose columns are the vectors and the columns of the matrices."""
     header = []
     columns = []
     for variable in variables:

@@ -59,8 +59,8 @@ _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 # Commas or points in the numbers of a column may be decimal marks or separate thousands. Columns
 # are checked for this only if at least this many of their numbers have a comma or a point.
 _FEWEST_MARKED = 5
-# A column without a role (such as angle or reading) may state the value of one of these fields of a
-# test.
+# A column that holds no angle, reading or other quantity of each row may state one of these fields
+# of a test.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
 # Regular expression for a number that may be a result. It does not match G2, G3 or a factor of −1.
 _RESULT = re.compile(r"(?<![^\W_])(?:\d\d|\d(?<![-−]1))")

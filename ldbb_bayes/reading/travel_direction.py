@@ -218,9 +218,9 @@ def _segments(text: str) -> list[str]:
 def _is_complete(text: str) -> bool:
     """Return whether a text in front of a direction, such as CW, is a statement of its own.
 
-    It is if it contains a number or a plane, but no word for angles or for anything else that may
-    have a direction, such as a spindle. A text such as "Spindle" only names what the direction
-    belongs to.
+    A statement of its own contains a number or a plane, but no word for angles or for anything else
+    that may have a direction, such as a spindle. A text such as "Spindle" is not a statement of its
+    own, because it only names what the direction belongs to.
     """
     has_value = re.search(r"\d|\b[XYZ]{2}\b", text) is not None
     is_about_others = _OTHER_DIRECTION.search(_LOADS.sub(" ", text)) or _ANGLES.search(text)

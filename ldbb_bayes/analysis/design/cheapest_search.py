@@ -80,10 +80,11 @@ class CheapestCampaigns:
     """Campaigns that reach all goals; if there are none, the campaign that comes nearest."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
-    #: campaign that comes nearest to the goals, if no campaign reaches them. It is chosen among the
-    #: largest campaigns of all families (campaigns with the same ball angles, radii and
-    #: certificates): the one that meets all goals on the most possible machines. None if one of
-    #: these campaigns reaches the goals, or if no full forecast was made.
+    #: campaign that comes nearest to the goals, if no campaign reaches them. The campaigns of a
+    #: family have the same ball angles, radii and certificates. The largest campaigns of all
+    #: families are compared, and the one that meets all goals on the largest share of the possible
+    #: machines is chosen. None if one of these campaigns reaches the goals, or if no full forecast
+    #: was made.
     nearest: FoundCampaign | None
 
 

@@ -49,9 +49,9 @@ class Discrimination(Result):
     #: minimum absolute value of the log Bayes factor of slopes over no slopes at which evidence is
     #: decisive [nat]
     threshold: float
-    #: mean log Bayes factor of slopes over no slopes if there are slopes [nat]
+    #: expected log Bayes factor of slopes over no slopes, if the machine has slopes [nat]
     expected_with: float
-    #: mean log Bayes factor of slopes over no slopes if there are no slopes [nat]
+    #: expected log Bayes factor of slopes over no slopes, if the machine has no slopes [nat]
     expected_without: float
     decisive_with: float  #: probability of decisive evidence for slopes if slopes exist
     decisive_without: float  #: probability of decisive evidence against slopes if none exist
