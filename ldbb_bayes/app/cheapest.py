@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Costs, GoalDesign, GoalPlan
 from ldbb_bayes.analysis.design.certificate_offers import offers_in
-from ldbb_bayes.analysis.design.goals import goals_in
+from ldbb_bayes.analysis.design.goals import USUAL_PROBABILITY, goals_in
 from ldbb_bayes.app.fields import RESULT, linear_model, typed_value
 from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts
 from ldbb_bayes.app.page_words import LANGUAGES, words_of_page
@@ -20,14 +20,14 @@ from ldbb_bayes.app.understanding import refusal
 from ldbb_bayes.cli.design_options import COST_OPTIONS, DESIGN_OPTIONS
 from ldbb_bayes.cli.goal_designs import files_of_goal_design, find_for_goals
 from ldbb_bayes.cli.output import write_files
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import InputError, check_probability, require
 from ldbb_bayes.report.passage_translation import passages_in_language
 from ldbb_bayes.results import Passage, Table, parts_of
 
 __all__ = [
     "CHEAPEST",
-    "COST_FIELDS",
-    "CostField",
+    "SEARCH_FIELDS",
+    "SearchField",
     "find_cheapest_campaigns",
     "passages_shown",
     "wrong_entry",
@@ -37,27 +37,34 @@ __all__ = [
 CHEAPEST = "cheapest"
 # Name of the option of the command ``design`` that states the prices of certificates.
 _CERTIFICATES = "certificates"
+# Name of the option that states the share of machines on which all goals are to be met.
+_PROBABILITY = "probability"
 
 
-class CostField(NamedTuple):
-    """One entry field for costs, which sets one option of ``ldbb-bayes design``."""
+class SearchField(NamedTuple):
+    """One entry field of the search, which sets one option of ``ldbb-bayes design``."""
 
     name: str  #: Name of the option, such as ``minutes_per_circle``.
     default: str  #: Default of the option as text; empty if there is none.
     is_number: bool  #: Whether the value of the option is a number.
 
 
-def _cost_fields() -> tuple[CostField, ...]:
-    """Return the entry fields for costs. Their defaults are those of the command ``design``."""
+def _search_fields() -> tuple[SearchField, ...]:
+    """Return the entry fields for costs, certificates and the probability of meeting the goals.
+
+    The defaults are those of the command ``design``.
+    """
     costs = Costs()
     fields = []
     for name in COST_OPTIONS:
         value = getattr(costs, name)
-        fields.append(CostField(name, "" if value is None else f"{value:g}", is_number=True))
-    return (*fields, CostField(_CERTIFICATES, "", is_number=False))
+        fields.append(SearchField(name, "" if value is None else f"{value:g}", is_number=True))
+    fields.append(SearchField(_CERTIFICATES, "", is_number=False))
+    fields.append(SearchField(_PROBABILITY, f"{USUAL_PROBABILITY:g}", is_number=True))
+    return tuple(fields)
 
 
-COST_FIELDS = _cost_fields()
+SEARCH_FIELDS = _search_fields()
 
 
 # ---- texts typed on the page
@@ -90,10 +97,10 @@ def _certificates_as_in_command(text: str) -> str:
     return text
 
 
-def _costs_of(asked: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the costs that the user typed; the keys are the names of the options for costs."""
+def _options_of(asked: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the options of the search that the user typed; the keys are their names."""
     values = {}
-    for field in COST_FIELDS:
+    for field in SEARCH_FIELDS:
         value = _option_value(field.name, asked, folder)
         if value is not None:
             values[field.name] = value
@@ -129,16 +136,16 @@ def wrong_entry(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
         for parameter, text in goal_texts(asked).items():
             name = GOAL_PREFIX + parameter
             goals_in(bound, {parameter: text})
-        for field in COST_FIELDS:
+        for field in SEARCH_FIELDS:
             name = field.name
-            _check_cost(name, _option_value(name, asked, folder))
+            _check_entry(name, _option_value(name, asked, folder))
     except InputError as error:
         return {"refused": refusal(error, folder), "wrong": name}
     return {}
 
 
-def _check_cost(name: str, value: Any) -> None:
-    """Raise an `InputError` if the value of an option for costs cannot be used.
+def _check_entry(name: str, value: Any) -> None:
+    """Raise an `InputError` if the value of an option of the search cannot be used.
 
     ``name`` is the name of the option. For the value None, nothing is checked.
     """
@@ -146,6 +153,8 @@ def _check_cost(name: str, value: Any) -> None:
         return
     if name == _CERTIFICATES:
         offers_in(value)
+    elif name == _PROBABILITY:
+        check_probability(value, name)
     else:
         Costs(**{name: value})
 
@@ -188,7 +197,7 @@ def find_cheapest_campaigns(
         "goals": goal_texts(asked),
         "augment": bool(asked.get("augment")),
         "seed": seed,
-        **_costs_of(asked, folder),
+        **_options_of(asked, folder),
     }
     result = find_for_goals(linear_model(), pilot, settings, progress)
     campaigns = []

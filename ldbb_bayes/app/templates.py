@@ -7,7 +7,7 @@ from typing import Any
 
 import jinja2
 
-from ldbb_bayes.app.cheapest import COST_FIELDS
+from ldbb_bayes.app.cheapest import SEARCH_FIELDS
 from ldbb_bayes.app.fields import FIELDS
 from ldbb_bayes.app.page_words import words_of_page
 from ldbb_bayes.files import LARGEST_TABLE_BYTES
@@ -77,7 +77,7 @@ class Templates:
             w=words_of_page(language),
             language=language,
             fields=FIELDS,
-            cost_fields=COST_FIELDS,
+            search_fields=SEARCH_FIELDS,
             most={"files": MOST_FILES, "bytes": LARGEST_FILE},
             **values,
         )

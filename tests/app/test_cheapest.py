@@ -137,12 +137,30 @@ def test_the_campaign_of_a_search_has_no_files_if_no_goal_is_reached(tmp_path: P
 
 
 def test_the_costs_on_the_page_begin_with_those_of_the_command() -> None:
-    defaults = {field.name: field.default for field in cheapest.COST_FIELDS if field.default}
+    fields_with_default = [field for field in cheapest.SEARCH_FIELDS if field.default]
+    defaults = {field.name: field.default for field in fields_with_default}
+    assert float(defaults.pop("probability")) == 0.9
     costs = Costs()
     assert {name: float(text) for name, text in defaults.items()} == {
         name: getattr(costs, name) for name in defaults
     }
     assert len(defaults) == 4
+
+
+def test_the_search_takes_the_probability_that_is_typed(
+    fitted: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken: dict[str, Any] = {}
+
+    def without_search(model: Any, pilot: Any, settings: dict[str, Any], progress: Any) -> Any:
+        taken.update(settings)
+        raise lb.InputError("no search in this test")
+
+    monkeypatch.setattr(cheapest, "find_for_goals", without_search)
+    asked = {"goal_C_XXX": "5 %", "probability": "0,75"}
+    with pytest.raises(lb.InputError, match="no search"):
+        cheapest.find_cheapest_campaigns(fitted, asked, None)
+    assert taken["probability"] == 0.75
 
 
 # ---- entries that cannot be used
@@ -164,6 +182,8 @@ WRONG: list[tuple[dict[str, str], str, str]] = [
     ({"certificates": "balls=5"}, "certificates", "must state the grade"),
     ({"certificates": "balls G7=5"}, "certificates", "must be one of G3"),
     ({"certificates": "mounts=5"}, "certificates", "certificate must be one of"),
+    ({"probability": "90"}, "probability", "probability must be"),
+    ({"probability": "x"}, "probability", "must be a number"),
 ]
 
 

@@ -26,7 +26,7 @@ from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
 from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast, states_of
 from ldbb_bayes.analysis.design.goal_design import GoalDesign, design_for_goals
-from ldbb_bayes.analysis.design.goals import Goal
+from ldbb_bayes.analysis.design.goals import USUAL_PROBABILITY, Goal
 from ldbb_bayes.analysis.design.search import MAX_TESTS, ExactDesign
 from ldbb_bayes.analysis.design.shares import Optimum
 from ldbb_bayes.analysis.design.space import CriterionName, Space
@@ -354,7 +354,7 @@ def design(
     goals: Mapping[str, str | float | Goal],
     costs: Costs | None = None,
     certificates: Mapping[str, float] = MappingProxyType({}),
-    probability: float = 0.9,
+    probability: float = USUAL_PROBABILITY,
     progress: Callable[[int, int], None] | None = None,
 ) -> GoalDesign: ...
 
@@ -378,7 +378,7 @@ def design(
     goals: Mapping[str, str | float | Goal] | None = None,
     costs: Costs | None = None,
     certificates: Mapping[str, float] = MappingProxyType({}),
-    probability: float = 0.9,
+    probability: float = USUAL_PROBABILITY,
     progress: Callable[[int, int], None] | None = None,
 ) -> Design | GoalDesign:
     """Return the best tests to run next or, with goals, the cheapest campaigns for these goals.

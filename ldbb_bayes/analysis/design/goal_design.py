@@ -33,7 +33,7 @@ from ldbb_bayes.analysis.design.cheapest_search import (
 from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.customary_plans import equal_steps, published_forces
 from ldbb_bayes.analysis.design.forecast import Expected, forecast_plan, states_of
-from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in
+from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, USUAL_PROBABILITY, Goal, goals_in
 from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_of, obstacles_of
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import States, states_before
@@ -237,7 +237,7 @@ def design_for_goals(
     *,
     costs: Costs | None = None,
     certificates: Mapping[str, float] | None = None,
-    probability: float = 0.9,
+    probability: float = USUAL_PROBABILITY,
     forces_N: Sequence[float] | None = None,
     clockings_deg: Sequence[Clocking] | None = None,
     radii_mm: Sequence[float] = (),

@@ -19,10 +19,12 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import inside_name, to_inside
 
-__all__ = ["COVERAGE_FACTOR", "Goal", "goals_in"]
+__all__ = ["COVERAGE_FACTOR", "USUAL_PROBABILITY", "Goal", "goals_in"]
 
 # Coverage factor k of the expanded uncertainty U = k u that a goal limits (GUM, 6.3.3).
 COVERAGE_FACTOR = 2.0
+# Share of the possible machines on which all goals are to be met, if the user states no other.
+USUAL_PROBABILITY = 0.9
 # Regular expression for a goal in percent of the parameter's value, such as "5 %".
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
 # Regular expression for the signs ±, ≤ and <= that may stand before a goal. These signs are
