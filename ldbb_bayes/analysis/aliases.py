@@ -114,7 +114,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     Parameters
     ----------
     bound
-        Model bound to a campaign or plan.
+        Model applied to a campaign or plan.
 
     Returns
     -------

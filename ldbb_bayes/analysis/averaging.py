@@ -76,7 +76,7 @@ class _WeightedModels:
     ``combinations`` describes each model by its name and by the alternative explanations that it
     includes. ``nodes`` has an entry for each model: weighted values of the hyper-parameters that
     represent the posterior under the model. ``probability``, shape (models,), sums to one.
-    ``bound`` is the largest model, the one with the most parameters, bound to the campaign.
+    ``bound`` is the largest model, the one with the most parameters, applied to the campaign.
     """
 
     combinations: tuple[_Combination, ...]
@@ -86,7 +86,7 @@ class _WeightedModels:
 
     @property
     def bounds(self) -> list[BoundModel]:
-        """Return the models over which the average is taken, each bound to the campaign."""
+        """Return the models over which the average is taken, each applied to the campaign."""
         return [nodes.bound for nodes in self.nodes]
 
     @property

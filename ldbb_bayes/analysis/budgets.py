@@ -153,7 +153,7 @@ class _ModelBudget:
 
     @property
     def bound(self) -> BoundModel:
-        """The model, bound to its campaign."""
+        """The model, applied to its campaign."""
         return self.model.bound
 
 

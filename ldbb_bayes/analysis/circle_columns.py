@@ -82,7 +82,7 @@ def _squareness_index(bound: BoundModel, r: int) -> int:
     """Return the index of the squareness error in the plane of the test with index ``r``.
 
     The result is the position of this error in the list of the campaign's geometric errors, counted
-    from 0. ``bound`` is the model bound to the campaign.
+    from 0. ``bound`` is the model applied to the campaign.
     """
     sin2 = bound.setting.geometric[r][SIN2]
     for j, error in enumerate(geometric_errors_of(bound.campaign)):

@@ -77,7 +77,7 @@ def joint_difference(
     Parameters
     ----------
     bounds : sequence of BoundModel
-        Models bound to the first and to the second campaign.
+        Models applied to the first and to the second campaign.
     phi : sequence of ndarray
         Hyper-parameters of each campaign, shape (h,); lengths in mm.
     rows : sequence of ndarray

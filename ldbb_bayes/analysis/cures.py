@@ -80,7 +80,7 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
     Parameters
     ----------
     bound
-        Model bound to a campaign or plan.
+        Model applied to a campaign or plan.
     aliases
         The `degeneracies` of the bound model. The result has one entry for each degeneracy, in the
         same order.

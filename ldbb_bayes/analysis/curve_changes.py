@@ -46,7 +46,7 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
     Parameters
     ----------
     bound
-        Model bound to a campaign or plan.
+        Model applied to a campaign or plan.
     information
         Linear model of the readings (`Information`), at one value of the hyper-parameters.
     """

@@ -57,7 +57,7 @@ def with_goals(
     texts
         Texts typed as goals; the keys are the names of the parameters.
     bound
-        Model bound to the campaign. The model states the units of the parameters.
+        Model applied to the campaign. The model states the units of the parameters.
     estimates
         Estimates of the parameters; goals in percent refer to these estimates.
 

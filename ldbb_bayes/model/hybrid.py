@@ -284,7 +284,7 @@ class HybridModel(Result):
         mean of a slope must be 0. Each value is a string with a unit, or a number. Numbers for
         parameters of interest are in internal units (mm, N, rad); a number for a field of `Prior`
         is in the unit that the field's name states. Whether a parameter exists is checked when the
-        model is bound to a campaign.
+        model is applied to a campaign.
 
         Parameters
         ----------

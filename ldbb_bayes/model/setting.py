@@ -377,7 +377,7 @@ def setting_of(
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
     The estimates of compliances and predicted readings are zero, and the names of the circles'
-    noise factors are empty. These fields are filled in when a model is bound to the campaign.
+    noise factors are empty. These fields are filled in when a model is applied to the campaign.
 
     Parameters
     ----------

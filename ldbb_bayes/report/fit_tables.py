@@ -161,7 +161,7 @@ def words_of_fit(
     sampler
         Entry ``sampler`` of a posterior's record, which states how the sampler ran.
     bound
-        The model bound to the campaign.
+        The model applied to the campaign.
     confounded
         Names of the effects with which each parameter is confounded. The keys are the names of the
         confounded parameters.

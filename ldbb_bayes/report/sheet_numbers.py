@@ -413,7 +413,7 @@ def _names_by_label(bound: BoundModel) -> dict[str, Any]:
     """Return objects that represent the names of a model's compliances and geometric errors.
 
     Each object is the name of one parameter; its attributes are the parts of this name, such as the
-    axis. The keys of the result are labels such as ``C_XXX``. ``bound`` is a model bound to a
+    axis. The keys of the result are labels such as ``C_XXX``. ``bound`` is a model applied to a
     campaign.
     """
     names: list[Any] = [*bound.compliances, *geometric_errors_of(bound.campaign)]

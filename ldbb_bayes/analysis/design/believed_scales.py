@@ -56,7 +56,7 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     Parameters
     ----------
     bound
-        Model bound to the planned tests.
+        Model applied to the planned tests.
     phi
         True hyper-parameters of K possible machines, shape (K, h), lengths in mm.
     draws
@@ -143,7 +143,7 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
     Parameters
     ----------
     bound
-        Model bound to the planned tests.
+        Model applied to the planned tests.
     scores
         K sets of normal scores of the h hyper-parameters, shape (K, h). A normal score is the
         standard normal quantile of the cumulative prior probability.

@@ -56,7 +56,7 @@ class CampaignFamily:
 
     @cached_property
     def bound(self) -> BoundModel:
-        """The model bound to all candidate tests, with the certificates of the family."""
+        """The model applied to all candidate tests, with the certificates of the family."""
         bound = bind_tests(
             self.space.model,
             self.space.pilot,

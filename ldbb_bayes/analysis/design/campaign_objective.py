@@ -73,7 +73,7 @@ def objective_of(
     Parameters
     ----------
     bound
-        Model bound to the tests that have already been run, followed by the candidate tests.
+        Model applied to the tests that have already been run, followed by the candidate tests.
     run
         Number of tests that have already been run.
     phi

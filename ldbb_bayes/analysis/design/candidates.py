@@ -1,4 +1,4 @@
-"""Candidate tests of a design, the model bound to them, and the order in which to run tests.
+"""Candidate tests of a design, the model applied to them, and the order in which to run tests.
 
 The pilot is the campaign or plan that a design starts from. The model takes its reference force F0,
 its range of force, and the estimate Ĉ of the compliances about which it is linearised, from the
@@ -203,7 +203,7 @@ def grid_of_tests(
 def bind_tests(
     model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep_pilot_tests: bool
 ) -> BoundModel:
-    """Return the model bound to a plan that consists of the given tests.
+    """Return the model applied to a plan that consists of the given tests.
 
     The model takes its reference force, its range of force and the estimate Ĉ of the compliances
     from the pilot. The model also has the parameters that only the pilot's tests can determine,
@@ -213,7 +213,7 @@ def bind_tests(
     Parameters
     ----------
     model
-        Model to bind.
+        Model that is applied to the plan.
     pilot
         The campaign or plan that the design starts from.
     tests
@@ -224,7 +224,7 @@ def bind_tests(
     Returns
     -------
     BoundModel
-        The model bound to the plan.
+        The model applied to the plan.
     """
     plan = replace(pilot, tests=tuple(tests), foreseen=(), pilot=None, adds_to_pilot=False)
     if not keep_pilot_tests:
@@ -234,13 +234,13 @@ def bind_tests(
 
 
 def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
-    """Return the model bound to a plan.
+    """Return the model applied to a plan.
 
     The pilot is the campaign that the plan starts from. If the plan has a pilot, the model takes
     its reference force, its range of force and the estimate Ĉ of the compliances from the pilot.
     The instrument and the order of the tests are always taken from the plan. If the plan is to be
-    analysed together with its pilot, the model is bound to the pilot's tests, followed by the tests
-    of the plan.
+    analysed together with its pilot, the model is applied to the pilot's tests, followed by the
+    tests of the plan.
     """
     pilot = plan.pilot
     if pilot is None:

@@ -241,7 +241,7 @@ def forecast_tests(
     Parameters
     ----------
     bound
-        Model bound to the tests that have already been run, followed by the planned tests.
+        Model applied to the tests that have already been run, followed by the planned tests.
     states
         Possible states of the machine before the planned tests: values of its parameters and
         hyper-parameters.
@@ -341,7 +341,7 @@ def expected_uncertainties(
     Parameters
     ----------
     bound
-        Model bound to the tests.
+        Model applied to the tests.
     states
         K possible states of the machine before the tests: hyper-parameters and parameters.
     covariance
@@ -401,7 +401,7 @@ def stated_variances(
     Parameters
     ----------
     bound
-        Model bound to the tests.
+        Model applied to the tests.
     states
         K states of the machine before the tests.
     covariance
@@ -453,7 +453,7 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
     Parameters
     ----------
     bound
-        Model bound to the new tests.
+        Model applied to the new tests.
     means
         Posterior means of the p parameters without the condition T, in internal units (mm, N, rad),
         shape (repetitions, states, n, p). A state is one possible machine, for which posterior
@@ -535,7 +535,7 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     Parameters
     ----------
     bound
-        Model bound to the tests.
+        Model applied to the tests.
     phi
         K sets of hyper-parameters of the campaign that the design starts from, shape (K, h);
         lengths in mm.

@@ -107,7 +107,7 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
     Parameters
     ----------
     bound
-        Model bound to a campaign or a plan. Goals may be stated for the parameters of this model,
+        Model applied to a campaign or a plan. Goals may be stated for the parameters of this model,
         in units that suit these parameters.
     stated
         Goals; the keys are the names of the parameters. A goal is a text with a unit, such as "10

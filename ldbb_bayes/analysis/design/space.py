@@ -98,7 +98,7 @@ class Space:
         # on the original pilot.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
-        # Call this check last, because it binds the model to the pilot stored above.
+        # Call this check last, because it applies the model to the pilot stored above.
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
@@ -153,7 +153,7 @@ class Space:
 
     @cached_property
     def bound(self) -> BoundModel:
-        """The model bound to the pilot alone.
+        """The model applied to the pilot alone.
 
         The pilot is the campaign or plan that the design starts from.
         """

@@ -75,7 +75,7 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
 def extend_hyper_parameters(
     bound: BoundModel, phi: Array, run: int, *, scattering: bool = False
 ) -> Array:
-    """Return the hyper-parameters of a model bound to the circles run so far and to new circles.
+    """Return the hyper-parameters of a model applied to the circles run so far and to new circles.
 
     The pilot is the campaign that a design starts from. Its hyper-parameters φ are completed with
     those of the new circles. Each new circle has a noise factor λ, by which the noise of this
@@ -88,7 +88,7 @@ def extend_hyper_parameters(
     Parameters
     ----------
     bound
-        Model bound to the circles run so far, followed by the new circles.
+        Model applied to the circles run so far, followed by the new circles.
     phi
         K values of the pilot's φ, shape (K, h).
     run

@@ -47,8 +47,8 @@ _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, 
 class _Traces:
     """Readings, predictions and radial scale for a figure of polar traces.
 
-    ``bound`` is a model bound to a campaign. ``beta``, shape (draws, p), holds random draws of the
-    p parameters from the posterior. ``phi``, shape (draws, h), holds random draws of the h
+    ``bound`` is the model of a campaign. ``beta``, shape (draws, p), holds random draws of the p
+    parameters from the posterior. ``phi``, shape (draws, h), holds random draws of the h
     hyper-parameters (scales of noise and of other effects). ``words`` holds the texts of the
     figure; the keys are the names of the texts.
     """
