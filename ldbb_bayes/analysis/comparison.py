@@ -318,8 +318,9 @@ class Comparison(Result):
     def within_tolerance(self) -> bool:
         """Return whether the largest error of any log evidence is at most ``tolerance``.
 
-        Log evidences with assumptions that the readings clearly reject are not considered: they are
-        computed only roughly, because they are at least 10 nat below the best log evidence.
+        The models are also compared under other assumptions about the differences between circles.
+        Log evidences under an assumption that the readings clearly reject are computed only
+        roughly, and are not considered here.
         """
         return self.largest_error <= self.tolerance
 

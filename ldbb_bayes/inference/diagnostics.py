@@ -158,7 +158,7 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     k = np.inf
     try:
         smoothed, shape = _smooth_tail(log_ratio)
-    except ValueError:  # from ArviZ if the tail has too few weights, or only equal weights
+    except ValueError:  # ArviZ: the tail has too few weights, or only equal weights
         pass
     else:
         if not np.isnan(smoothed).any():
@@ -180,7 +180,7 @@ def pareto_k(log_weight: Array) -> float:
     """
     try:
         shape = _smooth_tail(log_weight)[1]
-    except ValueError:  # from ArviZ if the tail has too few weights, or only equal weights
+    except ValueError:  # ArviZ: the tail has too few weights, or only equal weights
         if len(log_weight) < _FEWEST_WEIGHTS:
             return np.inf
         return -np.inf

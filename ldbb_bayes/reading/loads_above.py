@@ -71,7 +71,10 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
 
 
 def _without_brackets(text: str) -> str:
-    """Return a text without brackets, at which a header would end: ``Run 1, 36 N``."""
+    """Return a text with commas instead of brackets: ``Run 1, 36 N`` for ``Run 1 [36 N]``.
+
+    In a header, only the unit may be in brackets.
+    """
     return re.sub(r"[\])}]", "", _OPENING.sub(", ", text)).removeprefix(", ")
 
 
