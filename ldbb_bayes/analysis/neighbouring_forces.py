@@ -1,11 +1,11 @@
 """Local fits of constant compliance and geometry to each pair of neighbouring force levels.
 
 If compliance changes with force, the estimates from different pairs of levels differ. Each pair is
-fitted twice: by the least-squares method of the article on which the model is based (Tables 7 and 8
-there), and by the posterior of the model, which includes nuisances (effects that are not of
-interest). Neighbouring pairs have a force level in common, and all pairs are affected by the same
-ball form, bar length and mount. The errors of the estimates are therefore correlated, and the
-estimates scatter less than their uncertainties suggest.
+fitted twice: by the least-squares method of the published article (Tables 7 and 8 there), and by
+the posterior of the model with its nuisances (effects that are modelled but not of interest).
+Neighbouring pairs have a force level in common, and all pairs are affected by the same ball form,
+bar length and mount. The errors of the estimates are therefore correlated, and the estimates
+scatter less than their uncertainties suggest.
 
 Geometric errors are fitted separately in every pair. Only the change of the readings between the
 two forces therefore determines the compliance. At the force F, a compliance C(F) causes the

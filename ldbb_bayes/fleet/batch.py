@@ -71,9 +71,9 @@ class Batch(Result):
     #: one dictionary for each campaign that could not be fitted, with its file path (key
     #: ``campaign``) and the reason (key ``reason``); at most 10 000 campaigns
     failed: tuple[dict[str, str], ...]
-    #: one dictionary for each campaign whose fit is doubtful or whose sampler did not converge,
-    #: with its file path (key ``campaign``) and a sentence that says how far the fit can be trusted
-    #: (key ``verdict``); at most 10 000 campaigns
+    #: one dictionary for each campaign whose fit is doubtful or whose sampler did not converge, for
+    #: at most 10 000 campaigns. The key ``campaign`` holds the file path of the campaign. The key
+    #: ``verdict`` holds a sentence on how far the fit can be trusted.
     doubts: tuple[dict[str, str], ...]
     #: number of campaigns that were fitted, or failed, in this run of the batch; the other
     #: campaigns were fitted, or failed, in earlier runs

@@ -190,8 +190,8 @@ def _minimum_degree(neighbours: NDArray[np.bool_], last: NDArray[np.intp]) -> ND
 def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
     """Return one node (set of columns that are eliminated together) for each column.
 
-    ``neighbours``, shape (columns, columns), states which columns are neighbours, that is, have a
-    row in which neither is zero; its rows and columns are in the order of elimination. The border
+    ``neighbours``, shape (columns, columns), is true for neighbours: two columns that are both
+    nonzero in the same row. Its rows and columns are in the order of elimination. The border
     of a column is the set of its neighbours that are eliminated later. When a column is eliminated,
     the columns of its border become neighbours of each other. To save time, the function makes them
     neighbours of the first column of the border only. When this first column is eliminated, its

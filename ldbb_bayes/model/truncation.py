@@ -271,8 +271,8 @@ def _eliminate_last(
     The m constraints on the k coordinates of z have the coefficients ``rows``, shape (m, k), and
     the lower bounds ``edge``, shape (..., m) for many sets of bounds. Coefficients and bounds for
     the first k − 1 coordinates are returned in the same form. Constraints that do not contain the
-    last coordinate are kept. New constraints are sums of a constraint that bounds the last
-    coordinate from below and a constraint that bounds it from above, scaled so that the last
+    last coordinate are kept. Each new constraint is the sum of two old ones: one bounds the last
+    coordinate from below, the other bounds it from above. They are scaled so that the last
     coordinate cancels.
     """
     last = rows[:, -1]

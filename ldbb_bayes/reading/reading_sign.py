@@ -372,7 +372,7 @@ def _words_in(text: str) -> list[str]:
 
 
 def _kinds_of_words(text: str) -> list[str]:
-    """Return positive, negative, shorter or longer for each such word in a text, in order."""
+    """Return the kind of each word in a text that means positive, negative, shorter or longer."""
     text = _IN_OR_OUT_FIRST.sub(r"\g<sign> \g<way>ward", text)
     text = _IN_OR_OUT.sub(r"\g<sign> = \g<way>ward", text)
     return [str(match.lastgroup) for match in _WORD.finditer(text)]

@@ -97,9 +97,9 @@ def comparable(text: str) -> str:
 def _unit_sizes() -> dict[str, dict[str, float]]:
     """Return a dict with the sizes of all known units for each role of a column.
 
-    The keys are roles, such as reading. Each value is a dict whose keys are names of units, and
-    whose values are the sizes of these units in the unit that this package uses for the role. This
-    package uses µm for readings; therefore, the size of mm is 1000.
+    The keys are roles, such as reading. Each value is a dict with the names of units as keys and
+    their sizes as values. A size is given in the unit that this package uses for the role. For
+    readings, this unit is µm; therefore, the size of mm is 1000.
     """
     sizes: dict[str, dict[str, float]] = {}
     for role, units in WORDS["units"].items():
