@@ -177,7 +177,7 @@ class ComparedTest:
 
     @property
     def stands_out(self) -> bool:
-        """Return whether the test deviates clearly from its prediction from the other tests.
+        """Return whether the test deviates clearly from what the other tests predict.
 
         This is the case if the family-wise p-value is below 2 %. Even then, ``flag`` is false if
         half of the tests or more would be flagged, because nothing shows which tests are wrong.

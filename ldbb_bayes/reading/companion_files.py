@@ -1,4 +1,4 @@
-"""Companion files: files in a folder of measurements that hold no readings, such as a protocol."""
+"""Companion files: files without readings among the imported files, such as a test report."""
 
 from __future__ import annotations
 

@@ -19,8 +19,8 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, WORDS
 
 __all__ = ["LoadInLine", "load_of_lines", "loads_in_lines"]
 
-# Regular expression for words that may stand beside the load of a test in a line that states
-# nothing else, such as "run".
+# Regular expression for words, such as "run", that may stand beside a load in a line. A line with a
+# load and only such words is about the load of a test.
 _BESIDE = re.compile(WORDS["loads"]["beside"], re.IGNORECASE)
 # Regular expression for a comma between a word and a number, which is no decimal mark.
 _COMMA_BEFORE_NUMBER = re.compile(r"(?<=[^\W\d]),(?=\d)")

@@ -24,8 +24,8 @@ __all__ = [
     "option_for",
 ]
 
-# Roles of columns with forces or pressures. The keys are the fields of a test that state the same
-# quantities.
+# Roles of columns with forces or pressures. The keys are the names of the fields in which a test
+# stores these quantities.
 LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
 # Fields of the layout that list the forces or the pressures of all tests. The keys are the fields
 # that state the same quantities for one test.

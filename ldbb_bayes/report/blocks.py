@@ -43,7 +43,7 @@ class Banner:
     kind
         ``usable``, ``reserved`` (usable with reservations) or ``unusable``.
     sentence
-        Sentence that states whether the results on the certificate can be used, and the most
+        Sentence that states whether the results on this sheet can be used, and the most
         serious reasons for caution.
     """
 
@@ -125,7 +125,7 @@ class PictureRow:
 
 
 Block: TypeAlias = str | Fields | Banner | Items | Table | Pair | PictureRow | Picture
-"""One piece of the content of a certificate's sheet; a plain string is a note."""
+"""One piece of the content of a sheet of the test certificate; a plain string is a note."""
 
 
 @dataclass(frozen=True)

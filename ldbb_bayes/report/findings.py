@@ -63,7 +63,7 @@ class Findings:
     tolerances
         Tolerances; the keys are names of quantities. Default: the tolerances of the campaign.
     sheets_only
-        Whether the report has no annex, that is, no sections after the certificate's sheets. If
+        Whether the report has no annex (no sections after the sheets of the test certificate). If
         true, nothing is computed that only the annex shows.
     """
 

@@ -48,7 +48,7 @@ def tables(
     """Return tables with all numbers of a report, except the decisions on conformity.
 
     The key of each table is the name of its CSV file without the ending ``.csv``. If the report has
-    no annex (no sections after the certificate's sheets), tables of values that only the annex
+    no annex (no sections after the test certificate), tables of values that only the annex
     shows are left out: circular-test quantities, and contributions to the tool path.
 
     Parameters

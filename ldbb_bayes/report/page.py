@@ -230,9 +230,8 @@ def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
 def html_page(document: Document) -> str:
     """Return the report as an HTML page.
 
-    The page contains no scripts and loads no other files. The page states a content security
-    policy, which makes the browser refuse scripts and other files. Figures are inline SVG. All text
-    is escaped.
+    The page contains no scripts and loads no other files. Its content security policy makes the
+    browser refuse scripts and other files. Figures are inline SVG. All text is escaped.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Functions that yield the sections of the annex from the results of a fit.
 
-The annex is the part of the report that follows the certificate's sheets. Each section consists of
+The annex is the part of the report that follows the test certificate. Each section consists of
 paragraphs, lists, tables and figures.
 """
 

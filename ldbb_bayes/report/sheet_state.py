@@ -25,7 +25,7 @@ _MOST_UNDETERMINED = 12
 
 
 def banner(numbers: SheetNumbers) -> Banner:
-    """Return the banner: whether the certificate's results can be used, and the main reasons."""
+    """Return the banner: whether the results of the fit can be used, and the main reasons."""
     words = numbers.words
     findings = numbers.findings
     quantities = numbers.parameters

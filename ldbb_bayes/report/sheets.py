@@ -128,7 +128,7 @@ def _signatures(words: Words) -> Fields:
 
 
 def _averaged_models(findings: Findings, words: Words) -> str:
-    """Return a sentence that names the model from which the estimates on the certificate come.
+    """Return a sentence that names the model from which the estimates on the sheets come.
 
     If the estimates are averages over models, the sentence states the probability of each model.
     """
@@ -160,7 +160,7 @@ def _averaged_models(findings: Findings, words: Words) -> str:
 
 
 def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
-    """Yield the content of the certificate's sheet 2, with all parameters and figures."""
+    """Yield the content of sheet 2 of the test certificate, with all parameters and figures."""
     words = numbers.words
     findings = numbers.findings
     compliances = []

@@ -153,7 +153,7 @@ class _Progress:
 class _QueuedFamily:
     """Entry of the queue that states which family of campaigns is searched next.
 
-    The queue is sorted by price: that of the campaign that would be tried next in each family.
+    The queue is sorted by the price of the campaign that would be tried next in each family.
     """
 
     price: float

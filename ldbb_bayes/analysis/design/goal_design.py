@@ -69,7 +69,7 @@ _CUSTOMARY = 2
 class StatedGoal(Result):
     """A goal as the user stated it, and what is known about its parameter at present.
 
-    This is known from the pilot, the campaign or plan that the design starts from.
+    The present knowledge comes from the campaign or plan that the design starts from.
     """
 
     goal: Goal
