@@ -61,9 +61,8 @@ class Degeneracy:
     #: change of each coefficient, by its name, in internal units (mm, N, rad). Together, these
     #: changes cancel in every reading. Nuisance coefficients come before parameters.
     combination: Mapping[str, float]
-    #: parameters of interest that contribute notably to the degeneracy: the effect of such a
-    #: parameter on the readings is more than 2 % of the largest effect of any coefficient in
-    #: ``combination``
+    #: parameters of interest that contribute notably to the degeneracy: the effect of each on the
+    #: readings is more than 2 % of the largest effect of any coefficient in ``combination``
     parameters: tuple[str, ...]
     #: internal units of all parameters in ``combination``; the keys are the names of the parameters
     units: Mapping[str, str]

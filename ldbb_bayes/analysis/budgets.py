@@ -399,10 +399,10 @@ def _portions(variance: _ParameterVariance) -> dict[_SourceKey, _Portion]:
 
 
 def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin:
-    """Return whether a source in a parameter's budget is measured, stated or assumed.
+    """Return whether the standard uncertainty of a source is measured, stated or assumed.
 
-    ``row`` is the index of the parameter. ``source`` and ``term`` are the names of the source and
-    of its model term.
+    The source is in the budget of the parameter with the index ``row``. ``source`` and ``term`` are
+    the names of the source and of its model term.
     """
     if term == OWN and is_prior_stated(budget.bound, budget.bound.names[row]):
         return Origin.STATED

@@ -40,9 +40,9 @@ _LOOSE_DEPTH = 9.0
 # highest log density by this number plus ln(1 / tolerance) [nat]. The tolerance is the error
 # allowed in the log integral.
 _DEPTH = 5.5
-# If too much of the integral may lie beyond the outermost points of a lattice, the lattice is
-# extended and computed again. The difference of log densities to which it extends is increased by
-# this number [nat].
+# A lattice extends to points at which the log density is a certain number below its maximum [nat].
+# If too much of the integral may lie beyond these points, the number is increased by this value,
+# and a larger lattice is computed.
 _DEEPER = 3.0
 # Factor by which the spacing of a lattice's points is multiplied if the lattice does not reach the
 # tolerance. The lattice is then computed again.

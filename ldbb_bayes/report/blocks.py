@@ -125,7 +125,7 @@ class PictureRow:
 
 
 Block: TypeAlias = str | Fields | Banner | Items | Table | Pair | PictureRow | Picture
-"""One piece of the content of a sheet of the test certificate; a plain string is a note."""
+"""One piece of the content of a certificate's sheet; a plain string is a note."""
 
 
 @dataclass(frozen=True)
