@@ -1191,7 +1191,7 @@ def _holder_in_words(name: str) -> str:
 
 
 def next_circle_head(step: NextCircle) -> tuple[str, ...]:
-    """Return sentences on the next circle to run, or on why the campaign may stop."""
+    """Return sentences that name the next circle to run, or say that the campaign may stop."""
     row = step.table.to_dict(orient="records")[0]
     return _sentences("next_circle_head", step, row)
 
