@@ -6,7 +6,7 @@ effects that are modelled but not of interest; hyper-parameters φ are the scale
 other effects; truncation means that compliances must not be negative.
 
 Given φ, the estimation error of the parameters is a sum of independent parts, one for every source.
-A source is the deviation of a nuisance coefficient from its prior mean, a kind of reading noise, or
+A source is the deviation of a nuisance coefficient from its prior mean, noise of the readings, or
 the deviation of the parameters from the parameters' prior means. As in the GUM, the share of source
 s in the variance of a parameter y is u_s²(y) / u²(y), where u_s(y) is the standard uncertainty of y
 due to s alone; the shares sum to one (`Information.shares`). Unlike in the GUM, u²(y) is the

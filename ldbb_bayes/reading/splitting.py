@@ -845,9 +845,9 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
     label
         Name of the test in its sheet.
     layout
-        Layout with the entries.
+        Layout with these tables.
     holds_several
-        Whether the file holds several tests. If it does, an entry that names the file must not
+        Whether the file holds several tests. If it does, a table that names the file must not
         state a force or pressure.
     """
     entries = {entry.file: entry for entry in layout.test}

@@ -52,7 +52,7 @@ REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
 
 @dataclass(frozen=True)
 class Document(Shown):
-    """A complete report on the fit of a campaign: the sheets of the certificate, and the annex.
+    """A complete report on the fit of a campaign: the test certificate and the annex.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Document(Shown):
         Sections of the annex in the order of the page. The tuple is empty if the report has no
         annex.
     sheets
-        The two sheets of the certificate. They have fields for signatures.
+        The two sheets of the test certificate. They have fields for signatures.
     annex
         Whether a printout of the page contains the annex. It always contains the sheets.
     language

@@ -53,11 +53,11 @@ class Words:
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:
-        """Return items joined to one string in the language of these texts, such as "a, b and c"."""
+        """Return items joined to one string in the language of the texts, such as "a, b and c"."""
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:
-        """Return the label of a unit with "per" translated into the language of these texts."""
+        """Return the label of a unit with "per" translated into the language of the texts."""
         return label.replace(" per ", str(self.table["per"]))
 
     def percent(self, probability: float) -> str:

@@ -179,7 +179,10 @@ class CampaignFamily:
         return price_of(costs, minutes_of(costs, tests), self.certificates_price)
 
     def plan_of(self, tests: Sequence[CircularTest]) -> Campaign:
-        """Return the tests as a plan, in the order in which to run them, with the certificates."""
+        """Return the tests as a plan, in the order in which to run them.
+
+        The plan's instrument has the certificates of this family of campaigns.
+        """
         plan = self.space.plan_of(tests, seed=self.space.seed)
         if not self.offers:
             return plan
