@@ -55,8 +55,8 @@ class JointDifference(NamedTuple):
     #: posterior mean of the difference of each parameter, second campaign minus first, shape (n,)
     difference: Array
     sd: Array  #: standard uncertainty of ``difference``, shape (n,)
-    #: the error of the common instrument on whose size the campaigns disagree most; None if there
-    #: is no error about which the readings of both campaigns are informative
+    #: error of the common instrument for which the estimates from the two campaigns differ most;
+    #: None if there is no error that the readings of both campaigns help to determine
     conflict: Conflict | None
 
 
