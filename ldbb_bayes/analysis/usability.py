@@ -26,7 +26,7 @@ _LARGEST_RATIO = 0.4
 
 
 class Use(StrEnum):
-    """Whether the values on a certificate can be used."""
+    """Whether the values on a test certificate can be used."""
 
     CAN_BE_USED = "can be used"
     WITH_RESERVATION = "can be used with reservation"
@@ -34,7 +34,7 @@ class Use(StrEnum):
 
 
 class ReasonKind(StrEnum):
-    """Kind of reason against the use of the values on a certificate."""
+    """Kind of reason against the use of the values on a test certificate."""
 
     NOT_CONVERGED = "not-converged"
     MISFIT = "misfit"
@@ -49,7 +49,7 @@ class ReasonKind(StrEnum):
 
 @dataclass(frozen=True)
 class Reason(Result):
-    """Reason why values on a certificate cannot be used, or must be used with caution."""
+    """Reason why values on a test certificate cannot be used, or must be used with caution."""
 
     kind: ReasonKind
     names: tuple[str, ...] = ()  #: names of the parameters or tests that the reason is about
@@ -117,7 +117,7 @@ def state_of(
     *,
     comparison: Comparison | None = None,
 ) -> Judgement:
-    """Return whether the values on a certificate can be used, with reasons against their use.
+    """Return whether the values on a test certificate can be used, with reasons against their use.
 
     The values cannot be used if the sampler did not converge, the readings do not fit the model, or
     the readings contradict the condition that compliances are not negative. Otherwise, they can be
@@ -155,7 +155,7 @@ def state_of(
 
 
 def _grave_reasons(fit: Fit) -> list[Reason]:
-    """Return the reasons why the values on a certificate cannot be used."""
+    """Return the reasons why the values on a test certificate cannot be used."""
     reasons = []
     if fit.state == State.UNUSABLE:
         reasons.append(Reason(ReasonKind.NOT_CONVERGED))
