@@ -12,6 +12,7 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
 from ldbb_bayes.reading.line_parts import divide_line, statements_of_line
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import name_as_words
@@ -105,7 +106,7 @@ class _Words(NamedTuple):
 
     zero: str  # axis at which angles begin, such as +Y; empty if it is not stated
     sense: str  # CW or CCW; empty if it is not stated
-    source: str  # text that says where the words are, such as "line 3"
+    source: str | CitedLine  # text that says where the words are, such as "line 3"
 
 
 def angle_convention(recording: Recording, plane: str) -> AngleConvention:
@@ -156,7 +157,7 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
     for line, content in recording.lines_outside:
         text = content[:LONGEST_TEXT]
         if _is_unread(recording, line, text):
-            reason = f"line {line} says {text.strip()[:_TEXT_SHOWN]!r}, not understood"
+            reason = quoted_line(line, text, "not understood", _TEXT_SHOWN)
             recording.note("angle", convention, reason, "--angle-zero, --angle-sense")
 
 
@@ -176,7 +177,7 @@ def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
         return False
     if unit_mentioned(text):
         return False
-    words = _words_in(recording, f"line {line}", text, is_header=False)
+    words = _words_in(recording, cited_line(line), text, is_header=False)
     return not (words.zero or words.sense or _HARMLESS.search(text))
 
 
@@ -280,7 +281,7 @@ def _words_of(recording: Recording) -> list[_Words]:
         content = content[:LONGEST_TEXT].replace("_", " ")
         for text in statements_of_line(content, _is_mixed):
             if _SUBJECT.search(text) and not _OTHER_SUBJECT.search(text):
-                words.append(_words_in(recording, f"line {line}", text, is_header=False))
+                words.append(_words_in(recording, cited_line(line), text, is_header=False))
     for name in recording.names_of_files():
         if name_is_about_angles(name):
             text = name_as_words(name)
@@ -293,7 +294,7 @@ def _is_mixed(text: str) -> bool:
     return _SUBJECT.search(text) is not None and _OTHER_SUBJECT.search(text) is not None
 
 
-def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> _Words:
+def _words_in(recording: Recording, source: str | CitedLine, text: str, is_header: bool) -> _Words:
     """Return the axis at which angles begin and the sense in which they run, as a text states.
 
     ``text`` is a header, a line or a name, and ``source`` tells where it is, such as "line 3".
@@ -365,7 +366,9 @@ def _zero_in(text: str) -> str:
     return f"-{match['axis'].upper()}"
 
 
-def _check_reversed(recording: Recording, source: str, text: str, is_header: bool) -> None:
+def _check_reversed(
+    recording: Recording, source: str | CitedLine, text: str, is_header: bool
+) -> None:
     """Raise an error if a text says that angles are reversed, but not in which sense they run.
 
     ``source`` tells where the text is, such as "line 3". ``is_header`` states whether the text is
@@ -388,7 +391,7 @@ def _check_reversed(recording: Recording, source: str, text: str, is_header: boo
     )
 
 
-def _check_announced(recording: Recording, source: str, text: str) -> None:
+def _check_announced(recording: Recording, source: str | CitedLine, text: str) -> None:
     """Raise an error if a text announces where angles begin, but names no axis."""
     match = _ANNOUNCED.search(text)
     if match is None:
@@ -398,7 +401,7 @@ def _check_announced(recording: Recording, source: str, text: str) -> None:
         raise _unknown_zero(recording, source, shown)
 
 
-def _check_no_axis(recording: Recording, source: str, text: str) -> None:
+def _check_no_axis(recording: Recording, source: str | CitedLine, text: str) -> None:
     """Raise an error if a text about angles is ambiguous about the axis at which angles begin.
 
     The text is ambiguous if it names a direction such as north instead of an axis, or if it names
@@ -414,7 +417,7 @@ def _check_no_axis(recording: Recording, source: str, text: str) -> None:
         raise _unknown_zero(recording, source, text.strip()[:_TEXT_SHOWN])
 
 
-def _unknown_zero(recording: Recording, source: str, shown: str) -> OpenQuestionError:
+def _unknown_zero(recording: Recording, source: str | CitedLine, shown: str) -> OpenQuestionError:
     return OpenQuestionError(
         f"{recording.place}: angles must begin at an axis, got {shown!r} in {source}. Say at which:"
         " --angle-zero +X, +Y, -X or -Y.",

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from ldbb_bayes.reading.cited_lines import CitedLine
 from ldbb_bayes.reading.layout import Layout
 
 __all__ = ["Assumption", "AssumptionLog", "shown_list"]
@@ -58,8 +59,12 @@ class AssumptionLog:
 
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
     _layout_values: dict[str, list[Any]] = field(default_factory=dict)
+    # lines that reasons cite; the keys are the places
+    _cited_lines: dict[str, list[CitedLine]] = field(default_factory=dict)
 
-    def add(self, place: str, subject: str, value: str, reason: str, option: str) -> None:
+    def add(
+        self, place: str, subject: str, value: str, reason: str | CitedLine, option: str
+    ) -> None:
         """Add an assumption to the log.
 
         Parameters
@@ -71,12 +76,18 @@ class AssumptionLog:
         value
             Value that is assumed.
         reason
-            Reason why this value is assumed.
+            Reason why this value is assumed; a `CitedLine` if the reason is a line of a file.
         option
             Command-line option that changes the value.
         """
-        entry = _Entry(subject, value, reason, option)
+        entry = _Entry(subject, value, str(reason), option)
         self._places.setdefault(entry, []).append(place)
+        if isinstance(reason, CitedLine):
+            self.cite(place, [reason])
+
+    def cite(self, place: str, lines: Iterable[CitedLine]) -> None:
+        """Store the lines that an assumption about a file, sheet or test rests on."""
+        self._cited_lines.setdefault(place, []).extend(lines)
 
     def keep(self, **fields: Any) -> None:
         """Store values that were found in one sheet for fields of the layout.
@@ -99,16 +110,15 @@ class AssumptionLog:
             assumptions.append(Assumption(place, *entry))
         return tuple(assumptions)
 
-    def reasons_for(self, places: Collection[str]) -> list[str]:
-        """Return the reasons for all assumptions that were made for at least one of ``places``.
+    def lines_cited_for(self, places: Iterable[str]) -> list[CitedLine]:
+        """Return the lines that assumptions about any of the places rest on.
 
-        A place is a file, a sheet or a test. An empty string stands for all files.
+        A place is a file, a sheet or a test. The empty place stands for all files.
         """
-        reasons = []
-        for entry, noted_places in self._places.items():
-            if not set(places).isdisjoint(noted_places):
-                reasons.append(entry.reason)
-        return reasons
+        lines = []
+        for place in places:
+            lines += self._cited_lines.get(place, [])
+        return lines
 
     def layout(self, stated: Layout) -> Layout:
         """Return the user's layout, completed with the values that were found in the sheets.

@@ -13,6 +13,7 @@ from ldbb_bayes.campaign.preview import resolution_of
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, with_words
 from ldbb_bayes.reading.names import plane_in_name, plane_word_in_name
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, check_plane
 from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
@@ -64,7 +65,7 @@ class _StatedValue(NamedTuple):
     """Value of a field, and the place in a file that states it."""
 
     value: Any
-    source: str  # line or name that states the value, such as "line 3"
+    source: str | CitedLine  # line or name that states the value, such as "line 3"
     place: str  # source as error messages name it; for a line, with the file, as in "line 3 of …"
 
 
@@ -165,11 +166,11 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
             if math.isnan(value):
                 continue
             value = round(value, _COMPARED_PLACES)
-        source = f"line {statement.line}"
-        place = source
+        source = cited_line(statement.line)
+        place = str(source)
         # Add the sheet to the number of the line. For a line of a sheet without a table, ``line``
         # is a text that names this sheet already, such as "3 of …".
-        if " of " not in source:
+        if isinstance(statement.line, int):
             place = f"{source} of {recording.sheet.place}"
         values[value] = _StatedValue(value, source, place)
     return values
@@ -236,7 +237,7 @@ def _note_contradictions(
             f" {different['raw'].place}. Correct the line, or give --raw."
         )
     for value, stated in different.items():
-        reason = f"{stated.source} says {_with_unit(key, value)}"
+        reason = with_words(stated.source, f" says {_with_unit(key, value)}")
         recording.note(key, f"{_with_unit(key, certain)}, as given", reason, _OPTIONS[key])
 
 
@@ -321,7 +322,7 @@ def _take_temperature(recording: Recording) -> None:
     recording.note(
         "temperature_C",
         f"{temperature.value:g} °C",
-        f"line {temperature.line}",
+        cited_line(temperature.line),
         "a [[test]] in --layout",
     )
 
@@ -365,7 +366,7 @@ def note_assumed_fields(
     campaign: Mapping[str, Any],
     tests: Sequence[CircularTest],
     log: AssumptionLog,
-    unclear: Mapping[str, str],
+    unclear: Mapping[str, str | CitedLine],
 ) -> tuple[str, ...]:
     """Add to the log the values that are assumed for unstated fields of the campaign.
 

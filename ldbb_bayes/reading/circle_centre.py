@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.circular_test import CENTRE
+from ldbb_bayes.reading.cited_lines import quoted_line
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, could_be_thousands, number_in_text
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
@@ -73,13 +74,13 @@ def take_centres(recordings: Iterable[Recording]) -> None:
         coordinates = centres[0].coordinates
         if coordinates and len(different) == 1:
             recording.fields.update(dict.fromkeys(CENTRE, 0.0) | dict(coordinates))
-            reason = (
-                f"line {centres[0].line} says {centres[0].text!r}, taken as machine coordinates"
-            )
+            remark = "taken as machine coordinates"
+            reason = quoted_line(centres[0].line, centres[0].text, remark)
             recording.note("centre", _shown(coordinates), reason, _OPTION)
             continue
         for centre in centres:
-            reason = f"line {centre.line} says {centre.text!r}, perhaps not in machine coordinates"
+            remark = "perhaps not in machine coordinates"
+            reason = quoted_line(centre.line, centre.text, remark)
             recording.note("centre", _shown({}), reason, _OPTION)
 
 

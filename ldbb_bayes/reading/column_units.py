@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, with_words
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.sexagesimal import SECONDS_UNIT, names_sexagesimal
 from ldbb_bayes.reading.unit_lines import COUNT
@@ -31,7 +32,7 @@ class _UnitEvidence(NamedTuple):
     """Units that one source in a file states for a column."""
 
     units: Sequence[str]  # unit of each row, or one unit for all rows; unknown units as written
-    source: str  # name of the source in messages, such as "line 3"
+    source: str | CitedLine  # name of the source in messages, such as "line 3"
 
 
 def is_unit_stated(recording: Recording, role: str) -> bool:
@@ -42,7 +43,7 @@ def is_unit_stated(recording: Recording, role: str) -> bool:
 
 
 def unit_size(
-    recording: Recording, role: str, usual: str, reason: str = "no unit in the header"
+    recording: Recording, role: str, usual: str, reason: str | CitedLine = "no unit in the header"
 ) -> float | Array:
     """Return the factor that converts the numbers of a column to the unit that this package uses.
 
@@ -74,7 +75,7 @@ def unit_size(
     if stated_unit is not None:
         for other in evidence:
             if set(other.units) != {stated_unit}:
-                contradiction = f"{other.source} says {_listed(other.units)}"
+                contradiction = with_words(other.source, f" says {_listed(other.units)}")
                 recording.note(subject, f"{stated_unit}, as given", contradiction, option)
         recording.log.keep(**{f"{role}_unit": stated_unit})
         return _size_in(recording, role, stated_unit, "as given")
@@ -123,14 +124,14 @@ def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> f
         source = evidence.source
         if len(evidence.units) > 1:
             line = recording.lines[list(evidence.units).index(unit)]
-            source = f"line {line}"
+            source = cited_line(line)
         sizes[unit] = _size_in(recording, role, unit, source)
     if len(sizes) == 1:
         return next(iter(sizes.values()))
     return np.array([sizes[unit] for unit in evidence.units])
 
 
-def _size_in(recording: Recording, role: str, unit: str, source: str) -> float:
+def _size_in(recording: Recording, role: str, unit: str, source: str | CitedLine) -> float:
     size = size_of_unit(role, unit)
     if size is None:
         cure = _option(role)
@@ -176,11 +177,11 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
         evidence.append(_UnitEvidence(units, row_units.source))
     evidence += _evidence_of_header(recording, role, evidence)
     for statement in recording.statements.get(f"{role}_unit", ()):
-        evidence.append(_UnitEvidence([statement.value], f"line {statement.line}"))
+        evidence.append(_UnitEvidence([statement.value], cited_line(statement.line)))
     scales = recording.statements.get("reading_scale", ())
     known = [other for other in evidence if not _is_count(other.units)]
     if role == "reading" and scales and not known:
-        return [_UnitEvidence([scale.value], f"line {scale.line}") for scale in scales]
+        return [_UnitEvidence([scale.value], cited_line(scale.line)) for scale in scales]
     return evidence
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ldbb_bayes.errors import require
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line
 from ldbb_bayes.reading.measured_length import (
     doubles_readings,
     leaves_length_open,
@@ -36,12 +37,12 @@ def halve_diameters(recording: Recording) -> None:
     if readings is None:
         return
     header = recording.heading.headers[recording.heading.roles["reading"]]
-    sources: dict[str, str] = {}
+    sources: dict[str, str | CitedLine] = {}
     length = measured_length(header)
     if length:
         sources[length] = f"the header {header!r}"
     for statement in recording.statements.get("measured", ()):
-        sources.setdefault(statement.value, f"line {statement.line}")
+        sources.setdefault(statement.value, cited_line(statement.line))
     stated: str | None = recording.layout.measured
     listed = " and ".join(f"{length} in {source}" for length, source in sources.items())
     require(

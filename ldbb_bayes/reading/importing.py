@@ -25,6 +25,7 @@ from ldbb_bayes.reading.campaign_fields import (
     take_stated_fields,
 )
 from ldbb_bayes.reading.circle_centre import take_centres, without_centre
+from ldbb_bayes.reading.cited_lines import CitedLine, quoted_line
 from ldbb_bayes.reading.columns_of_tests import advice_on_tests
 from ldbb_bayes.reading.companion_files import or_left_out
 from ldbb_bayes.reading.diameters import halve_diameters
@@ -181,7 +182,7 @@ def import_campaign(
     find_resolution(campaign, tests, log)
     lines_of_all_tests = recordings[0].lines_of_all_tests
     _note_unused_loads(lines_of_all_tests, log)
-    unclear = not_understood(lines_of_all_tests)
+    unclear: dict[str, str | CitedLine] = {**not_understood(lines_of_all_tests)}
     for recording in recordings:
         unclear = _not_understood_of(recording) | unclear
     assumed = note_assumed_fields(campaign, tests, log, unclear)
@@ -192,7 +193,7 @@ def import_campaign(
     )
 
 
-def _not_understood_of(recording: Recording) -> dict[str, str]:
+def _not_understood_of(recording: Recording) -> dict[str, str | CitedLine]:
     """Return a dict with notes on lines and names that are not understood.
 
     These lines and names may state the plane, radius or direction of the test, or whether the
@@ -200,10 +201,10 @@ def _not_understood_of(recording: Recording) -> dict[str, str]:
     fields.
     """
     lines_above = recording.heading.lines_above
-    notes = {}
+    notes: dict[str, str | CitedLine | None] = {}
     unread = unread_direction(recording.lines_outside)
     if unread is not None:
-        notes["direction"] = f"line {unread.line} says {unread.text!r}, not understood"
+        notes["direction"] = quoted_line(unread.line, unread.text, "not understood")
     if "mount" not in recording.statements:
         notes["mount"] = unread_mount([*lines_above, *recording.lines_below])
     if recording.fields.get("plane") is None:
@@ -447,9 +448,8 @@ def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
             continue
         unit = key.partition("_")[2]
         for statement in statements:
-            reason = (
-                f"line {statement.line} says {statement.value:g} {unit} outside the list of tests"
-            )
+            said = f"says {statement.value:g} {unit} outside the list of tests"
+            reason = CitedLine(f"line {statement.line} {said}", statement.line)
             log.add("", key, "taken for no test", reason, option_for(key))
 
 

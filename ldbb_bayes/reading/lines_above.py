@@ -13,6 +13,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from ldbb_bayes.reading.bar_extensions import length_of_sum, names_extension
+from ldbb_bayes.reading.cited_lines import CitedLine
 from ldbb_bayes.reading.column_roles import names_any_role
 from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.force_laws import states_force_law
@@ -507,7 +508,7 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
             yield state
 
 
-def unknown_length(lines: Lines) -> str:
+def unknown_length(lines: Lines) -> CitedLine | None:
     """Return a note on the first line with a length that may be the radius of the circle.
 
     Examples are ``Reach: 100 mm``, ``R100``, a line with a number that names a circle or a bar, and
@@ -516,14 +517,14 @@ def unknown_length(lines: Lines) -> str:
     """
     statements = statements_in(lines)
     if "radius_mm" in statements or "programmed_radius_mm" in statements:
-        return ""
+        return None
     for line, content in lines:
         # A unit in brackets before a number, as in "Circle [mm]: 100", is moved after the number.
         text = _UNIT_AND_NUMBER.sub(r"\2 \1", content[:LONGEST_TEXT])
         length = _possible_radius(text)
         if length:
-            return f"line {line} says {length[:_LENGTH_SHOWN]}, not taken"
-    return ""
+            return CitedLine(f"line {line} says {length[:_LENGTH_SHOWN]}, not taken", line, length)
+    return None
 
 
 def _possible_radius(text: str) -> str:
@@ -559,14 +560,14 @@ def is_label(text: str) -> bool:
     return any(re.fullmatch(quantity.words, text, re.IGNORECASE) for quantity in quantities)
 
 
-def not_understood(lines: Lines) -> dict[str, str]:
+def not_understood(lines: Lines) -> dict[str, CitedLine]:
     """Return a dict with a note on each field that a line mentions but does not state clearly.
 
     The keys are fields. A line mentions a field without stating it if the line contains a word for
     the field, such as "force", but no value that can be read. The note on a field names the first
     of these lines.
     """
-    unclear: dict[str, str] = {}
+    unclear: dict[str, CitedLine] = {}
     for line, text in lines:
         if _is_understood(line, text):
             continue
@@ -574,7 +575,8 @@ def not_understood(lines: Lines) -> dict[str, str]:
             match = words.search(text[:LONGEST_TEXT])
             if match and not _UNDER.search(text[: match.start()]):
                 subject = key.split("_")[0]
-                unclear.setdefault(key, f"line {line} says {subject}, not understood")
+                reason = f"line {line} says {subject}, not understood"
+                unclear.setdefault(key, CitedLine(reason, line))
     return unclear
 
 

@@ -11,6 +11,7 @@ import re
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.angle_convention import angle_of_axis, says_where_angles_begin
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line
 from ldbb_bayes.reading.programmed_circles import ProgrammedArc, programmed_arcs
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
@@ -81,13 +82,13 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
         coordinates of the starting point. The error is also raised if a line says that angles run
         clockwise or do not begin at +X, because a table with times holds no angles.
     """
-    axes: dict[str, str] = {}
+    axes: dict[str, CitedLine] = {}
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
         text = content[:LONGEST_TEXT]
         match = _START.search(text)
         if match is not None:
             sign = "-" if {match["sign"], match["behind"]} & {"-", "−"} else "+"
-            axes.setdefault(f"{sign}{match['axis'].upper()}", f"line {line}")
+            axes.setdefault(f"{sign}{match['axis'].upper()}", cited_line(line))
         elif says_where_angles_begin(text) or _COORDINATES.search(text):
             raise InputError(
                 f"{recording.place}: a log over time must say where its circle starts, got"
@@ -137,7 +138,7 @@ def start_of_programme(recording: Recording, plane: str, direction: str | None) 
             " --start-deg."
         )
     angle = min(starts)
-    recording.note("start_deg", f"{angle:g}°", f"line {starts[angle].line}", "--start-deg")
+    recording.note("start_deg", f"{angle:g}°", cited_line(starts[angle].line), "--start-deg")
     return angle
 
 

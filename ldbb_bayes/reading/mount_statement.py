@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.cited_lines import CitedLine, quoted_line
 from ldbb_bayes.reading.line_parts import divide_line
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
@@ -89,7 +90,7 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
                 )
 
 
-def unread_mount(lines: Iterable[tuple[int | str, str]]) -> str:
+def unread_mount(lines: Iterable[tuple[int | str, str]]) -> CitedLine | None:
     """Return a note that a line about the mount's deflection or raw data was not understood.
 
     The note names the first such line, for example ``Mount deflection 2.33 µm/bar``. The note is
@@ -98,11 +99,11 @@ def unread_mount(lines: Iterable[tuple[int | str, str]]) -> str:
     for line, text in lines:
         for statement in divide_line(text[:LONGEST_TEXT]):
             if mount_state(statement):
-                return ""
+                return None
             is_of_mount = _MOUNT.search(statement) and _DEFLECTION.search(statement)
             if is_of_mount or _RAW.search(statement):
-                return f"line {line} says {statement.strip()[:_LINE_SHOWN]!r}, not understood"
-    return ""
+                return quoted_line(line, statement, "not understood", _LINE_SHOWN)
+    return None
 
 
 def _is_open(statement: str) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.chain import PLANES
+from ldbb_bayes.reading.cited_lines import CitedLine, quoted_line
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
 __all__ = [
@@ -120,14 +121,14 @@ def _swapped_error(place: str, plane: str, source: str) -> InputError:
     )
 
 
-def unread_plane(lines: Sequence[tuple[int | str, str]]) -> str:
+def unread_plane(lines: Sequence[tuple[int | str, str]]) -> CitedLine | None:
     """Return a note on the first line that has a label for the plane, but no known plane.
 
-    The note is empty if there is no such line. ``lines`` holds the line number and the text of each
-    line.
+    The result is None if there is no such line. ``lines`` holds the line number and the text of
+    each line.
     """
     for line, content in lines:
         match = _LABELLED.search(content[:LONGEST_TEXT])
         if match is not None:
-            return f"line {line} says {match[0].strip(' ;|,')[:_LENGTH_SHOWN]!r}, not understood"
-    return ""
+            return quoted_line(line, match[0].strip(" ;|,"), "not understood", _LENGTH_SHOWN)
+    return None

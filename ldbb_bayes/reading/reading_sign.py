@@ -9,6 +9,7 @@ import re
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.bar_extensions import names_extension
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
 from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.reading.line_parts import divide_line, segments_of_line
 from ldbb_bayes.reading.names import LOAD_IN_NAME
@@ -107,7 +108,7 @@ def sign_of_readings(recording: Recording) -> int:
     if stated is not None:
         if sources and stated not in sources:
             source = next(iter(sources.values()))
-            recording.note("sign of the reading", f"{stated}, as given", f"{source}", "--sign")
+            recording.note("sign of the reading", f"{stated}, as given", source, "--sign")
         return stated
     if len(sources) > 1:
         raise InputError(
@@ -122,7 +123,7 @@ def sign_of_readings(recording: Recording) -> int:
     return sign
 
 
-def _stated_signs(recording: Recording) -> dict[int, str]:
+def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
     """Return the signs of readings that header and lines state, and the place of each statement.
 
     The signs are the keys of the returned dict; each value is the first place that states the sign.
@@ -131,7 +132,7 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
     states the sign in ambiguous words.
     """
     header = recording.heading.headers[recording.heading.roles["reading"]]
-    sources: dict[int, str] = {}
+    sources: dict[int, str | CitedLine] = {}
     _note_names(recording)
     if _MINUS.search(_words_of_header(header)):
         sources[-1] = f"the header {header!r}"
@@ -179,7 +180,7 @@ def _sign_of_difference(text: str) -> int | None:
     return None
 
 
-def _sign_of_name(source: str, text: str) -> int | None:
+def _sign_of_name(source: str | CitedLine, text: str) -> int | None:
     """Return the sign of readings that their name shows: −1 for ``Shortening [um]``.
 
     The text is the header of the readings, or a line that consists of the name alone or of the name
@@ -190,7 +191,7 @@ def _sign_of_name(source: str, text: str) -> int | None:
     label = _NAME_LABEL.match(words)
     if label is not None:
         words = words[label.end() :]
-    is_line = source.startswith("line")
+    is_line = isinstance(source, CitedLine)
     if is_line and label is None and _UNCLEAR_ALONE.search(words):
         return None
     for name in (words, unit_of(words).name):
@@ -200,19 +201,19 @@ def _sign_of_name(source: str, text: str) -> int | None:
     return None
 
 
-def _texts_of(recording: Recording, header: str) -> list[tuple[str, str]]:
+def _texts_of(recording: Recording, header: str) -> list[tuple[str | CitedLine, str]]:
     """Return pairs of a source, such as "line 3", and a text there that may state the sign.
 
     The texts are ``header``, the header of the readings, and the statements in lines outside the
     table.
     """
-    texts = [(f"the header {header!r}", header)]
+    texts: list[tuple[str | CitedLine, str]] = [(f"the header {header!r}", header)]
     for line, text in recording.lines_outside:
-        texts += [(f"line {line}", statement) for statement in _statements(text)]
+        texts += [(cited_line(line), statement) for statement in _statements(text)]
     return texts
 
 
-def _is_open(source: str, text: str) -> bool:
+def _is_open(source: str | CitedLine, text: str) -> bool:
     """Return whether a text is about the sign of readings, but leaves the sign open.
 
     ``source`` tells where the text is, such as "line 3".
@@ -258,12 +259,12 @@ def is_about_sign(text: str) -> bool:
 
     Examples are ``nominal minus measured`` and ``Readings inverted``.
     """
-    if _sign_of_difference(text) is not None or _sign_of_name("line", text) is not None:
+    if _sign_of_difference(text) is not None or _sign_of_name(cited_line(0), text) is not None:
         return True
     words = _words_in(text)
     if words and _sign_of(words) is not None:
         return True
-    return _is_open("line", text) or _explains_sign(text)
+    return _is_open(cited_line(0), text) or _explains_sign(text)
 
 
 def leaves_difference_unread(text: str) -> bool:
@@ -277,14 +278,14 @@ def leaves_difference_unread(text: str) -> bool:
     return is_difference is not None and _sign_of_difference(text) is None
 
 
-def _asks(source: str, text: str) -> bool:
+def _asks(source: str | CitedLine, text: str) -> bool:
     """Return whether a line explains the sign of readings in words that are not understood.
 
     Examples are ``Sign: as on the drawing`` and a line that states the sign of readings and the
     sense of angles in one sentence. ``source`` tells where the text is, such as "line 3".
     """
     text = text[:LONGEST_TEXT]
-    if not source.startswith("line") or _DENIED.search(text):
+    if not isinstance(source, CitedLine) or _DENIED.search(text):
         return False
     if _OTHER_NUMBER.search(text):
         return _LABEL.search(text) is not None and not _OTHER_SUBJECT.search(text)
@@ -313,7 +314,7 @@ def _note_names(recording: Recording) -> None:
             recording.note("sign of the reading", "1: a longer bar is positive", reason, "--sign")
 
 
-def _note_unread(recording: Recording, source: str, text: str) -> None:
+def _note_unread(recording: Recording, source: str | CitedLine, text: str) -> None:
     """Add a note on a line that may explain the sign of readings, but is not understood.
 
     ``source`` tells where the line is, such as "line 3", and ``text`` is the line.
@@ -321,8 +322,8 @@ def _note_unread(recording: Recording, source: str, text: str) -> None:
     text = text[:LONGEST_TEXT]
     if not _explains_sign(text):
         return
-    if recording.layout.sign is None and source.startswith("line"):
-        reason = f"{source} says {text.strip()[:_TEXT_SHOWN]!r}, not understood"
+    if recording.layout.sign is None and isinstance(source, CitedLine):
+        reason = quoted_line(source.line, text, "not understood", _TEXT_SHOWN)
         recording.note("sign of the reading", "1: a longer bar is positive", reason, "--sign")
 
 
@@ -333,7 +334,7 @@ def _explains_sign(text: str) -> bool:
     return _MEANING.search(text) is not None
 
 
-def _is_turned_header(source: str, text: str) -> bool:
+def _is_turned_header(source: str | CitedLine, text: str) -> bool:
     """Return whether a text is a header of readings whose sign may be reversed.
 
     An example is ``Shortening [um]``. The result is False for a header that begins with a minus
@@ -342,7 +343,7 @@ def _is_turned_header(source: str, text: str) -> bool:
     words = _words_of_header(text)
     is_understood = _MINUS.search(words) is not None
     is_turned = _TURNED_HEADER.search(words) is not None
-    return source.startswith("the header") and is_turned and not is_understood
+    return not isinstance(source, CitedLine) and is_turned and not is_understood
 
 
 def _turns_sign(text: str) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.cited_lines import CitedLine
 from ldbb_bayes.reading.headers import Heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import LineStatement
@@ -64,7 +65,7 @@ class AssumedUnit(NamedTuple):
     """Unit that is assumed for a column, because nothing states it."""
 
     unit: str
-    reason: str  #: reason why this unit is assumed
+    reason: str | CitedLine  #: reason why this unit is assumed
 
 
 @dataclass
@@ -164,7 +165,7 @@ class Recording:
         names = (self.label, self.sheet.name, self.sheet.path.stem)
         return [name for name in names if name]
 
-    def note(self, subject: str, value: str, reason: str, option: str) -> None:
+    def note(self, subject: str, value: str, reason: str | CitedLine, option: str) -> None:
         """Add an assumption about this test to the log.
 
         ``subject`` is what was assumed, such as "direction"; ``value`` and ``reason`` are the

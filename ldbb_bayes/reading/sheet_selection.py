@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.cited_lines import quoted_line
 from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.companion_files import (
     holds_temperatures,
@@ -240,9 +241,10 @@ def _note_rows(sheet: Sheet, log: AssumptionLog) -> None:
         remedy = "a file for each table, if there are several"
         log.add(sheet.place, "repeated headers", headers, reason, remedy)
     if sheet.factor:
-        reason = f"line {sheet.factor_line} says {f'{sheet.factor} *'!r}"
         remedy = "write the numbers without a factor (format long g)"
-        log.add(sheet.place, "factor", f"{float(sheet.factor):g} in all columns", reason, remedy)
+        value = f"{float(sheet.factor):g} in all columns"
+        cited = quoted_line(sheet.factor_line, f"{sheet.factor} *")
+        log.add(sheet.place, "factor", value, cited, remedy)
     if sheet.hidden_rows:
         rows = f"{sheet.hidden_rows} hidden rows"
         remedy = "show them in the spreadsheet program"

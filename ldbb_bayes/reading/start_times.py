@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.timestamps import (
     Rank,
@@ -51,7 +52,7 @@ class _Start(NamedTuple):
 
     title: str  # name of the test
     stamp: Timestamp
-    source: str  # text for notes that says where the timestamp is, such as "line 3"
+    source: str | CitedLine  # text for notes that says where the timestamp is, such as "line 3"
     column: str = ""  # header of the column that states the timestamp; empty for another source
 
 
@@ -164,7 +165,7 @@ def _statements(recording: Recording) -> list[_Start]:
             starts.append(_Start(title, stamp, source, header))
     for line, text in recording.heading.lines_above:
         for stamp in stamps_in(text):
-            starts.append(_Start(title, stamp, f"line {line}"))
+            starts.append(_Start(title, stamp, cited_line(line)))
     named = stamp_in_name(recording.names())
     if named is not None:
         starts.append(_Start(title, named, "its name"))
@@ -297,7 +298,8 @@ def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> 
     entries = []
     for k in in_order:
         entries.append(f"{starts[k].title} at {seconds[k] / 60.0:.4g} min")
-    sources = list(dict.fromkeys(start.source for start in starts))
+    sources = list(dict.fromkeys(str(start.source) for start in starts))
+    log.cite("", [start.source for start in starts if isinstance(start.source, CitedLine)])
     reason = shown_list(sources, _LIST_SHOWN)
     if times.reason:
         reason += f"; {times.reason}"

@@ -15,6 +15,7 @@ import numpy as np
 
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.angle_convention import name_is_about_angles
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
 from ldbb_bayes.reading.column_units import unit_size
 from ldbb_bayes.reading.columns_of_tests import cells_of, columns_that_part
 from ldbb_bayes.reading.loads_in_lines import LoadInLine, load_of_lines, loads_in_lines
@@ -58,7 +59,7 @@ class _Evidence(NamedTuple):
     """Value that a source states for a quantity of a test."""
 
     value: float  # stated value; NaN if the number can be read in two ways
-    source: str  # name of the source in messages, such as "line 3"
+    source: str | CitedLine  # name of the source in messages, such as "line 3"
     tolerance: float  # largest relative difference from another value that rounding can explain
     # reason why the value is NaN; empty if the reason is only that a comma or point in the number
     # may separate thousands
@@ -109,13 +110,13 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
                 f"{recording.place}: {key} must be said once, got {value:g} {unit} in"
                 f" {evidence.source} and {other.value:g} {unit} in {other.source}. Give {option}."
             )
-        reason = f"{other.source} says {other.value:g} {unit}"
+        reason = with_words(other.source, f" says {other.value:g} {unit}")
         recording.note(key, f"{value:g} {unit}, {evidence.source}", reason, option)
     if not certain:
         statements = recording.statements.get(key)
         reason = evidence.source
         if statements and not statements[0].unit:
-            reason += ", no unit there"
+            reason = with_words(reason, ", no unit there")
         recording.note(key, f"{value:g} {unit}", reason, option)
     return value
 
@@ -169,7 +170,7 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     """
     evidence = []
     for statement in recording.statements.get(key, ()):
-        source = f"line {statement.line}"
+        source = cited_line(statement.line)
         evidence.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE, statement.doubt))
     evidence.sort(key=lambda stated: bool(stated.doubt))
     if key in LOAD_ROLES:
@@ -183,7 +184,7 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
         evidence += _programmed_evidence(recording, evidence)
     if key == "feed_mm_per_min" and not evidence:
         for statement in recording.statements.get("programmed_feed_mm_per_min", ()):
-            source = f"line {statement.line}"
+            source = cited_line(statement.line)
             evidence.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE))
     return evidence
 
@@ -196,7 +197,7 @@ def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) ->
     """
     programmed = []
     for statement in recording.statements.get("programmed_radius_mm", ()):
-        source = f"line {statement.line}"
+        source = cited_line(statement.line)
         programmed.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE))
     for arc in programmed:
         if any(_agrees(stated, arc.value) for stated in evidence):
@@ -250,7 +251,7 @@ def _load_of_lines(recording: Recording, in_lines: Sequence[LoadInLine]) -> dict
     load = load_of_lines(in_lines)
     if load is None:
         return {}
-    reason = f"line {load.line} says {load.text[:_TEXT_SHOWN]!r}"
+    reason = quoted_line(load.line, load.text, longest=_TEXT_SHOWN)
     shown = f"{load.value:.6g} {UNITS_SHOWN[load.key]}"
     recording.note(load.key, shown, reason, option_for(load.key))
     return {load.key: load.value}
@@ -336,7 +337,7 @@ class _StatedSenses(NamedTuple):
     """Directions of travel, CW and CCW, that a source outside the table states."""
 
     senses: set[str]
-    source: str
+    source: str | CitedLine
 
 
 def _directions_above(recording: Recording) -> _StatedSenses:
@@ -354,7 +355,7 @@ def _directions_above(recording: Recording) -> _StatedSenses:
     arcs = programmed_arcs(lines_above)
     senses = {arc.direction for arc in arcs}
     if len(senses) == 1:
-        return _StatedSenses(senses, f"line {arcs[0].line}")
+        return _StatedSenses(senses, cited_line(arcs[0].line))
     senses = directions_stated(recording.lines_of_all_tests)
     if len(senses) != 1:
         senses = set()
@@ -405,7 +406,7 @@ def direction_of(recording: Recording) -> str | None:
         if word:
             column_senses.setdefault(direction_named(word), line)
     senses = set(column_senses)
-    source = "the column of directions"
+    source: str | CitedLine = "the column of directions"
     if not senses:
         above = _directions_above(recording)
         senses = above.senses

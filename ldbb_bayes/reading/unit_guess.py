@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import ForceLaw
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
 from ldbb_bayes.reading.column_units import is_unit_stated
 from ldbb_bayes.reading.lines_above import Lines, statements_in
 from ldbb_bayes.reading.measured_length import doubles_readings, may_be_diameter
@@ -213,7 +214,7 @@ def _check_factors(recording: Recording) -> None:
         if multiplies_readings(content) and not doubles_readings(content):
             raise _unread_factor(recording, f"{text!r} in line {line}")
         if unit and (mentions_scale(content) or _mentions_other(line, content, unit)):
-            reason = f"line {line} says {text!r}, not used"
+            reason = quoted_line(line, content, "not used", _TEXT_SHOWN)
             recording.note("unit of the reading", unit, reason, "--unit")
 
 
@@ -236,25 +237,25 @@ def _mentions_other(line: int | str, text: str, unit: str) -> bool:
     return unit_mentioned(text) not in ("", unit)
 
 
-def _check_mentions(recording: Recording, unit: str) -> str:
+def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
     """Return a note on a line or name that mentions ``unit``, the unit that fits the readings.
 
     The note is empty if no line or name mentions ``unit``. Raise an error if a line or name
     mentions another unit of readings.
     """
-    note = ""
-    mentions = []
+    note: str | CitedLine = ""
+    mentions: list[tuple[str | CitedLine, str]] = []
     for line, text in _lines_of(recording):
         if not statements_in([(line, text)]):
-            mentions.append((f"line {line}", text))
+            mentions.append((cited_line(line), text))
     mentions += [("its name", name) for name in recording.names_of_files()]
     for source, text in mentions:
         mentioned = unit_mentioned(text)
-        if source != "its name":
+        if isinstance(source, CitedLine):
             mentioned = mentioned or unknown_unit_in(text) or _other_fraction(text, unit)
         if mentioned == unit:
-            note = f"{source} says {text.strip()[:_TEXT_SHOWN]!r}"
-        if source == "its name" and _COUNTS.search(text):
+            note = with_words(source, f" says {text.strip()[:_TEXT_SHOWN]!r}")
+        if not isinstance(source, CitedLine) and _COUNTS.search(text):
             mentioned = text
         if mentioned not in ("", unit):
             raise OpenQuestionError(

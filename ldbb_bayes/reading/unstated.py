@@ -116,12 +116,13 @@ def _unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> list[_
     unused: dict[_Text, None] = {}
     for recording in recordings:
         places = {"", recording.place, recording.sheet.place}
-        reasons = " ".join(log.reasons_for(places))
+        cited = log.lines_cited_for(places)
         for outside in _texts_outside(recording, last_lines[recording.sheet]):
             unused_text = outside.text
-            is_cited = re.search(rf"\bline {re.escape(str(outside.line))}(?!\d)", reasons)
-            if is_cited or outside.is_used:
-                unused_text = unused_segments(outside.text, reasons)
+            of_line = [citation for citation in cited if citation.line == outside.line]
+            if of_line or outside.is_used:
+                quoted = [citation.quoted for citation in of_line]
+                unused_text = unused_segments(outside.text, quoted)
             if _LETTER.search(unused_text):
                 unused[_Text(outside.line, unused_text.strip()[:_TEXT_SHOWN])] = None
     return list(unused)

@@ -6,6 +6,7 @@ In ``Force 238 N; e = L0 - L``, the first segment states the force, and the seco
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 
 from ldbb_bayes.reading.angle_convention import states_angles
 from ldbb_bayes.reading.circle_centre import without_centre
@@ -28,7 +29,7 @@ _LETTER = re.compile(r"[^\W\d_]")
 _EQUATION = re.compile(r"[^\W\d]\w*\s*=\s*[+\-−(]*[^\W\d]")
 
 
-def unused_segments(text: str, reasons: str) -> str:
+def unused_segments(text: str, quoted: Collection[str]) -> str:
     """Return the unused segments of a line, joined by semicolons.
 
     A segment is unused if nothing was taken from it. Centres of circles are left out, because
@@ -38,26 +39,21 @@ def unused_segments(text: str, reasons: str) -> str:
     ----------
     text
         A line of which at least one segment was used.
-    reasons
-        Reasons in notes on the same file. A segment that they quote is left out.
+    quoted
+        Words of the line that notes quote. A segment that is quoted is left out. If the whole line
+        is quoted, segments with a load are left out.
     """
     segments = segments_of_line(without_centre(text[:LONGEST_TEXT]))
     if len(segments) == 1 and not leaves_difference_unread(text):
         return ""
+    is_line_quoted = text.strip() in quoted
     unused = []
     for k, segment in enumerate(segments):
-        is_quoted = repr(segment.strip()) in reasons or _states_quoted_load(segment, text, reasons)
+        states_load = load_in_name([segment]) is not None
+        is_quoted = segment.strip() in quoted or (is_line_quoted and states_load)
         if _may_matter(segment) and not (is_quoted or _is_used(segments, k, text)):
             unused.append(segment.strip())
     return "; ".join(unused)
-
-
-def _states_quoted_load(segment: str, text: str, reasons: str) -> bool:
-    """Return whether a part of a line states a load, and a note already quotes the whole line.
-
-    ``segment`` is the part, ``text`` the line, and ``reasons`` are the reasons in the notes.
-    """
-    return repr(text.strip()) in reasons and load_in_name([segment]) is not None
 
 
 def _may_matter(segment: str) -> bool:

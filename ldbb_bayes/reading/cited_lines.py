@@ -1,0 +1,52 @@
+"""Lines of files that the reasons for assumptions cite, such as "line 3 says 'R = 100 mm'"."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+__all__ = ["CitedLine", "cited_line", "quoted_line", "with_words"]
+
+
+class CitedLine(NamedTuple):
+    """Reason for an assumption that cites a line of a file, such as "line 3 says 'R = 100 mm'"."""
+
+    reason: str  #: the reason in words
+    line: int | str  #: line number, or a text such as "3 of notes.txt" for a line of another sheet
+    #: words of the line that the reason quotes; empty if the reason only names the line
+    quoted: str = ""
+
+    def __str__(self) -> str:
+        """Return the reason in words."""
+        return self.reason
+
+
+def cited_line(line: int | str) -> CitedLine:
+    """Return a reason that names a line, such as "line 3"."""
+    return CitedLine(f"line {line}", line)
+
+
+def quoted_line(line: int | str, text: str, remark: str = "", longest: int = 60) -> CitedLine:
+    """Return a reason that quotes a line: ``line 3 says 'Mode: diameter', not understood``.
+
+    Parameters
+    ----------
+    line
+        Line number, or a text such as "3 of notes.txt" for a line of another sheet.
+    text
+        Words of the line.
+    remark
+        Words after the quotation, such as "not understood".
+    longest
+        Largest number of characters of ``text`` that the reason shows.
+    """
+    reason = f"line {line} says {text.strip()[:longest]!r}"
+    if remark:
+        reason += f", {remark}"
+    return CitedLine(reason, line, text.strip())
+
+
+def with_words(reason: str | CitedLine, words: str) -> str | CitedLine:
+    """Return a reason with further words at its end: ``line 3 says 100 mm`` for ``line 3``."""
+    if isinstance(reason, CitedLine):
+        return reason._replace(reason=f"{reason}{words}")
+    return f"{reason}{words}"
