@@ -15,6 +15,7 @@ from ldbb_bayes.campaign.text_table import (
     table_bytes,
 )
 from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.reading.aligned_headers import with_aligned_headers
 from ldbb_bayes.reading.cell_units import number_in_cell, split_units
 from ldbb_bayes.reading.companion_files import is_document
 from ldbb_bayes.reading.encodings import encoding_of
@@ -108,6 +109,8 @@ def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> lis
     if is_matlab_display(text):
         displays = displays_of_matlab(Sheet(path, "", rows, encoding, separator), text)
         return [_with_plain_cells(display) for display in displays]
+    if separator == " ":
+        rows = with_aligned_headers(rows, text.split("\n"))
     sheet = _with_plain_cells(Sheet(path, "", rows, encoding, separator))
     return split_tables(with_loads_between(sheet))
 

@@ -210,6 +210,23 @@ def header_cases() -> dict[str, FieldCase]:
             f"headers such as {header.split(';')[1]!r}",
             field.wide(header, lambda k: [f"{5 * k}", *field.readings_of(k)]),
         )
+    aligned = {
+        "loads": ("angle (deg)      100 N     300 N     600 N", TRUTH),
+        "words": (
+            "bar angle [deg]  load 100 N [um]  load 300 N [um]  load 600 N [um]",
+            TRUTH,
+        ),
+    }
+    for name, (header, circles) in aligned.items():
+        lines = [header]
+        for k, angle in enumerate(field.ANGLES_DEG):
+            readings = "".join(f"{circle.reading_um[k]:10.3f}" for circle in circles)
+            lines.append(f"{angle:8.1f}{readings}")
+        cases[f"aligned_{name}"] = FieldCase(
+            kind,
+            f"names with blanks, aligned: {header[:40]!r}",
+            {"all.txt": "\n".join([*lines, ""]).encode()},
+        )
     cases |= two_row_cases()
     return cases
 

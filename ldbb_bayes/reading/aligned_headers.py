@@ -1,0 +1,64 @@
+"""Headers whose names hold blanks, above aligned columns: ``Angle (deg)   2 bar   4 bar``.
+
+At least two blanks stand between the names of such a header.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.cell_units import number_in_cell
+from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
+
+__all__ = ["with_aligned_headers"]
+
+# Regular expression for the blanks between two names of a header.
+_GAP = re.compile(r"\s{2,}|\t")
+# Header, units and rules stand in at most this number of rows above the numbers.
+_HEADER_ROWS = 4
+# Fewest successive rows of numbers that are a table.
+_FEWEST_ROWS = 2
+
+
+def with_aligned_headers(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:
+    """Return rows in which each name of a header above numbers is one cell.
+
+    A row above numbers is split where it has at least two blanks, if this gives one name for each
+    column and a split at every blank does not. All other rows are returned unchanged.
+
+    Parameters
+    ----------
+    rows
+        Rows of a text, split at every blank.
+    lines
+        Lines of the text.
+    """
+    aligned = list(rows)
+    for k in range(1, min(len(rows), LONGEST_OVERVIEW)):
+        if not _begins_numbers(rows, k):
+            continue
+        width = len(rows[k].cells)
+        for above in range(max(k - _HEADER_ROWS, 0), k):
+            row = rows[above]
+            names = _GAP.split(lines[row.line - 1].strip())
+            if len(row.cells) != width and len(names) == width:
+                aligned[above] = Row(row.line, names)
+    return aligned
+
+
+def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
+    """Return whether rows of numbers begin at a row, below a row of words.
+
+    ``first`` is the index of this row.
+    """
+    width = len(rows[first].cells)
+    below = rows[first : first + _FEWEST_ROWS]
+    if width < 2 or len(below) < _FEWEST_ROWS or len(rows[first - 1].cells) == width:
+        return False
+    return all(len(row.cells) == width and _count_numbers(row) >= 2 for row in below)
+
+
+def _count_numbers(row: Row) -> int:
+    return sum(number_in_cell(cell) is not None for cell in row.cells)
