@@ -274,7 +274,9 @@ def _words_of(recording: Recording) -> list[_Words]:
     of the column of angles, the lines above the table, the lines that concern all tests, and the
     names of the test, its sheet and its file.
     """
-    header = recording.heading.headers[recording.heading.roles["angle"]]
+    header = ""
+    if "angle" in recording.heading.roles:
+        header = recording.heading.headers[recording.heading.roles["angle"]]
     text = name_as_words(header)
     words = [_words_in(recording, f"the header {header!r}", text, is_header=True)]
     for line, content in recording.lines_outside:

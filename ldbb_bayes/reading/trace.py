@@ -29,6 +29,7 @@ from ldbb_bayes.reading.programmed_circles import programmed_arcs
 from ldbb_bayes.reading.reading_sign import sign_of_readings
 from ldbb_bayes.reading.recording import AssumedUnit, Recording, option_for
 from ldbb_bayes.reading.stated_values import quantity_of
+from ldbb_bayes.reading.stepped_angles import may_be_stepped, stepped_angles
 from ldbb_bayes.reading.travel_direction import unread_direction
 from ldbb_bayes.reading.words import UNITS
 from ldbb_bayes.results import Array
@@ -110,7 +111,7 @@ def trace_of(recording: Recording, direction: str | None) -> Trace:
         if readings is not None:
             readings = readings[log.on_circle]
     else:
-        angle = _angles_of_column(recording)
+        angle = _angles_of_column(recording, direction)
     if readings is None:
         raise _missing_column(recording, "reading", "reading")
     reading = _deviations(recording, readings)
@@ -135,14 +136,20 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
     )
 
 
-def _angles_of_column(recording: Recording) -> Array:
+def _angles_of_column(recording: Recording, direction: str | None) -> Array:
     """Return the angle of every reading from the column of angles, shape (n,) [deg].
 
     Angles are counted from the plane's first axis, counter-clockwise, and continue beyond 360°.
     Raise an `InputError` if there is no column of angles. ``recording`` holds the rows of the test
-    in its file, and all statements about the test.
+    in its file, and all statements about the test. ``direction`` is the stated direction of travel.
+    Lines above the table may state start and step of the angles instead of a column.
     """
     raw = recording.numbers.get("angle")
+    if may_be_stepped(recording):
+        stepped = stepped_angles(recording, direction)
+        if stepped is not None:
+            convention = angle_convention(recording, _plane_of(recording))
+            return convention.sign * (stepped - convention.offset_deg)
     if raw is None:
         raise _missing_column(recording, "angle", "angle, or the time")
     reading = recording.numbers.get("reading")

@@ -10,7 +10,7 @@ from typing import Any
 
 import field_files as field
 import numpy as np
-from field_files import TRUTH, FieldCase
+from field_files import TRUTH, Circle, FieldCase
 from openpyxl import Workbook
 
 __all__ = ["step_cases"]
@@ -31,6 +31,7 @@ def step_cases() -> dict[str, FieldCase]:
         **octave_cases(),
         **format_cases(),
         **header_cases(),
+        **step_angle_cases(),
     }
 
 
@@ -282,3 +283,38 @@ def two_row_cases() -> dict[str, FieldCase]:
             options=options,
         )
     return cases
+
+
+def counted(circle: Circle, k: int) -> list[object]:
+    return [f"{k + 1}", f"{circle.reading_um[k]:.3f}"]
+
+
+def step_angle_cases() -> dict[str, FieldCase]:
+    """Return tables with numbers of points, below lines with start and step of the angles."""
+    kind = "numbers of points"
+    german = "Startwinkel: 0°\nEndwinkel: 355°\nWinkelschritt: 5°"
+    return {
+        "points_german": FieldCase(
+            kind,
+            "a column Nr below Startwinkel, Endwinkel, Winkelschritt",
+            field.texts("Nr;Abweichung [µm]", counted, above=german, separator=";"),
+            told="angle: from 0° in steps of 5°",
+        ),
+        "points_named_angle": FieldCase(
+            kind,
+            "a column Angle with 1, 2, 3 below start and step",
+            field.texts("Angle,Dev [um]", counted, above="Start angle 0, end angle 360, step 5"),
+            told="angle: from 0° in steps of 5°",
+        ),
+        "points_without_step": FieldCase(
+            kind,
+            "a column Point below start and end of the angles",
+            field.texts("Point,Dev [um]", counted, above="Start angle: 0 deg, end angle: 355 deg"),
+            refusal="Write a line 'Angle step: 5 deg' above the table",
+            mended=field.texts(
+                "Point,Dev [um]",
+                counted,
+                above="Start angle: 0 deg, end angle: 355 deg\nAngle step: 5 deg",
+            ),
+        ),
+    }

@@ -1,0 +1,174 @@
+"""Angles that lines above a table state by their start and step, instead of a column of angles.
+
+The table has then only numbers of points beside the readings, or no further column.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, number_in_text
+from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.words import LONGEST_TEXT, UNITS, unit_named
+from ldbb_bayes.results import Array
+
+__all__ = ["may_be_stepped", "stepped_angles"]
+
+_STATED = rf"\s*[:=;,]?\s*(?P<number>{NUMBER_IN_TEXT})\s*(?P<unit>°|[^\W\d_]+)?"
+# Regular expressions for the start, the end and the step of the angles in a line.
+_START = re.compile(
+    r"(?:start(?:ing)?[ _-]?(?:angle|winkel)|anfangswinkel|(?:angle|winkel)[ _-]start)" + _STATED,
+    re.IGNORECASE,
+)
+_END = re.compile(
+    r"(?:(?:end|final|stop)[ _-]?(?:angle|winkel)|(?:angle|winkel)[ _-](?:end|stop))" + _STATED,
+    re.IGNORECASE,
+)
+_STEP = re.compile(
+    r"(?:winkel[ _-]?(?:schritt(?:weite)?|inkrement)|schrittweite"
+    r"|(?:angular|angle)[ _-](?:step|increment)|step(?:[ _-](?:size|width|angle))?|increment)"
+    + _STATED,
+    re.IGNORECASE,
+)
+_NAMES_ANGLE = re.compile("angle|winkel|angular", re.IGNORECASE)
+# The stated end agrees with the number of readings if it differs by less than this share of a step.
+_EVEN_SHARE = 0.01
+
+
+class _StatedAngle(NamedTuple):
+    """Angle that a line states."""
+
+    value_deg: float
+    line: int | str
+
+
+def may_be_stepped(recording: Recording) -> bool:
+    """Return whether lines above may state the angles of a test, because no column does.
+
+    There is then no column of angles, or its numbers have no unit and are 1, 2, 3 and so on, or
+    0, 1, 2. Such numbers may be those of points.
+    """
+    numbers = recording.numbers.get("angle")
+    if numbers is None:
+        return True
+    unit = recording.heading.units[recording.heading.roles["angle"]]
+    is_counted = numbers[0] in (0.0, 1.0) and bool(np.all(np.diff(numbers) == 1.0))
+    return is_counted and not unit
+
+
+def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
+    """Return the angles [deg] that lines above a table state, shape (n,), one for each reading.
+
+    The use of these lines is noted. Return None if no line states a step, or if the column of
+    angles agrees with the lines.
+
+    Parameters
+    ----------
+    recording
+        Rows of the test in the file, and all statements about the test.
+    direction
+        Stated direction of travel, CW or CCW; None if nothing states it.
+
+    Raises
+    ------
+    InputError
+        If the start is not stated, if readings are missing between others, or if the end does not
+        agree with the number of readings.
+    """
+    step = _stated(recording, _STEP)
+    start = _stated(recording, _START)
+    end = _stated(recording, _END)
+    n_readings = len(recording.lines)
+    if _agrees(recording, start, end, step):
+        return None
+    if step is None and start is not None and end is not None and "time" not in recording.numbers:
+        usual = (end.value_deg - start.value_deg) / (n_readings - 1)
+        raise InputError(
+            f"{recording.place}: angles must follow from start and step, got start and end in line"
+            f" {start.line} and no step. Write a line 'Angle step: {usual:g} deg' above the table,"
+            " or add a column 'Angle [deg]'."
+        )
+    if step is None or step.value_deg == 0.0:
+        return None
+    if start is None:
+        raise InputError(
+            f"{recording.place}: angles must follow from start and step, got a step in line"
+            f" {step.line} and no start. Write a line 'Start angle: 0 deg' above the table, or add"
+            " a column 'Angle [deg]'."
+        )
+    step_deg = step.value_deg
+    if end is None:
+        if direction == "CW" and step_deg > 0.0:
+            raise InputError(
+                f"{recording.place}: angles must follow from start, step and end, got CW and no"
+                " end. Write a line 'End angle: 0 deg' above the table, or add a column"
+                " 'Angle [deg]'."
+            )
+    elif (end.value_deg - start.value_deg) * step_deg < 0.0:
+        step_deg = -step_deg
+    _check_number(recording, start, end, step_deg)
+    value = f"from {start.value_deg:g}° in steps of {step_deg:g}°"
+    reason = f"line {start.line}, line {step.line}"
+    recording.note("angle", value, reason, "a column of angles")
+    return start.value_deg + step_deg * np.arange(n_readings)
+
+
+def _agrees(
+    recording: Recording,
+    start: _StatedAngle | None,
+    end: _StatedAngle | None,
+    step: _StatedAngle | None,
+) -> bool:
+    """Return whether counted numbers 0, 1, 2 and so on are the angles that lines state."""
+    numbers = recording.numbers.get("angle")
+    if numbers is None:
+        return False
+    if step is not None and step.value_deg != 1.0:
+        return False
+    if start is not None and start.value_deg != numbers[0]:
+        return False
+    return end is None or end.value_deg - numbers[-1] in (0.0, 1.0)
+
+
+def _stated(recording: Recording, pattern: re.Pattern[str]) -> _StatedAngle | None:
+    """Return the first angle that a line above the table states in the words of a pattern."""
+    for line, content in recording.heading.lines_above:
+        match = pattern.search(content[:LONGEST_TEXT])
+        if match is None:
+            continue
+        if not match["unit"] and not _NAMES_ANGLE.search(content):
+            continue  # it may be the step of something else
+        value = number_in_text(match["number"])
+        unit = unit_named(match["unit"] or "deg")
+        if (match["unit"] or "").casefold() == "grad":  # in German, Grad means degree
+            unit = "deg"
+        if value is not None and unit in UNITS["angle"]:
+            return _StatedAngle(value * UNITS["angle"][unit], line)
+    return None
+
+
+def _check_number(
+    recording: Recording, start: _StatedAngle, end: _StatedAngle | None, step_deg: float
+) -> None:
+    """Raise an `InputError` if the readings of a test are not as many as the lines above state.
+
+    Readings must not be missing. The end may be the angle of the last reading or one step further.
+    """
+    n_readings = len(recording.lines)
+    rows = [row.line for row in recording.sheet.rows[recording.heading.first_row :]]
+    first = rows.index(recording.lines[0])
+    is_whole = rows[first : first + n_readings] == recording.lines
+    is_first = first == 0 or bool(recording.label)
+    if end is not None:
+        n_steps = (end.value_deg - start.value_deg) / step_deg
+        misfit = min(abs(n_steps - n_readings), abs(n_steps - n_readings + 1))
+        is_whole = is_whole and misfit < _EVEN_SHARE
+    if not (is_whole and is_first):
+        raise InputError(
+            f"{recording.place}: readings must be complete to follow from the step in the lines"
+            f" above, got {n_readings} that do not fit. Add a column 'Angle [deg]'."
+        )
