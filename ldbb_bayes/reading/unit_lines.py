@@ -65,14 +65,14 @@ _PROPERTY = re.compile(rf"(?<!\w)(?:{_WORDS['property']})(?!\w)", re.IGNORECASE)
 # Regular expression for a line that is nothing but a label and a unit, such as "Units - mm".
 _BARE_LINE = re.compile(
     rf"\W*(?:(?:{_WORDS['filling']})\s)*(?:{_WORDS['label']})\s*[-–(\[]?\s*"
-    r"(?P<unit>(?:[\d.,]+\s)?[^\s;|()\[\]]+)[\])\s;,|\t]*",
+    r"(?P<unit>(?:(?:1/)?[\d.,]+\s)?[^\s;|()\[\]]+)[\])\s;,|\t]*",
     re.IGNORECASE,
 )
 # Regular expression for a line that is nothing but a unit. The unit may be in brackets after a word
 # for readings.
 _UNIT_ALONE = re.compile(
     rf"\W*(?:{_WORDS['bracketed']})\s*[\[(](?P<bracketed>[^\])]+)[\])]\W*|\W*"
-    r"(?P<unit>(?:(?:0[.,]0*1|1/10+)\s?)?[^\W\d]+)\W*",
+    r"(?P<unit>(?:(?:0[.,]0*1|1/10+|100?(?=\s?nm))\s?)?[^\W\d]+)\W*",
     re.IGNORECASE,
 )
 # Regular expression for the word "in" beside a sign, as in "+ = in". The word then means inward and
