@@ -365,13 +365,19 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
         if len(wordy) > 1 and _row_of_units(rows[header_row].cells, sheet.separator):
             header_row = wordy[-2]
     width = len(rows[block].cells)
-    for row in rows[:header_row]:
-        if count_numbers(row.cells) >= 2 and len(row.cells) == width:
-            raise InputError(
-                f"{sheet.place}, line {rows[header_row].line}: the header must stand above all"
-                f" numbers, got numbers in line {row.line}. Remove the line, or correct"
-                " --header-line."
-            )
+    above = [row for row in rows[:header_row] if count_numbers(row.cells) >= 2]
+    lines = [row.line for row in above if len(row.cells) == width]
+    place = f"{sheet.place}, line {rows[header_row].line}"
+    if len(lines) == 1:
+        raise InputError(
+            f"{place}: the header must stand above all numbers, got numbers in line {lines[0]}."
+            f" Remove line {lines[0]}, or correct --header-line."
+        )
+    if lines:
+        raise InputError(
+            f"{place}: the header must stand above all numbers, got numbers in lines {lines[0]} to"
+            f" {lines[-1]}. Remove lines {lines[0]} to {lines[-1]}, or correct --header-line."
+        )
     return header_row
 
 

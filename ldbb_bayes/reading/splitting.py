@@ -43,6 +43,7 @@ from ldbb_bayes.reading.placeholders import placeholders_in
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.recording import Recording, RowUnits
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.statistics_rows import label_of_statistics, rows_of_statistics
 from ldbb_bayes.reading.travel_direction import with_sides_in_full
 from ldbb_bayes.reading.unit_columns import unit_columns
 from ldbb_bayes.reading.unit_lines import UNIT_KEYS
@@ -313,6 +314,7 @@ def split_sheet(
     InputError
         If a cell is not a number, or if a statement does not fit the tests.
     """
+    sheet = _without_statistics(sheet, heading, log)
     columns = _read_columns(sheet, heading, layout, campaign.get("plane"), log)
     shared_numbers = _shared_numbers(columns, layout)
     labels = _labels_of(columns, log)
@@ -624,10 +626,26 @@ def _numeric_columns(heading: Heading) -> list[int]:
     return columns + heading.readings
 
 
+def _without_statistics(sheet: Sheet, heading: Heading, log: AssumptionLog) -> Sheet:
+    """Return a sheet without rows of statistics at the end of its table, which are noted."""
+    column = heading.roles.get("angle", heading.roles.get("time"))
+    statistics = []
+    if column is not None:
+        statistics = rows_of_statistics(_table_rows(sheet, heading), column)
+    if not statistics:
+        return sheet
+    labels = [repr(label_of_statistics(row)) for row in statistics]
+    reason = f"{shown_list(labels, LONGEST_NAME)} from line {statistics[0].line} on"
+    count = _count_left_out(len(statistics))
+    log.add(sheet.place, "left out", count, reason, "numbers in these cells")
+    lines = {row.line for row in statistics}
+    return replace(sheet, rows=[row for row in sheet.rows if row.line not in lines])
+
+
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
     """Return the rows of a table up to the last row with numbers.
 
-    Cells with a number and a unit that is not known count as numbers here.
+    A row of numbers with unknown units also counts as a row with numbers.
     """
     rows = sheet.rows[heading.first_row :]
     while rows and not (_has_number(rows[-1]) or _holds_quantities(rows[-1], heading)):

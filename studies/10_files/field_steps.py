@@ -32,6 +32,7 @@ def step_cases() -> dict[str, FieldCase]:
         **format_cases(),
         **header_cases(),
         **step_angle_cases(),
+        **statistics_cases(),
     }
 
 
@@ -318,3 +319,25 @@ def step_angle_cases() -> dict[str, FieldCase]:
             ),
         ),
     }
+
+
+def statistics_cases() -> dict[str, FieldCase]:
+    """Return tables with rows of statistics at their end."""
+    cases = {}
+    labels = {
+        "english": ("mean", "sd", "max"),
+        "german": ("Mittelwert", "Standardabweichung", "Spannweite"),
+        "french": ("Moyenne", "Écart type", "Étendue"),
+    }
+    for name, words in labels.items():
+        files = {}
+        for file, content in field.texts("Angle [deg];Reading [um]", separator=";").items():
+            rows = "".join(f"{word};1.25\n" for word in words)
+            files[file] = content + rows.encode()
+        cases[f"statistics_{name}"] = FieldCase(
+            "rows of statistics",
+            f"rows {', '.join(words)} below the readings",
+            files,
+            told="3 rows left out",
+        )
+    return cases

@@ -1,0 +1,48 @@
+"""Rows of statistics at the end of a table, such as the mean and the maximum of the readings."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.words import LONGEST_NAME, WORDS, comparable
+
+__all__ = ["label_of_statistics", "rows_of_statistics"]
+
+# Words of which the label of a row of statistics consists.
+_WORDS = frozenset(WORDS["statistics"]["words"].split())
+
+
+def label_of_statistics(row: Row) -> str:
+    """Return the label of a row of statistics, such as "std. dev."; empty for any other row.
+
+    The label stands in the filled cells before the first number.
+    """
+    texts: list[str] = []
+    for cell in row.cells:
+        if looks_like_number(cell):
+            break
+        if cell:
+            texts.append(cell)
+    label = " ".join(texts)[:LONGEST_NAME]
+    words = re.findall(r"[^\W\d_]+", comparable(label))
+    if not words or not set(words) <= _WORDS:
+        return ""
+    return label
+
+
+def rows_of_statistics(rows: Sequence[Row], angle_column: int) -> list[Row]:
+    """Return the rows of statistics at the end of a table; they state no angle.
+
+    ``angle_column`` is the index of the column of angles or times.
+    """
+    first = len(rows)
+    while first:
+        row = rows[first - 1]
+        angle = "".join(row.cells[angle_column : angle_column + 1])
+        if looks_like_number(angle) or not label_of_statistics(row):
+            break
+        first -= 1
+    return list(rows[first:])

@@ -1,0 +1,61 @@
+"""Rows of statistics at the end of a table are left out together, and told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+
+ROWS = [f"{5 * k};{0.1 * k:.2f}" for k in range(72)]
+
+
+def imported(folder: Path, *below: str) -> lb.reading.Imported:
+    path = folder / "100N.csv"
+    path.write_text("\n".join(["Angle [deg];Reading [um]", *ROWS, *below, ""]))
+    return lb.import_campaign(path)
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        ("mean", "std. dev.", "max"),
+        ("Mittelwert:", "Standardabweichung", "Spannweite"),
+        ("Moyenne", "Écart type", "Étendue"),
+    ],
+)
+def test_statistics_are_left_out_together(labels: tuple[str, ...], tmp_path: Path) -> None:
+    result = imported(tmp_path, *[f"{label};1.25" for label in labels])
+    assert result.campaign.readings == len(ROWS)
+
+
+def test_statistics_are_told_once(tmp_path: Path) -> None:
+    notes = imported(tmp_path, "mean;1.25", "max;7.10").assumptions
+    (note,) = [note for note in notes if "'max'" in note.value or "'max'" in note.because]
+    assert (note.value, note.because) == ("2 rows left out", "'mean', 'max' from line 74 on")
+
+
+def test_another_word_among_the_angles_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(lb.InputError, match=r"line 74: angle .* got 'broken'"):
+        imported(tmp_path, "broken;1.25")
+
+
+def test_tests_that_are_named_max_are_no_statistics(tmp_path: Path) -> None:
+    rows = [f"{name};{row}" for name in ("min", "max") for row in ROWS]
+    path = tmp_path / "100N.csv"
+    path.write_text("\n".join(["test;Angle [deg];Reading [um]", *rows, ""]))
+    assert len(lb.import_campaign(path).campaign.tests) == 2
+
+
+@pytest.mark.parametrize(
+    ("above", "step"),
+    [(["1;2"], "Remove line 2,"), (["1;2", "3;4", "5;6"], "Remove lines 2 to 4,")],
+)
+def test_lines_of_numbers_above_the_header_are_named(
+    above: list[str], step: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "100N.csv"
+    path.write_text("\n".join(["a;b", *above, "Angle [deg];Reading [um]", *ROWS, ""]))
+    with pytest.raises(lb.InputError, match=step):
+        lb.import_campaign(path)
