@@ -81,7 +81,36 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
             if entry.unit:
                 units[row.line, column] = entry.unit
         changed[k] = Row(row.line, cells)
+    _split_angles_beside_texts(changed, units)
     return UnitsOfCells(changed, units)
+
+
+def _split_angles_beside_texts(rows: list[Row], units: dict[tuple[int, int], str]) -> None:
+    """Change angles such as 12°30' in rows that also hold texts to numbers with their unit.
+
+    Such an angle must also stand in the same column of the row above or below.
+    """
+    angles = [_angles_in(row) for row in rows]
+    for k, row in enumerate(rows):
+        neighbours: set[int] = set()
+        for angles_beside in (angles[max(k - 1, 0)], angles[min(k + 1, len(rows) - 1)]):
+            if angles_beside is not angles[k]:
+                neighbours |= angles_beside.keys()
+        cells = list(row.cells)
+        for column in angles[k].keys() & neighbours:
+            cells[column] = angles[k][column]
+            units[row.line, column] = SECONDS_UNIT
+        rows[k] = Row(row.line, cells)
+
+
+def _angles_in(row: Row) -> dict[int, str]:
+    """Return the angles in degrees and minutes of a row, in arcseconds, by their columns."""
+    angles = {}
+    for column, cell in enumerate(row.cells):
+        seconds = seconds_in(cell)
+        if seconds:
+            angles[column] = seconds
+    return angles
 
 
 def _may_be_neighbours(

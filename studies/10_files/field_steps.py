@@ -33,6 +33,7 @@ def step_cases() -> dict[str, FieldCase]:
         **header_cases(),
         **step_angle_cases(),
         **statistics_cases(),
+        **export_cases(),
     }
 
 
@@ -339,5 +340,24 @@ def statistics_cases() -> dict[str, FieldCase]:
             f"rows {', '.join(words)} below the readings",
             files,
             told="3 rows left out",
+        )
+    return cases
+
+
+def export_cases() -> dict[str, FieldCase]:
+    """Return an export of a database with texts beside angles such as 12°30'."""
+    cases = {}
+    for name, separator in {"semicolon": ";", "pipes": " | "}.items():
+        lines = [separator.join(["test", "drehsinn", "kraft_n", "winkel", "reading_um"])]
+        for number, circle in enumerate(TRUTH, start=1):
+            for angle, reading in zip(circle.angle_deg, circle.reading_um, strict=True):
+                cells = [f"T{number}", "UZS", f"{circle.force_N:g}", f"{angle:.0f}°00'"]
+                lines.append(separator.join([*cells, f"{reading:.3f}"]))
+        cases[f"export_{name}"] = FieldCase(
+            "angles in minutes beside texts",
+            f"rows such as {lines[1]!r}",
+            {"all.txt": "\n".join([*lines, ""]).encode()},
+            options=("--direction-column", "drehsinn"),
+            told="degrees and minutes included",
         )
     return cases
