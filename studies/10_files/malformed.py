@@ -179,7 +179,7 @@ CASES: dict[str, Malformed] = {
     ),
     "07_arc": Malformed("a quarter of a circle", "\n".join(LINES[:20]).encode(), (NAME, "180°")),
     "08_word_in_row": Malformed(
-        "a word for a reading", with_line(40, "195.0,missing"), (NAME, "line 40", "'missing'")
+        "a word for a reading", with_line(40, "195.0,blurred"), (NAME, "line 40", "'blurred'")
     ),
     "09_empty_cell": Malformed(
         "an empty cell in the column of angles", with_line(40, ",1.0"), (NAME, "line 40")
