@@ -8,7 +8,7 @@ from pathlib import Path
 import ldbb_bayes as lb
 from ldbb_bayes.cli.options import Kind, Option, options_of
 from ldbb_bayes.cli.ranges import read_clockings, read_range
-from ldbb_bayes.cli.values import names_in, numbers_in, pairs_in
+from ldbb_bayes.cli.values import names_in, pairs_in
 
 __all__ = ["COST_OPTIONS", "DESIGN_OPTIONS"]
 
@@ -32,11 +32,17 @@ def _read_prices(entry: str, flag: str) -> dict[str, float]:
     """Return the prices of certificates that a string states, such as ``balls G10=300,bar=150``.
 
     The keys of the result are the names of the certificates. ``flag`` names the option in error
-    messages.
+    messages. Raise an `InputError` for a price that is not a number.
     """
     prices = {}
     for name, text in pairs_in(names_in(entry), flag, "NAME=PRICE").items():
-        prices[name.strip()] = numbers_in(text, flag)[0]
+        try:
+            prices[name.strip()] = float(text)
+        except ValueError:
+            raise lb.InputError(
+                f"{flag} must hold the price of each certificate, got {text!r} for"
+                f" {name.strip()!r}. Write it like '{name.strip()}=150'."
+            ) from None
     return prices
 
 
