@@ -96,7 +96,9 @@ class AveragedSlopes(NamedTuple):
     """Probabilities that compliances change with force, and compliances as curves against force."""
 
     slopes: dict[str, VaryingSlope]  #: probability that each compliance changes with force
-    subsets: tuple[SlopeSubset, ...]  #: subsets of the compliances with slopes, most probable first
+    #: each subset says which compliances have slopes, that is, change with force; the most probable
+    #: subset is first
+    subsets: tuple[SlopeSubset, ...]
     #: curve of each compliance against force, averaged over models in which different subsets of
     #: the compliances change with force
     curves: dict[str, Curve]

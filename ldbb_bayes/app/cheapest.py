@@ -35,7 +35,7 @@ __all__ = [
 
 # Subfolder of a search's folder. It has one folder, named 1, 2 or 3, for each campaign found.
 CHEAPEST = "cheapest"
-# Name of the option of the command ``design`` that states the prices of certificates.
+# Name of the option of the command ``design`` with which users give the prices of certificates.
 _CERTIFICATES = "certificates"
 # Name of the option that states the share of machines on which all goals are to be met.
 _PROBABILITY = "probability"

@@ -1,4 +1,4 @@
-"""Start and end of the sessions (browser tabs) of the server, and their computations."""
+"""All sessions (browser tabs) of the server: how they start, compute and end."""
 
 from __future__ import annotations
 

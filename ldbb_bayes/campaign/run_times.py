@@ -19,7 +19,7 @@ class TimeSource(StrEnum):
     The drift of the bar's length and of the circle's centre is computed from these times.
     """
 
-    TIMES = "times"  #: the start time (``time_s``) given for every test
+    TIMES = "times"  #: the user has given a start time (``time_s``) for every test
     LISTED = "listed order"  #: the order in which the tests are listed, one test every six minutes
     #: the times are unknown, because the tests were run in random order
     RANDOM = "random order"

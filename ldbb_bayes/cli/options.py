@@ -267,7 +267,7 @@ def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a function as a command that Typer, the library that reads the command line, can run.
+    """Turn a function into a command for Typer, the library that reads the command line.
 
     Parameters
     ----------

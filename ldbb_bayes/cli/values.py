@@ -1,4 +1,4 @@
-"""Conversion of the texts that users type as values of options: names, numbers, points, balls."""
+"""Conversion of option values, as typed by the user, to names, numbers, points or balls."""
 
 from __future__ import annotations
 

@@ -174,12 +174,13 @@ def _polynomials(leading: Array, weight: Array) -> _Polynomials:
 
 
 def fit_dependence(u: Array, weight: Array) -> Dependence:
-    """Return how the mean and the width of each of h coordinates depend on the first k coordinates.
+    """Fit the mean and the width of each of h coordinates as functions of earlier coordinates.
 
-    k is the smaller of h − 1 and 7. The mean and the logarithm of the width are polynomials. Their
-    coefficients are fitted to n weighted points, and are set to zero if their absolute values are
-    at most three standard errors. The standard error is computed as if the number of points were
-    the effective sample size of the weights.
+    The earlier coordinates of a coordinate are those before it among the first k; k is the smaller
+    of h − 1 and 7. The mean and the logarithm of the width are sums of polynomials, whose
+    coefficients are fitted to n weighted points. A coefficient is set to zero if its absolute value
+    is at most three standard errors. For these standard errors, the effective sample size of the
+    weights is used as the number of points.
 
     Parameters
     ----------

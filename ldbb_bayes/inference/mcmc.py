@@ -131,11 +131,12 @@ class Assessment:
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
         """Return the effective sample size reached, as a fraction of the one required by ``rule``.
 
-        The effective sample sizes for the mean and for the tails must reach ``rule.ess``. For
-        walkers, the effective sample size for the mean must also reach ``rule.lengths`` times the
-        number of walkers, because the draws must span this number of autocorrelation times. Each
-        sample size is divided by the size required; the smallest quotient is returned. ``walkers``
-        is the number of walkers of all ensembles together, or 0 for independent draws.
+        The effective sample sizes for the mean and for the tails must both reach ``rule.ess``. If
+        the draws come from walkers, the run must also be ``rule.lengths`` autocorrelation times
+        long; the effective sample size for the mean must therefore reach ``rule.lengths`` times the
+        number of walkers. Each effective sample size is divided by the size required, and the
+        smallest quotient is returned. ``walkers`` is the number of walkers of all ensembles
+        together, or 0 for independent draws.
         """
         shares = [self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess]
         if walkers > 0:

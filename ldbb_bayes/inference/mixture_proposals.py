@@ -291,8 +291,8 @@ class _AxisFit(NamedTuple):
     #: degrees of freedom of the distribution along each of h directions, shape (2, h); the first
     #: row is for coordinates below ``offset``, the second row for coordinates above ``offset``
     freedom: Array
-    #: weighted mean of the log density at the points to which the distribution was fitted, for each
-    #: of h directions, shape (h,)
+    #: log of the fitted density along each of h directions, averaged over the weighted points to
+    #: which it was fitted, shape (h,)
     log_likelihood: Array
 
 
@@ -331,10 +331,11 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
 
 
 def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _AxisFit:
-    """Return split Student-t distributions along h directions, whose two sides meet at ``offset``.
+    """Fit a split Student-t distribution along each of h directions.
 
-    The distributions are fitted to n points: ``z``, shape (n, h), holds the coordinates along each
-    direction; ``weight``, shape (n, h), holds the weights. ``freedoms`` holds the degrees of
+    A split Student-t has different scales and degrees of freedom below and above the coordinate
+    ``offset``. It is fitted to n points: ``z``, shape (n, h), holds their coordinates along each
+    direction, and ``weight``, shape (n, h), their weights. ``freedoms`` holds the degrees of
     freedom that are tried for each side.
     """
     h = z.shape[1]

@@ -92,10 +92,11 @@ class NormalScores:
         return self._log_probability_above(self._bounds[0])
 
     def _log_probability_above(self, values: Array) -> Array:
-        """Return log prior probabilities, before truncation, of values between ``values`` and b.
+        """Return the log probability that a hyper-parameter lies between ``values`` and its bound.
 
-        b are the upper bounds of the k hyper-parameters with truncated normal priors. ``values``
-        and the result have the shape (..., k).
+        There are k hyper-parameters with truncated normal priors. The probability is that of the
+        normal distribution before truncation, and the bound is the upper bound. ``values`` and the
+        result have the shape (..., k).
         """
         log_tail = log_ndtr(-(values - self._mean) / self._sd)
         log_share = np.minimum(self._log_above - log_tail, _LARGEST_LOG_PROBABILITY)

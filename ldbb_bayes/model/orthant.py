@@ -377,17 +377,17 @@ class Orthant:
         self,
         rng: np.random.Generator,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return an exact random draw of e ~ N(0, I) given u = mean + spread @ e ≥ 0.
+        """Draw e ~ N(0, I) under the constraints u = mean + spread @ e ≥ 0 by rejection sampling.
 
-        A rejection sampler makes one draw for each of w standard normal vectors e of q elements,
-        with the constraints u ≥ 0.
+        There is one draw for each of w standard normal vectors e of q elements. A draw is exact if
+        the rejection sampler accepted a proposal for it.
 
         Returns
         -------
         e
-            Random draws of e, shape (w, q). A draw is not exact if no proposal was accepted.
+            Random draws of e, shape (w, q).
         accepted
-            Whether the rejection sampler accepted a proposal, shape (w,).
+            Whether each draw is exact, shape (w,).
         """
         x, accepted = self.draw_along_axes(rng)
         normal = rng.standard_normal((len(x), self._spread.shape[2]))

@@ -185,8 +185,8 @@ class ReferencePosterior:
     def _noise_covariance(self, terms: Sequence[Columns | BasisNoise]) -> Array:
         """Return the covariance of the m reduced readings of every test, (tests, m, m) [mm²].
 
-        The noise consists of the white noise of the readings and of those effects in ``terms`` that
-        differ from test to test.
+        Two kinds of noise are included: the white noise of the readings, and the effects in
+        ``terms`` that differ from test to test.
         """
         factors = self._stacked.factors
         tests = range(len(factors))

@@ -59,7 +59,8 @@ class AssumptionLog:
 
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
     _layout_values: dict[str, list[Any]] = field(default_factory=dict)
-    # lines that reasons cite; the keys are the places
+    # lines of files that are cited in reasons for assumptions; each key is the file, sheet or test
+    # for which the assumptions are made
     _cited_lines: dict[str, list[CitedLine]] = field(default_factory=dict)
 
     def add(

@@ -70,7 +70,7 @@ class _StatedValue(NamedTuple):
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
-    """Fill in the fields of a campaign and its tests that the files state, but no option sets.
+    """Fill in fields of a campaign and its tests from the files, unless options have set them.
 
     Files state fields in the lines above their tables; the names of files and sheets may state the
     plane. Planes and temperatures become fields of each test. All other fields become fields of the

@@ -1,4 +1,4 @@
-"""Lines of files that the reasons for assumptions cite, such as "line 3 says 'R = 100 mm'"."""
+"""Reasons for assumptions that cite lines of files, such as "line 3 says 'R = 100 mm'"."""
 
 from __future__ import annotations
 

@@ -441,7 +441,7 @@ def _settle_readings(roles: ColumnRoles) -> None:
 
 
 def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
-    """Return the roles that the layout states for columns of a table.
+    """Return the roles of the columns of a table, as far as the user has stated them in the layout.
 
     ``place`` names the table in error messages, and ``headers`` are the headers of its columns.
     """

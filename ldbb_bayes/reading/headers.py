@@ -462,7 +462,7 @@ def _row_of_units(cells: Sequence[str], separator: str) -> list[str]:
 
 
 def _join_factors(words: Sequence[str]) -> list[str]:
-    """Return the words of a row of units, with each factor joined to the unit after it."""
+    """Join each factor in a row of units to the unit after it: "10" and "nm" become "10 nm"."""
     joined: list[str] = []
     for word in words:
         if joined and _FACTOR.fullmatch(joined[-1]) and not _FACTOR.fullmatch(word):

@@ -181,9 +181,9 @@ _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
 _LOADS = ("force_N", "pressure_bar")
 # Fields of a test whose value in a line is one number, and never a list of numbers.
 _FIELDS_OF_ONE_NUMBER = ("force_N", "pressure_bar", "radius_mm")
-# Regular expression for a further number after a number. The further number may have a unit.
+# Regular expression for the second or a later number of a list, with its unit if it has one.
 _FURTHER_NUMBER = rf"[\s;,|]+{NUMBER_IN_TEXT}(?:\s?[^\W\d_]+)?"
-# Regular expression for all further numbers after a number, up to the end of the line.
+# Regular expression for what follows the first number of a list: its unit and all later numbers.
 _FURTHER_NUMBERS = re.compile(rf"(?:\s?[^\W\d_]+)?(?:{_FURTHER_NUMBER})+[\s;,|]*")
 # Reason that a message gives if the value of a quantity is not known because the line has a list of
 # numbers.
@@ -422,8 +422,8 @@ def _words_before_number(match: re.Match[str]) -> str:
         if unit:
             words = words.replace(unit, "")
     if " of " in match["words"]:
-        # The matched name of a quantity may contain words for another quantity, as in "diameter of
-        # workpiece".
+        # The matched name of a quantity may itself say that it belongs to something other than the
+        # circle, as in "diameter of workpiece".
         words += _BALL_BAR.sub("", match["words"])
     return cell + words
 

@@ -76,7 +76,7 @@ class NamedLoad(NamedTuple):
 
 
 class _WrittenLoad(NamedTuple):
-    """Load that is written in a name: a number with its unit."""
+    """Load, as a number with a unit, in the name of a test, column, sheet or file."""
 
     key: str  # kind of load: force_N or pressure_bar
     text: str  # the number, as the name contains it

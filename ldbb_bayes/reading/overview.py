@@ -29,7 +29,8 @@ __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "lists_tests", "overview_lines"]
 # Largest number of rows that are examined in a sheet without a table, or above a table. A table
 # must also begin within this number of rows.
 LONGEST_OVERVIEW = 1000
-# Smallest number of rows with numbers that may be the readings of a circle.
+# If a sheet has at least this number of rows with numbers, the rows may be the readings of a
+# circle, and the sheet is not taken for a list of tests.
 _FEWEST_READINGS = 9
 
 

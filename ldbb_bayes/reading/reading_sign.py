@@ -214,7 +214,7 @@ def _texts_of(recording: Recording, header: str) -> list[tuple[str | CitedLine, 
 
 
 def _is_open(source: str | CitedLine, text: str) -> bool:
-    """Return whether a text is about the sign of readings, but leaves the sign open.
+    """Return whether a text is about the sign of readings, but does not say which sign they have.
 
     ``source`` tells where the text is, such as "line 3".
     """
@@ -255,9 +255,10 @@ def _with_labels_joined(segments: list[str]) -> list[str]:
 
 
 def is_about_sign(text: str) -> bool:
-    """Return whether a line or segment states the sign of readings, or leaves the sign open.
+    """Return whether a line or part of a line is about the sign of readings.
 
-    Examples are ``nominal minus measured`` and ``Readings inverted``.
+    An example is ``nominal minus measured``. Another is ``Readings inverted``, although it does not
+    say which sign the readings now have.
     """
     if _sign_of_difference(text) is not None or _sign_of_name(cited_line(0), text) is not None:
         return True

@@ -28,8 +28,8 @@ from ldbb_bayes.results import Array
 __all__ = ["take_start_times"]
 
 _DAY_S = 86_400.0
-# Times of day without dates may span more than this [s]. The campaign is then assumed to have run
-# across midnight, unless it would have lasted longer than ``_NIGHT_S``.
+# If times of day without dates span more than this [s], the campaign is assumed to have run across
+# midnight, unless it would then have lasted longer than ``_NIGHT_S``.
 _LONG_CAMPAIGN_S = 12 * 3_600.0
 # Longest duration of a campaign that is assumed to have run across midnight [s].
 _NIGHT_S = 6 * 3_600.0

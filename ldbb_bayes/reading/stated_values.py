@@ -243,10 +243,11 @@ def loads_of(recording: Recording) -> dict[str, float]:
 
 
 def _load_of_lines(recording: Recording, in_lines: Sequence[LoadInLine]) -> dict[str, float]:
-    """Return the load of a test from lines that do not call it force or pressure, and note it.
+    """Return the load of a test from lines such as ``238 N``, without a word for force or pressure.
 
-    ``in_lines`` are the loads in the lines above the table. The result is empty if there is no
-    load, if the loads differ, or if it is not clear that they are the load of the test.
+    ``in_lines`` are the loads in the lines above the table. The load is noted as an assumption. The
+    result is empty if there is no load, if the loads differ, or if one of them may be something
+    other than the load of the test.
     """
     load = load_of_lines(in_lines)
     if load is None:

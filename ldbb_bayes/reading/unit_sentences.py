@@ -23,8 +23,8 @@ from ldbb_bayes.reading.words import (
 __all__ = ["fraction_mentioned", "units_in_sentences"]
 
 _WORDS = WORDS["unit_lines"]
-# Regular expressions for the beginning of a sentence such as "All readings are in mm", with the
-# text that follows; the keys are the roles reading and angle.
+# Regular expressions for sentences such as "All readings are in mm"; the keys are the roles reading
+# and angle. The group ``behind`` matches the text after "in".
 _STATED_IN = {
     role: re.compile(
         rf"(?<!\w){_WORDS[words]}(?: (?:are|is|sind|given|stated|angegeben))* in (?P<behind>.*)",
@@ -155,10 +155,10 @@ def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str
 
 
 def _agreed(unit: str, unit_of_remark: str, role: str) -> str:
-    """Return the unit that a phrase states, compared with the unit in a remark after the phrase.
+    """Combine the unit stated in a phrase with the unit stated in a remark in brackets after it.
 
-    If the two units differ in size, both are returned, joined by "and". If only the remark states a
-    unit, this unit is returned.
+    If the two units have the same size, the unit of the phrase is returned. If not, both are
+    returned, joined by "and". If ``unit`` is empty, the unit of the remark is returned.
     """
     if not unit:
         return unit_of_remark

@@ -316,11 +316,11 @@ def _phrase(key: str, translation: str) -> _Phrase:
 
 
 def _group(match: re.Match[str]) -> str:
-    """Return the group of a regular expression that replaces a placeholder in a key.
+    """Return a named group of a regular expression for a placeholder in a message.
 
     The group has the name of the placeholder and matches every text that the placeholder can stand
     for: {a} stands for any text, and {n1} only for numbers. ``match`` is the match of the
-    placeholder in the key of the catalogue.
+    placeholder in the English message of the catalogue of translations.
     """
     inside = ".+?"
     if match[1].startswith("n"):

@@ -186,7 +186,8 @@ class Design(Forecast):
     #: of this design have the first radius and the first pair of ball angles in the lists to choose
     #: from. The keys are the names of the parameters.
     baseline: dict[str, Expected]
-    #: designs for comparison: one in equal steps of force, and the designs in ``against``
+    #: designs that are compared with this one: a design in equal steps of force, and the campaigns
+    #: given in the argument ``against`` of the search
     compared: tuple[Judged, ...]
     limits: Limits  #: limits of what the recommended tests can show
     #: root mean square of each hyper-parameter (scales of the noise and of other effects) over the

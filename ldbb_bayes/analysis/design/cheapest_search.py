@@ -235,9 +235,9 @@ def _with_more_circles(
 ) -> list[FoundCampaign]:
     """Return the best campaigns that have 1, 2, …, ``number`` circles more than ``campaign``.
 
-    They belong to the family of ``campaign``. With more circles, a campaign is expected to meet the
-    goals on more of the possible machines. Campaigns that exceed the longest machine time are left
-    out. ``on_campaign`` is called whenever a campaign is found.
+    They belong to the same family as ``campaign``. They cost more, but are more likely to meet the
+    goals. Campaigns that exceed the longest machine time are left out. ``on_campaign`` is called
+    whenever a campaign is found.
     """
     longer = []
     for added in range(1, number + 1):
@@ -263,7 +263,8 @@ class _Search:
         # Smallest value of ``inflation`` (see `_Progress`) in the families that have been searched.
         # It is used in a family that has no full forecast yet.
         self._inflation = np.inf
-        #: whether the largest campaign of at least one family reaches all goals
+        #: whether all goals are reached in at least one family if the number of circles is the
+        #: largest allowed
         self.is_reachable = False
         #: campaign that comes nearest to the goals without reaching them: it meets all goals on a
         #: larger share of the possible machines than any other. Only the campaign with the largest

@@ -144,7 +144,7 @@ class CustomaryPlan(Result):
     """A campaign as it is usually run, and the best campaign with the same number of circles."""
 
     name: str  #: kind of the customary campaign, such as "equal steps"
-    customary: GoalPlan  #: campaign of the kind ``name``
+    customary: GoalPlan  #: the customary campaign, with its costs and forecasts
     ours: GoalPlan  #: best campaign for the goals with the same number of circles as ``customary``
 
 

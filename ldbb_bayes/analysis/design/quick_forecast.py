@@ -30,8 +30,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["QuickForecast", "limits_of_goals"]
 
-# Sharpness s of the smooth maximum (Σ r^s)^(1/s), where r is the ratio u/u* of a goal. With s = 16,
-# the smooth maximum of two equal values is 4 % above these values.
+# The largest of the values r of several goals is approximated by (Σ r^s)^(1/s), which is a smooth
+# function. Here, r is the standard uncertainty of a goal's parameter, divided by the largest
+# standard uncertainty that the goal permits; s is this number. For two equal values r and s = 16,
+# the result is 4 % too large.
 _SHARPNESS = 16.0
 # Largest number of passes of the search. In each pass, the search tries to exchange one circle of
 # every candidate test in the campaign for a circle of a better candidate.

@@ -242,11 +242,12 @@ class Search:
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
-        """Return the best shares of the candidates in ``tests`` tests, with their sensitivities.
+        """Return the best share of each candidate, and the sensitivity of each candidate.
 
-        The share of a candidate (test that could be run) is its number of runs divided by the
-        number of all runs. Its sensitivity is the derivative of the criterion with respect to its
-        share. The result is computed only once for each number of tests.
+        A candidate is a test that could be run. The number of all runs is ``tests``; the share of a
+        candidate is its number of runs divided by ``tests``. The sensitivity of a candidate is the
+        derivative of the criterion with respect to its share. The result is computed only once for
+        each number of tests.
         """
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)
