@@ -233,7 +233,7 @@ def _campaign_row(plan: GoalPlan, pilot: lb.Campaign) -> dict[str, Any]:
     }
 
 
-# ---- tables and sentences as JSON, and in the language of the page
+# ---- tables and sentences: conversion to JSON, and translation into the language of the page
 
 
 def _passage_record(passage: Passage) -> dict[str, Any]:

@@ -38,10 +38,10 @@ class Session:
     choices: dict[str, str] = field(default_factory=dict)
     #: Names of the entry fields whose texts could not be used when the files were last read.
     wrong: list[str] = field(default_factory=list)
-    #: Number of changes that the user made to files and entries so far.
+    #: Number of changes that the user has made so far to files, entries and language.
     edition: int = 0
-    #: Number of changes (``edition``) at the time when the session's report was made; -1 if there
-    #: is no report.
+    #: Value of ``edition``, the number of changes by the user, for which the report was made; -1 if
+    #: there is no report.
     fitted: int = -1
     #: Values of the page's sliders, which describe the plan of the next tests.
     asked: dict[str, Any] = field(default_factory=dict)

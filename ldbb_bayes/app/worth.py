@@ -19,8 +19,8 @@ __all__ = ["effects_of_certificates", "uncertainty_change"]
 
 _MOST_EFFECTS = 4  # largest number of parameters that are shown for a certificate
 _SMALLEST_EFFECT = 0.05  # smallest relative reduction of U for which a parameter is shown
-# Part of the instrument that each calibration certificate covers. The keys are the names of the
-# instrument's attributes whose values certificates state.
+# Part of the instrument to which each attribute of the instrument belongs. The value of an
+# attribute is known from the calibration certificate of the part.
 _PARTS = {
     "work": "balls",
     "tool": "balls",

@@ -1,4 +1,4 @@
-"""Making of a report from files of readings: fit, comparison of models, next tests, HTML page."""
+"""Reports made from files of readings: fit, comparison of models, next tests, HTML page."""
 
 from __future__ import annotations
 

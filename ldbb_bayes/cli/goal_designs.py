@@ -31,7 +31,7 @@ GOAL_FILES = ("campaign.toml", "model.toml", "goals.json")
 
 
 class GoalDesignFiles(NamedTuple):
-    """Contents of the files for the folder of the cheapest campaign that reaches goals."""
+    """Files that describe the cheapest campaign that reaches all goals."""
 
     #: result of the search as a JSON object, which also has sentences that describe the result
     record: dict[str, Any]

@@ -89,7 +89,7 @@ class Option:
     def flag(self, name: str) -> str:
         """Return the flag that a user types for the option with this name.
 
-        For ``radius_mm`` it is ``--radius-mm``, unless the option states another flag.
+        For ``radius_mm`` it is ``--radius-mm``, unless ``settings`` holds another flag.
         """
         return str(self.settings.get("name", "--" + name.replace("_", "-")))
 

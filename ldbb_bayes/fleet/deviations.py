@@ -108,8 +108,8 @@ class Estimates(NamedTuple):
     #: posterior covariances of the c parameters, shape (n, c, c), one from each of n campaigns or
     #: machines alone. The errors of the instrument are taken as known.
     covariance: Array
-    #: derivatives of the estimates from each of n campaigns or machines with respect to the q true
-    #: parameters and instrument errors, shape (n, c, q)
+    #: derivatives of the c estimates from each of n campaigns or machines with respect to the true
+    #: parameters and the errors of the instrument, q quantities in all, shape (n, c, q)
     response: Array
     #: estimates of the c parameters from each of n campaigns or machines alone, computed as if the
     #: instrument had no errors, shape (n, c)

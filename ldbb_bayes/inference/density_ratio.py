@@ -100,7 +100,7 @@ class RatioIntegral(NamedTuple):
 
     @property
     def least_error(self) -> float:
-        """Error [nat] that the log integral would have with the density at all nodes."""
+        """Error [nat] of the log integral if the density had been evaluated at all nodes."""
         return replace(self.integral, ratio_error=0.0).error + self.value_error
 
 
@@ -112,8 +112,8 @@ class _Sample:
     """
 
     nodes: Index  #: indices of the m nodes among all n nodes, shape (m,)
-    #: count × weight / probability of each of the m nodes, shape (m,): how often the node was
-    #: picked, times its weight in the integral, divided by the probability of picking it
+    #: weight of each of the m nodes in the fit, shape (m,): the number of times that the node was
+    #: picked at random, times its weight in the integral, divided by the probability of picking it
     weight: Array
     integral: Integral  #: integral of the density f, with all its n nodes
     degree: int  #: degree of the polynomial that is fitted, 1 or 2

@@ -124,15 +124,14 @@ class Evidences(Shown):
         return [self._nodes[key] for key in keys]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model, less accurate ones if all models are rejected.
+        """Return the quadrature nodes of each model; if all models are rejected, rough nodes.
 
         Nodes are weighted values of the hyper-parameters, from which the log evidence of a model
         follows. If the nodes of all the models are known already, they are returned. Otherwise,
-        nodes of all the models are first computed with a larger tolerance. All the models are
-        rejected if every log evidence plus its error is at most ``below`` [nat]; these less
-        accurate nodes are then returned. If the models are not rejected, their nodes are computed
-        again to the tolerance of this object. Evidences from the less accurate nodes do not appear
-        in `every`.
+        rough nodes are computed first, with a larger tolerance than that of this object. If every
+        log evidence from the rough nodes, plus its error, is at most ``below`` [nat], all models
+        are rejected and the rough nodes are returned. Otherwise, the nodes of all models are
+        computed to the tolerance of this object. `every` does not contain rough evidences.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
             return self.of(*models)

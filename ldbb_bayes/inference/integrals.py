@@ -108,9 +108,9 @@ class Integral:
     #: upper limit of the share of the integral that belongs to the nodes at which the density was
     #: not evaluated because of their small weight
     left_out: float = 0.0
-    #: difference between the values of ln ∫ f from the two grids of a lattice [nat], before the
-    #: spacing of its nodes was last reduced; zero for a sample, and for a lattice whose spacing was
-    #: not reduced
+    #: difference between the values of ln ∫ f from the two grids of a lattice [nat], with the wider
+    #: spacing of nodes before the spacing was last reduced; zero for a sample, and for a lattice
+    #: whose spacing was not reduced
     coarser_difference: float = 0.0
     #: error of ln ∫ f [nat] that arises if the density was evaluated at some nodes (points) only
     #: and inferred at all others (`density_ratio`); zero if the density was evaluated at all nodes

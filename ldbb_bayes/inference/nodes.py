@@ -455,9 +455,9 @@ class HyperPosterior:
     def coarse_truncated(self) -> Integral:
         """Coarse nodes (weighted values of the hyper-parameters) of the posterior density.
 
-        If ``truncated`` is true, the posterior density has the probability that no compliance is
-        negative as a factor. In `coarse`, the weights are computed with an upper bound of this
-        probability. Here, the same values have weights that are computed with the probability.
+        They are the nodes of `coarse` with more accurate weights. If ``truncated`` is true, the
+        weights in `coarse` contain an upper bound of the probability that no compliance is
+        negative. Here, the bound is replaced by the probability.
         """
         return self._replace_bound(self.coarse)
 
@@ -465,9 +465,8 @@ class HyperPosterior:
     def sample_nodes(self) -> Integral:
         """Values of the hyper-parameters from `proposal`, with weights for the posterior density.
 
-        If ``truncated`` is true, the posterior density has the probability that no compliance is
-        negative as a factor. In `proposal`, the weights are computed with an upper bound of this
-        probability. Here, they are computed with the probability.
+        If ``truncated`` is true, the weights in `proposal` contain an upper bound of the
+        probability that no compliance is negative. Here, the bound is replaced by the probability.
         """
         return self._replace_bound(self.proposal)
 

@@ -87,8 +87,8 @@ class Update(NamedTuple):
     #: same time. This object describes the changes caused by the selected groups. Groups that
     #: change the same columns are adjacent in the list.
     groups: slice
-    #: Number of different sets of columns that change when the groups are eliminated. Each set is
-    #: called a border and has m columns. No column belongs to two of these sets.
+    #: Number of borders. A border is the set of m later columns that change when a group is
+    #: eliminated. Several groups may have the same border; different borders share no column.
     borders: int
     #: Smallest i of the changed entries P_ij. i is the number, from 0, of one of the m columns that
     #: change when a group of columns is eliminated.

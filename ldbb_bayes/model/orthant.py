@@ -8,8 +8,8 @@ most likely to fail, and P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0). Then
 
     P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁) ≤ P ≤ P₁₂.
 
-The tightest constraint u_j ≥ 0 is the constraint that is most likely to fail. For this constraint,
-the ratio of the mean of u_j to the sd of u_j is the smallest.
+The constraint u_j ≥ 0 that is most likely to fail is called the tightest constraint. It has the
+smallest ratio of the mean of u_j to the sd of u_j.
 """
 
 from __future__ import annotations

@@ -243,8 +243,8 @@ class Prior(Shown):
     straightness_per_mm: float = 1e-6
     offset_mm: float = 0.02  #: prior sd of offsets of the tool ball, such as E_Xt0 [mm]
     sigma_um: float = 1.0  #: scale of the half-normal prior of σ, the sd of white noise [µm]
-    #: scale of the half-normal prior of δ, the sd of the random shifts of the readings' zero and of
-    #: the circle's centre between circles [µm]
+    #: scale of the half-normal prior of δ [µm]. δ is the sd of random shifts from one circle to the
+    #: next: shifts of the zero of the readings, and of the centre of the circle
     delta_um: float = 1.0
     #: scale of the half-normal prior of κ, the sd of the discrepancy (model inadequacy, and
     #: variation from circle to circle) [µm]

@@ -376,8 +376,8 @@ def setting_of(
 ) -> Setting:
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
-    The estimates of compliances and predicted readings are zero, and the names of the circles'
-    noise factors are empty. These fields are filled in when a model is applied to the campaign.
+    Some fields get their values only when a model is applied to the campaign. Here, the estimated
+    compliances and the readings that they predict are zero, and circles have no noise factors.
 
     Parameters
     ----------

@@ -159,8 +159,8 @@ class Tilted(NamedTuple):
     #: Vector x of d elements at the saddle point of the log importance weight, shape (d, w) for w
     #: sets of constraints; its last element is zero.
     x: Array
-    #: Shift (tilt) of the normal density from which each of the d elements x_j is drawn at random,
-    #: shape (d, w) for w sets of constraints; the last shift is zero.
+    #: Shifts (tilts) of the normal densities from which the d elements of x are drawn at random,
+    #: shape (d, w) for w sets of constraints. The shift of the last element is zero.
     tilt: Array
     #: Coefficients of the d elements of x in the k further constraints, dependent_mean + dependent
     #: · x ≥ 0, shape (k, d, w) for w sets of constraints.

@@ -80,7 +80,8 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
     Parameters
     ----------
     campaign
-        Fields of the campaign that options set. The fields found in the files are added.
+        Fields of the campaign for which the user has set an option. The fields found in the files
+        are added.
     recordings
         Rows and statements of each test in the files. The planes and temperatures of the tests are
         added.

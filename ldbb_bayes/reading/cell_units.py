@@ -17,9 +17,9 @@ __all__ = ["UnitsOfCells", "number_in_cell", "split_units"]
 _NUMBER_AND_TEXT = re.compile(r"(?P<number>[+\-−–]?[\d.,]*\d(?:[eE][+\-]?\d+)?)\s*(?P<unit>\D.*)")
 
 
-# A row of numbers with units belongs to a table if a neighbouring row also consists of numbers with
-# units. In a sheet with at least this number of rows of numbers with units, a neighbouring row of
-# numbers without units is enough.
+# A row of numbers with units belongs to a table if the row above or below it also holds numbers
+# with units. If a sheet has at least ``_FEWEST_ROWS`` rows of numbers with units, the row above or
+# below may also hold numbers without units.
 _FEWEST_ROWS = 3
 
 

@@ -97,9 +97,9 @@ def or_left_out(error: InputError, path: Path) -> InputError:
 
 
 def without_columns(sheet: Sheet, heading: Heading) -> InputError:
-    """Return the error for a table without angles or readings, when other files have both.
+    """Return the `InputError` for a table that lacks angles or readings, which other files have.
 
-    Examples are a table of pressures and forces, and a table of temperatures.
+    Such a table may hold, for example, pressures and forces, or temperatures.
     """
     headers = ", ".join(repr(header[:LONGEST_NAME]) for header in heading.headers if header)
     return InputError(

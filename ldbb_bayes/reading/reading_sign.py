@@ -299,8 +299,8 @@ def _asks(source: str | CitedLine, text: str) -> bool:
 def _words_of_header(header: str) -> str:
     """Return a header in a form in which headers can be compared.
 
-    The form has no capitals, blanks in place of underscores, and no unit in front of the name. In a
-    header such as ``36 N -dR``, the load in front of the minus sign is left out, too.
+    Capitals become small letters, and underscores become blanks. A unit in front of the name is
+    left out. So is a load in front of a minus sign, as in ``36 N -dR``.
     """
     words = comparable(header[:LONGEST_TEXT]).replace("_", " ")
     return _LOAD_IN_FRONT.sub("", _UNIT_IN_FRONT.sub("", words))

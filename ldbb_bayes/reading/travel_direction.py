@@ -80,7 +80,7 @@ _ANSWERED = re.compile(
     r"(?!\w)|(?:[:=;,|\t]\s*)?(?:\[\s*(?P<box>x)?\s*\]|\(\s*(?P<bracket>x)?\s*\)))",
     re.IGNORECASE,
 )
-# Regular expressions for words such as "Rechtslauf"; the keys are the directions that they mean.
+# Regular expression for the words, such as "Rechtslauf", for each direction of travel.
 _RUNS_BY_SENSE = {
     "CW": re.compile(rf"(?<![^\W_])(?:{_WORDS['run_right']})", re.IGNORECASE),
     "CCW": re.compile(rf"(?<![^\W_])(?:{_WORDS['run_left']})", re.IGNORECASE),

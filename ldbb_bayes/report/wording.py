@@ -618,9 +618,8 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
         if kind == "forces" and concern.value == 1:
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
-        # For a concern of the kind "forces", ``limit`` is the smallest number of different forces
-        # that the model needs. This number is two more than the degree of compliance as a function
-        # of force.
+        # If the tests have too few different forces, ``limit`` is the number of forces that the
+        # model needs: two more than the degree of the polynomial C(F).
         sentence = _SENTENCES["concerns"][kind].format(
             value=concern.value,
             limit=concern.limit,

@@ -71,7 +71,10 @@ class FoundCampaign:
     stated: StatedByMachines  #: uncertainties to expect on every possible machine
 
     def price(self, costs: Costs) -> float:
-        """Return the price of the campaign's machine time by ``costs``, and of its certificates."""
+        """Return the price of the campaign: its machine time plus its certificates.
+
+        ``costs`` holds the price of an hour and the times of circles, set-ups and turns of balls.
+        """
         return self.family.price(costs, self.tests)
 
 

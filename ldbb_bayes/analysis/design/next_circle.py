@@ -295,13 +295,13 @@ def _states_of_tolerances(
     before: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return, for each tolerance, the decision at present and the uncertainty needed to decide.
+    """Return whether each tolerance is met at present, and the uncertainty needed to decide this.
 
     The keys are the names of the quantities with tolerances. ``space`` holds the model and the
     campaign, and ``known`` is the posterior given the circles run so far. ``before`` are the
     covariances of the parameters before the next circle. ``confidence`` is the minimum probability
-    at which a decision is made. The decisions need posterior draws, which take time; without
-    tolerances, no draws are made.
+    at which a decision is made. If there are no tolerances, no posterior draws are made, because
+    they take time.
     """
     if not tolerances:
         return {}
