@@ -16,6 +16,7 @@ from ldbb_bayes.reading.column_roles import (
     is_rule,
     names_any_role,
     names_columns,
+    names_runs,
     unit_of,
 )
 from ldbb_bayes.reading.line_parts import segments_of_line
@@ -44,11 +45,12 @@ _CONTINUED = re.compile(
 def split_tables(sheet: Sheet) -> list[Sheet]:
     """Return the tables that stand below each other in a sheet, each as a separate sheet.
 
-    A repeated header begins a further table in two cases: if a line such as ``Direction: CCW``
-    stands above this header, or if the first cell below it is the same as in the first table, such
-    as 0°. Any other repeated header is removed, together with a page number and a repeated title
-    above it, and the table continues below the header. A line above the first table also applies to
-    a further table, unless the lines above the further table state the same field.
+    A repeated header begins a further table in three cases: if a line such as ``Direction: CCW``
+    stands above this header, if a line names another run, as in ``Run 2``, or if the first cell
+    below it is the same as in the first table, such as 0°. Any other repeated header is removed,
+    together with a page number and a repeated title above it, and the table continues below the
+    header. A line above the first table also applies to a further table, unless the lines above the
+    further table state the same field.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -58,17 +60,20 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
         return [sheet]
     tables = [list(sheet.rows[: header + 1])]
     lines_above_first = sheet.rows[:header]
+    lines_of_table = lines_above_first
     end = header + 1
     for k in headers:
         begin = _end_of_numbers(sheet.rows, end, k)
         tables[-1] += sheet.rows[end:begin]
         begins_anew = _begins_anew(sheet.rows, header, k)
+        begins_anew |= _name_another_run(sheet, lines_of_table, sheet.rows[begin:k])
         lines = [row for row in sheet.rows[begin:k] if not _is_of_page(row, lines_above_first)]
         if not begins_anew:
             lines = _without_titles(sheet, lines, lines_above_first)
         if lines or begins_anew:
             kept = lines_that_hold(sheet, lines_above_first, lines)
             tables.append([*kept, *lines, sheet.rows[k]])
+            lines_of_table = sheet.rows[begin:k]
         end = k + 1
     tables[-1] += sheet.rows[end:]
     if len(tables) == 1:
@@ -159,6 +164,18 @@ def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
     beginnings = [rows[k + 1 : k + 2] for k in (first_header, header)]
     cells = [row.cells[:1] for beginning in beginnings for row in beginning]
     return len(cells) == 2 and cells[0] == cells[1]
+
+
+def _name_another_run(sheet: Sheet, lines: Sequence[Row], further_lines: Sequence[Row]) -> bool:
+    """Return whether lines above a header name another run than the lines above a table.
+
+    A line names a run if it consists of a word such as "Run" and a number.
+    """
+    names = [text.strip() for _, text in sheet.texts(lines)]
+    for _, text in sheet.texts(further_lines):
+        if any(names_runs([name, text.strip()]) for name in names):
+            return True
+    return False
 
 
 def _is_of_page(row: Row, lines_above_first: Sequence[Row]) -> bool:

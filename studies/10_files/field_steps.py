@@ -34,6 +34,7 @@ def step_cases() -> dict[str, FieldCase]:
         **step_angle_cases(),
         **statistics_cases(),
         **export_cases(),
+        **run_page_cases(),
     }
 
 
@@ -361,3 +362,21 @@ def export_cases() -> dict[str, FieldCase]:
             told="degrees and minutes included",
         )
     return cases
+
+
+def run_page_cases() -> dict[str, FieldCase]:
+    """Return a page for each run, which begins at another angle than the run before."""
+    pages = []
+    for number, circle in enumerate(TRUTH, start=1):
+        rows = [",".join(map(str, field.plain(circle, k))) for k in range(len(circle.angle_deg))]
+        shift = 18 * (number - 1)
+        above = [f"Run {number}", f"Start time: 14:0{number}:00", "Angle [deg],Reading [um]"]
+        pages.append("\n".join([*above, *rows[shift:], *rows[:shift], ""]))
+    return {
+        "pages_of_runs": FieldCase(
+            "runs on pages",
+            "pages that begin with Run 1 and Start time, each from another angle on",
+            {"all.txt": "\f\n".join(pages).encode()},
+            options=FORCES,
+        )
+    }
