@@ -207,7 +207,7 @@ class AveragedVariance:
 
     @cached_property
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Covariances of the q quantities' errors, one for each source, shape (q, q) each.
+        """For each source, the covariance matrix of the errors of the q quantities, shape (q, q).
 
         The keys are pairs of a source's name and origin; see `ModelVariance.errors`.
         """
@@ -271,8 +271,8 @@ class AveragedVariance:
     def sd_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return the standard uncertainties of q quantities if some effects were known exactly.
 
-        ``partners`` are names of model terms or of parameters. Those of their coefficients are
-        taken to be known whose standard uncertainty is assumed, that is, neither measured nor
+        ``partners`` are names of model terms or of parameters. A coefficient of one of them is
+        taken to be known if its standard uncertainty is assumed, that is, neither measured nor
         stated (see `ModelVariance.variance_without_assumed`). The result has the shape (q,).
         """
         variance = np.diag(self.spread).copy()

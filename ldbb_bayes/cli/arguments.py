@@ -374,8 +374,9 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
 _TABLE_OPTIONS = options_of("table", "labels")
 # Options for values from calibration certificates.
 _CERTIFICATE_OPTIONS = options_of("certificates")
-# Arguments of `instrument_fields` whose values calibration certificates state. The last two have no
-# command-line option, because only the files of certificates can state them.
+# Arguments of `instrument_fields` for values from calibration certificates. The last two are the
+# names of certificates. They have no command-line option, because they are read from the files of
+# the certificates.
 _CERTIFICATE_KEYWORDS = [
     *(option.to or name for name, option in _CERTIFICATE_OPTIONS.items()),
     "bar_certificate",

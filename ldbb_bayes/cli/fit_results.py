@@ -1,4 +1,4 @@
-"""Writing of the files of a fit, and tolerances by which conformity is decided."""
+"""Functions that write the files of a fit, and add tolerances to the campaign to be fitted."""
 
 from __future__ import annotations
 

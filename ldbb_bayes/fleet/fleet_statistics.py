@@ -196,8 +196,8 @@ def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> 
 def _common_parameters(rows: pd.DataFrame) -> list[str]:
     """Return the names of the parameters that all campaigns have.
 
-    Slopes and curvatures of compliances with force are left out. ``rows`` are rows of the table of
-    a batch.
+    Slopes and curvatures, which describe how compliances change with force, are left out. ``rows``
+    are rows of the table of a batch.
     """
     names_by_campaign = [list(names) for names in rows["gaussian_names"]]
     common_names = []

@@ -67,7 +67,7 @@ class ModelDraws(NamedTuple):
     beta: Array
 
     def thinned(self, size: int) -> ModelDraws:
-        """Return the model with fewer draws: at most ``size``, evenly spaced among the n draws."""
+        """Return the model with at most ``size`` of the n draws, which are evenly spaced."""
         chosen = evenly_spaced(len(self.phi), size)
         return ModelDraws(self.bound, self.phi[chosen], self.beta[chosen])
 

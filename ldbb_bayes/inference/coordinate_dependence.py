@@ -26,8 +26,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Dependence", "fit_dependence"]
 
-# Largest value of k: the mean and the width of a coordinate may depend on the first k coordinates.
-# The hyper-parameters that are common to all circles come first; there are at most seven of them.
+# Largest number k of coordinates on which the means and widths of later coordinates are assumed to
+# depend. These are the first k coordinates. They belong to the hyper-parameters that are common to
+# all circles, of which there are at most seven.
 _LEADING = 7
 # Largest absolute value of a coordinate at which the polynomials are evaluated. Coordinates beyond
 # this limit are replaced by the limit, so that the polynomials are not extrapolated. The
@@ -78,9 +79,9 @@ class Dependence:
         """Convert the coordinates u of n points to nearly independent coordinates z.
 
         z and ``u`` have the shape (n, h), with h coordinates of each point. The mean and the width
-        of a coordinate depend on the first k coordinates. The conversion z = (u − mean) / width −
-        offset removes this dependence. The result also holds the sum of the logarithms of all
-        widths at each point.
+        of a coordinate u depend on coordinates that come before it. The conversion z = (u − mean) /
+        width − offset removes this dependence. The result also holds the sum of the logarithms of
+        all widths at each point.
         """
         terms = _terms(u[:, : self.leading])
         log_width = _limited(terms @ self.log_width)

@@ -77,17 +77,19 @@ class NormalScores:
 
     @cached_property
     def _log_above(self) -> Array:
-        """Log prior probability, before truncation, of values above the upper bound, shape (k,).
+        """Log probability that a hyper-parameter lies above its upper bound, shape (k,).
 
-        There is one probability for each of the k hyper-parameters with truncated normal priors.
+        There are k hyper-parameters with truncated normal priors. The probability is that of the
+        normal distribution before truncation.
         """
         return np.asarray(log_ndtr(-(self._bounds[1] - self._mean) / self._sd))
 
     @cached_property
     def _log_mass(self) -> Array:
-        """Log prior probability, before truncation, of values between the bounds, shape (k,).
+        """Log probability that a hyper-parameter lies between its bounds, shape (k,).
 
-        There is one probability for each of the k hyper-parameters with truncated normal priors.
+        There are k hyper-parameters with truncated normal priors. The probability is that of the
+        normal distribution before truncation.
         """
         return self._log_probability_above(self._bounds[0])
 

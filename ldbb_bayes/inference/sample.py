@@ -328,7 +328,8 @@ def run_sampler(
         try:
             return _sample_independently(start, rule=rule, seed=seed, progress=progress)
         except TooRoughError:
-            # Independent draws are not possible; sample jointly by emcee instead.
+            # Independent draws are not possible. Parameters and hyper-parameters are drawn by emcee
+            # instead.
             pass
     return _sample_jointly(start, rule=rule, seed=seed, progress=progress, **ensembles)
 

@@ -161,7 +161,7 @@ class Setting:
         return len(self.force_N)
 
     def select(self, rows: Sequence[int]) -> Setting:
-        """Return the conditions of a selection of the tests.
+        """Return the test conditions of only some of the tests.
 
         ``rows`` holds the indices of the selected tests, from 0. Properties of the whole campaign,
         such as its range of forces, do not change.

@@ -16,7 +16,8 @@ __all__ = ["with_aligned_headers"]
 
 # Regular expression for the blanks between two names of a header.
 _GAP = re.compile(r"\s{2,}|\t")
-# Header, units and rules stand in at most this number of rows above the numbers.
+# Largest number of rows above the numbers in which a header is looked for. A row of units and a row
+# of dashes may stand between the header and the numbers.
 _HEADER_ROWS = 4
 # Fewest successive rows of numbers that are a table.
 _FEWEST_ROWS = 2

@@ -104,7 +104,10 @@ def _split_angles_beside_texts(rows: list[Row], units: dict[tuple[int, int], str
 
 
 def _angles_in(row: Row) -> dict[int, str]:
-    """Return the angles in degrees and minutes of a row, in arcseconds, by their columns."""
+    """Return the angles that are written in degrees and minutes in a row, in arcseconds.
+
+    The keys are the indices of the columns.
+    """
     angles = {}
     for column, cell in enumerate(row.cells):
         seconds = seconds_in(cell)

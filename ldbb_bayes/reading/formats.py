@@ -58,9 +58,10 @@ def _is_yaml(sheet: Sheet, texts: Sequence[str]) -> bool:
 
 
 def _names_beside_numbers(sheet: Sheet, texts: Sequence[str]) -> str:
-    """Return a description, for error messages, of a file with a name beside each number.
+    """Describe, for an error message, a file in which each number has a name beside it.
 
-    The result is empty unless many lines have the same names. ``texts`` are the lines of the sheet.
+    Many lines must have the same names; otherwise the result is empty. ``texts`` are the lines of
+    the sheet.
     """
     names_of_lines = [_names_in(text) for text in texts]
     n_lines = Counter(names_of_lines)

@@ -473,7 +473,7 @@ def _join_factors(words: Sequence[str]) -> list[str]:
 
 
 def _text_of_unit(cell: str) -> str:
-    """Return the text of a cell in a row of units without brackets and comment signs."""
+    """Remove brackets and comment signs from the text of a cell in a row of units."""
     return cell.lstrip("#%").strip("[](){} ")
 
 

@@ -45,7 +45,7 @@ class TestLayout(TestFields):
     start_deg: Number | None = None
 
     def stated(self) -> dict[str, Any]:
-        """Return a dict with the stated fields of the test, including ``file``.
+        """Return a dict with the fields that the user has given for the test, including ``file``.
 
         The keys are the names of the fields.
         """

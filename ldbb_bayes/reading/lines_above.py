@@ -99,7 +99,7 @@ def _quantities() -> dict[str, _Quantity]:
     quantities = {}
     for key, entry in WORDS["numbers"].items():
         units = entry["units"]
-        if isinstance(units, str):  # name of a role, such as force, whose units are permitted
+        if isinstance(units, str):  # the units of a role, such as force
             units = UNITS[units]
         scale = entry.get("one", 1.0)
         scaled = {unit: scale * size for unit, size in units.items()}

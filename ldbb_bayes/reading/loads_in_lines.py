@@ -28,7 +28,7 @@ _WORD = re.compile(r"[^\W\d_]+")
 
 
 class LoadInLine(NamedTuple):
-    """Load in a line that does not call it force or pressure."""
+    """Load in a line such as ``238 N``, which has no word for force or pressure."""
 
     key: str  #: kind of load: force_N or pressure_bar
     value: float  #: load in N or bar, as ``key`` states; NaN if it is uncertain

@@ -21,7 +21,8 @@ __all__ = ["split_pairs"]
 # Several tables may stand beside each other in a sheet. Each of them has at least this number of
 # columns: one column of angles and one column of readings.
 _FEWEST_COLUMNS = 2
-# A table may hold only a part of a circle if its angles have a gap of at least this size [deg].
+# Tables beside each other are regarded as parts of one circle only if the angles of each table have
+# a gap of at least this size [deg].
 _SMALLEST_GAP_DEG = 60.0
 
 

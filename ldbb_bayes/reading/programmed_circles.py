@@ -36,7 +36,7 @@ _POINT = re.compile(rf"(?<![A-Za-z])(?P<letter>[XYZ])\s?=?\s?(?P<number>{_NUMBER
 # Regular expression for a block that moves along a straight line: G0, G1, or, for a Heidenhain
 # control, L.
 _STRAIGHT = re.compile(r"(?<![A-Za-z\d])G0?[01](?![\d.])|^\W*(?:\d+\s+)?L\s", re.IGNORECASE)
-# Regular expression for a block that states the pole for a Heidenhain control.
+# Regular expression for a block that sets the centre of an arc (CC) for a Heidenhain control.
 _POLE = re.compile(r"^\W*(?:\d+\s+)?CC\s")
 # Regular expressions for a feed F, and for the words G93 and G95, after which F is not a speed.
 _FEED = re.compile(r"(?<![A-Za-z])F\s?=?\s?(?P<number>\d+\.?\d*)", re.IGNORECASE)
@@ -57,7 +57,7 @@ _SENSES = {"2": "CW", "3": "CCW", "-": "CW", "+": "CCW"}
 
 
 class ProgrammedFeed(NamedTuple):
-    """Feed that a block of a programme states."""
+    """Feed rate in a block of an NC programme."""
 
     line: int | str  #: number of the line
     mm_per_min: float  #: feed [mm/min]

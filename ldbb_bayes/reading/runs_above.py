@@ -20,7 +20,7 @@ _ROWS_TO_NUMBERS = 2
 
 
 def with_runs_in_header(sheet: Sheet) -> Sheet:
-    """Return a sheet in which runs from a row above the header are added to the header.
+    """Return a sheet in which the names of runs, from the row above the header, are in the header.
 
     The header ``Deviation [um]`` below the cell ``Run 1`` is changed to ``Deviation Run 1 [um]``. A
     text in merged cells applies to all columns below. If the first cell of the header is empty or
@@ -40,7 +40,7 @@ def with_runs_in_header(sheet: Sheet) -> Sheet:
 
 
 def _names_with_runs(above: Row, header: Sequence[str]) -> list[str]:
-    """Return the headers with the runs of the row above; an empty list if it names no runs."""
+    """Return the headers with the names of the runs; an empty list if ``above`` names no runs."""
     is_angle = has_role(unit_of(above.cells[0]).name, "angle")
     if is_angle and not header[0]:
         return _names_with_units(above, header)

@@ -40,7 +40,7 @@ class Sheet:
     hidden_rows: int = 0  #: number of hidden rows, which are left out
     #: factor by which all numbers of the table were multiplied, as written; empty if there is none
     factor: str = ""
-    factor_line: int = 0  #: number of the line that states the factor; 0 if there is none
+    factor_line: int = 0  #: number of the line that states this factor; 0 if there is none
     hidden_sheets: Sequence[str] = ()  #: names of hidden sheets of the file, which are left out
     #: names of the sheets of the file that are left out because the user names other sheets
     sheets_not_wanted: Sequence[str] = ()

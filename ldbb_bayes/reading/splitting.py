@@ -63,7 +63,8 @@ _FEWEST_MARKED = 5
 # A column that holds no angle, reading or other quantity of each row may state one of these fields
 # of a test.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
-# Regular expression for a number that may be a result. It does not match G2, G3 or a factor of −1.
+# Regular expression for a number that may be a result of a measurement, such as 12 µm. It does not
+# match G2, G3 or a factor of −1.
 _RESULT = re.compile(r"(?<![^\W_])(?:\d\d|\d(?<![-−]1))")
 # Lines below a table may state only these fields: the length that the readings measure, and the
 # treatment of the mount's deflection. Other values in these lines may be results.
@@ -627,7 +628,7 @@ def _numeric_columns(heading: Heading) -> list[int]:
 
 
 def _without_statistics(sheet: Sheet, heading: Heading, log: AssumptionLog) -> Sheet:
-    """Return a sheet without rows of statistics at the end of its table, which are noted."""
+    """Leave out rows of statistics at the end of a sheet's table, and note them."""
     column = heading.roles.get("angle", heading.roles.get("time"))
     statistics = []
     if column is not None:

@@ -1,6 +1,7 @@
-"""Angles that lines above a table state by their start and step, instead of a column of angles.
+"""Angles of a table without a column of angles, from lines that state their start and step.
 
-The table has then only numbers of points beside the readings, or no further column.
+Such lines stand above the table. Apart from the readings, the table has at most a column that
+numbers the points.
 """
 
 from __future__ import annotations
@@ -123,7 +124,11 @@ def _agrees(
     end: _StatedAngle | None,
     step: _StatedAngle | None,
 ) -> bool:
-    """Return whether counted numbers 0, 1, 2 and so on are the angles that lines state."""
+    """Return whether a column with the numbers 0, 1, 2 and so on may hold the stated angles.
+
+    ``start``, ``end`` and ``step`` are the start, the end and the step of the angles, as stated
+    above the table. An argument is None if it is not stated.
+    """
     numbers = recording.numbers.get("angle")
     if numbers is None:
         return False

@@ -37,8 +37,8 @@ __all__ = ["assume_units"]
 # Readings are assumed to be distances between the balls in mm if their median, read as a number of
 # mm, differs from the radius by less than this fraction of the radius.
 _NEAR_RADIUS = 0.05
-# Readings may be distances between the balls if their median absolute deviation is below this
-# fraction of the median.
+# If the median absolute deviation of the readings is below this fraction of their median, the
+# readings may be distances between the balls.
 _SMALL_SCATTER = 0.01
 # An error message shows at most this number of characters of a line.
 _TEXT_SHOWN = 60

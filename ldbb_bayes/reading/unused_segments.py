@@ -40,7 +40,7 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
     text
         A line of which at least one segment was used.
     quoted
-        Words of the line that notes quote. A segment that is quoted is left out. If the whole line
+        Words of the line that are quoted in notes. A quoted segment is left out. If the whole line
         is quoted, segments with a load are left out.
     """
     segments = segments_of_line(without_centre(text[:LONGEST_TEXT]))

@@ -278,9 +278,10 @@ class Term(Shown):
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the values and standard uncertainties that the term assumes about the instrument.
+        """Yield assumed properties of the instrument: their values and standard uncertainties.
 
-        ``campaign`` holds the certificates of the instrument. By default a term assumes nothing.
+        ``campaign`` holds the certificates of the instrument. By default, a term assumes nothing
+        about the instrument.
         """
         yield from ()
 
