@@ -11,7 +11,7 @@ share.
 The elpd (expected log predictive density) of a model states how well it predicts readings that were
 left out. Here the elpd is the sum, over the tests r, of ln p(y_r | y_−r): the log density of test r
 given all other tests. β are the parameters (compliances, their slopes and geometric errors); φ are
-the hyper-parameters (the scales of the noise and of other effects).
+the hyper-parameters, such as the standard deviation of the noise.
 """
 
 from __future__ import annotations

@@ -113,8 +113,8 @@ def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bo
 def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
     """Return whether the user has changed the prior sd of a coefficient.
 
-    ``term`` is the model term to which the coefficient belongs. Also return True if a model has
-    this term only when the user adds it.
+    ``term`` is the model term to which the coefficient belongs. The result is also True for a term
+    that no model has by default, because the user must have added such a term.
     """
     if type(term).on_demand:
         return True

@@ -1,12 +1,12 @@
-"""Uncertainties of a campaign's parameters after remedies: changed plans or new certificates.
+"""Uncertainties that parameters would have with a changed plan or with a new certificate.
 
-A remedy reduces a large uncertainty. It is a change of the plan (another order of the circles, the
-other direction of travel, turned balls, more circles, a second radius) or a certificate of the
-instrument. The uncertainties are computed for the changed plan, or for the campaign with the
-certificate. The hyper-parameters φ, such as the standard deviation of the noise, keep their values
-(`HyperPrior.carried`). Some effects depend on an estimate of the machine's compliances. These
-effects are computed with the estimate from the unchanged campaign or its pilot (the campaign from
-which it was planned).
+A remedy for a large uncertainty is a change of the plan or a calibration certificate of the
+instrument. The plan is changed by another order of the circles, circles in the other direction of
+travel, circles with turned balls, more circles, or circles of a second radius. The uncertainties
+are computed for the changed plan, or for the campaign with the certificate. The hyper-parameters φ,
+such as the standard deviation of the noise, keep their values (`HyperPrior.carried`). Some effects
+in the model depend on an estimate of the machine's compliances. The estimate used is the one from
+the unchanged campaign or from its pilot (the campaign from which it was planned).
 """
 
 from __future__ import annotations

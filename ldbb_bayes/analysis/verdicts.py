@@ -94,9 +94,10 @@ __all__ = [
 # A parameter β is prior-limited if its contraction, 1 − Var(β | y) / Var(β) for readings y, is
 # below this limit. The posterior sd of β is then more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
-# An error of a parameter's least-squares estimate is treated as a rounding error, and set to zero,
-# if it is below this share of the parameter's prior standard deviation. With a flat prior, a
-# typical size of the parameter is used instead of the prior standard deviation.
+# A nuisance effect biases the least-squares estimate of a parameter. If this bias is below this
+# fraction of the parameter's prior standard deviation, it is only a rounding error and is set to
+# zero. With a flat prior, a typical size of the parameter is used instead of the prior standard
+# deviation.
 _ROUNDING = 1e-12
 
 
@@ -558,8 +559,8 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
-    # ``bound`` is the model that has all parameters, and therefore every change of a compliance
-    # with force.
+    # The changes are taken from ``bound``, because this model has all parameters that occur in any
+    # of the averaged models.
     phi = np.concatenate([model.phi for model in models]).mean(axis=0)
     all_changes = curve_changes(bound, information_of(bound, phi))
     variances = [_variance_of_model(model, all_changes) for model in models]

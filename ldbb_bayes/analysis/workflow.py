@@ -171,9 +171,10 @@ class Workflow(Result):
 
     @property
     def scatter_as_predicted(self) -> bool:
-        """Whether the circles scatter as predicted: ``uniformity_p_value`` is at least 5 %.
+        """Whether the scatter of the circles agrees with the model: the p-value is at least 5 %.
 
-        This property is for information only; ``passed`` does not depend on it.
+        The p-value is `uniformity_p_value`. This property is for information only; ``passed`` does
+        not depend on it.
         """
         return self.uniformity_p_value >= _UNIFORM
 

@@ -33,7 +33,8 @@ __all__ = [
     "wrong_entry",
 ]
 
-# Subfolder of a search's folder. It has one folder, named 1, 2 or 3, for each campaign found.
+# Name of the folder for the campaigns that a search finds. Each campaign has a subfolder in it,
+# named 1, 2 or 3.
 CHEAPEST = "cheapest"
 # Name of the option of the command ``design`` with which users give the prices of certificates.
 _CERTIFICATES = "certificates"

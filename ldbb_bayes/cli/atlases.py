@@ -77,10 +77,10 @@ def machine(
 ) -> None:
     """Show which compliances and geometric errors circular tests detect, and the pattern of each.
 
-    Names follow ISO 230-1 and the paper; one name stands for all parameters that no circle can
-    separate. A pattern is the change of the reading per unit of the parameter. It is written with
-    c = cos θ and s = sin θ, where θ is the angle of the bar from the first axis of the plane, and
-    with lengths in mm.
+    Names follow ISO 230-1 and the paper that defines the model. Parameters that no circle can tell
+    apart are listed under the name of one of them. A pattern is the change of the reading per unit
+    of the parameter. It is written with c = cos θ and s = sin θ, where θ is the angle of the bar
+    from the first axis of the plane, and with lengths in mm.
     """
     # The import is here and not at the top of the file, because the imported module takes a long
     # time to load.

@@ -151,7 +151,7 @@ class Group:
         return [self.positional, *parameters]
 
     def take_from(self, typed: dict[str, Any]) -> Any:
-        """Return the argument of the command that the options of the group make together.
+        """Return the argument of the command that is made from the values of the group's options.
 
         ``typed`` holds the values of all options of the command; the keys are the names of the
         options. The values of the options of this group are removed from ``typed``.

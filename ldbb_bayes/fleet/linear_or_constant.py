@@ -67,11 +67,11 @@ def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float
     """Return the log evidence of a model with truncation, from nodes computed without truncation.
 
     Truncation is the condition that no compliance is negative. ``nodes`` are weighted values of the
-    hyper-parameters (scales of the noise and of other effects) that represent their posterior
-    without truncation. ``truncated`` is the posterior density of the hyper-parameters with
-    truncation. ``tolerance`` is the error allowed in the log probability that no compliance is
-    negative [nat]. The probability is computed from ``nodes``. If its error exceeds ``tolerance``,
-    the evidence is computed from nodes of ``truncated`` instead.
+    hyper-parameters, such as the standard deviation of the noise; they represent the posterior of
+    the hyper-parameters without truncation. ``truncated`` is the posterior density of the
+    hyper-parameters with truncation. From ``nodes``, the log probability that no compliance is
+    negative is computed. If its error exceeds ``tolerance`` [nat], the evidence is computed from
+    nodes of ``truncated`` instead.
     """
     bound = truncated.bound
     value = nodes.evidence.log_value

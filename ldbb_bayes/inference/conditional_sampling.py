@@ -33,9 +33,9 @@ def conditional_draws(
     """Return one random draw of the p parameters for each of w values of the hyper-parameters.
 
     The parameters are compliances, their changes with force, and geometric errors. They are drawn
-    from their density given the readings and the hyper-parameters (scales of the noise and of other
-    effects). The second array of the result, ``exact``, is False for a draw that does not follow
-    this density exactly.
+    from their density given the readings and the hyper-parameters, such as the standard deviation
+    of the noise. A second array, ``exact``, is False for a draw that does not follow this density
+    exactly.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class Dependence:
 
     @property
     def leading(self) -> int:
-        """Number k of coordinates on which the means and widths of other coordinates depend."""
+        """Number k: means and widths of coordinates depend on the first k coordinates only."""
         return len(self.mean) // 2
 
     def remove(self, u: Array) -> IndependentPoints:

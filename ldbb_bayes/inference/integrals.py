@@ -1,4 +1,4 @@
-"""Integrals ∫ f of a density f in h dimensions as sums over n weighted nodes, with an error.
+"""Integrals ∫ f of a density f in h dimensions, computed as sums over n weighted nodes.
 
 The nodes are either a lattice or a random sample. A lattice consists of two regular grids, the
 second moved by half a step in every direction. A sample is drawn from a proposal, which is a

@@ -81,8 +81,8 @@ class IndependentDraws(NamedTuple):
     #: posterior draws of the p parameters (compliances, their changes with force, geometric errors)
     #: in mm, N and rad, shape (size, p)
     beta: Array
-    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; scales
-    #: that are lengths are in mm), shape (size, h)
+    #: posterior draws of the h hyper-parameters, such as the standard deviation of the noise, shape
+    #: (size, h); lengths are in mm
     phi: Array
     #: whether the draws are thinned from a run of emcee; if False, the draws are independent
     by_emcee: bool

@@ -71,10 +71,10 @@ _INDEPENDENT = 1e-8
 
 
 class ErrorBearer(NamedTuple):
-    """Joint at which a geometric error acts, and whether it acts before the joint's motion."""
+    """Joint at which a geometric error acts, and on which side of the joint it acts."""
 
     joint: Joint  #: joint at which the geometric error acts
-    #: whether the geometric error acts before the joint's own motion in the chain from the
+    #: whether the joint's motion follows the geometric error in the kinematic chain from the
     #: foundation to the tool or workpiece
     before_motion: bool
 

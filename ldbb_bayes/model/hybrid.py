@@ -488,8 +488,8 @@ class HybridModel(Result):
             parameters that are not named are zero. By default, all parameters are drawn at random
             from the prior.
         hyper_um : mapping of str to float, optional
-            True hyper-parameters (scales of noise and other effects) by name, with lengths in µm;
-            hyper-parameters that are not named are drawn at random from their priors.
+            True hyper-parameters by name, such as the standard deviation of the noise, with lengths
+            in µm; hyper-parameters that are not named are drawn at random from their priors.
         exact : bool, default False
             Whether geometric errors act through the exact forward model (Eq. 1-14 of the paper)
             instead of the linear forward model.

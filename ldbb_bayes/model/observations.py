@@ -244,9 +244,10 @@ def _sort_nuisances(
 ) -> _Nuisances:
     """Return the nuisances, sorted into diagonal noise, shared columns and private columns.
 
-    Nuisances are effects modelled but not of interest. Diagonal noise is noise whose covariance is
-    made diagonal. The coefficients of shared columns are the same in all tests; the coefficients of
-    private columns have a separate value in every test.
+    Nuisances are effects that are modelled but not of interest. Diagonal noise has a diagonal
+    covariance matrix after a change of variables. Columns belong to the design matrix. The
+    coefficient of a shared column is the same in all tests; the coefficient of a private column has
+    a separate value in every test.
 
     Parameters
     ----------
@@ -254,8 +255,8 @@ def _sort_nuisances(
         Columns and noise of the nuisance terms.
     near_uniform
         Departures of the angles of every test from uniform spacing. None if at least one test is
-        not a full circle with nearly uniform angles. Then only one noise term can be made diagonal,
-        the term that affects the most Fourier coefficients; all other noise becomes private
+        not a full circle with nearly uniform angles. In this case, only the noise term that affects
+        the most Fourier coefficients is made diagonal. All other noise terms become private
         columns.
     tests
         Number of tests.
@@ -491,11 +492,11 @@ def _prior_variance_factors(
 ) -> Array:
     """Return factors v, shape (coefficients, sources), from which prior variances are computed.
 
-    The prior variance of each nuisance coefficient is Σ v · source². A source of variance is a
-    hyper-parameter or a product of hyper-parameters. The coefficients are in units of ``unit``,
-    shape (coefficients,). A coefficient whose unit is zero gets the factor one; this has no effect,
-    because its rescaled column is zero. For flat priors the factors are zero; the caller removes
-    these rows.
+    The prior variance of each nuisance coefficient is Σ v · source², a sum over ``sources``. A
+    source is a hyper-parameter, a product of hyper-parameters, or the number one. The coefficients
+    are in units of ``unit``, shape (coefficients,). A coefficient whose unit is zero has no effect
+    on the readings, so its factor can be any number; the factor is set to one. For a coefficient
+    with a flat prior, all factors are zero, and the caller removes them.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)

@@ -274,10 +274,10 @@ class Orthant:
 
     @property
     def log_bound(self) -> Array:
-        """Upper bound of ln P(u ≥ 0) for each of w Gaussian vectors u, shape (w,).
+        """Upper bounds of ln P(u ≥ 0) for w Gaussian vectors u: an array of shape (w,).
 
-        The bound is a smooth function of the mean of u. It is close to ln P if P is small, and
-        equal to ln P if there is a single constraint.
+        Each bound is a smooth function of the mean of u. It is close to ln P(u ≥ 0) if this
+        probability is small, and equal to it if u has a single element.
         """
         return self._tilted.log_bound
 

@@ -153,8 +153,8 @@ class Tilted(NamedTuple):
     #: Lower triangular matrix of the d independent constraints unit · x ≥ bound on a standard
     #: normal vector x, with ones on its diagonal, shape (d, d, w) for w sets of constraints.
     unit: Array
-    #: Lower bounds in the d independent constraints unit · x ≥ bound, where ``unit`` is the matrix
-    #: of coefficients, shape (d, w) for w sets of constraints.
+    #: Lower bounds in the d independent constraints unit · x ≥ bound. They have the shape (d, w)
+    #: for w sets of constraints.
     bound: Array
     #: Vector x of d elements at the saddle point of the log importance weight, shape (d, w) for w
     #: sets of constraints; its last element is zero.

@@ -234,7 +234,10 @@ def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
 
 
 def _note_rows(sheet: Sheet, log: AssumptionLog) -> None:
-    """Add to the log the repeated headers, the factor and the hidden rows of one sheet."""
+    """Note in the log what was done with repeated headers and hidden rows of one sheet.
+
+    If all numbers of the sheet were multiplied by a common factor, this is noted, too.
+    """
     if sheet.n_headers:
         headers = f"{sheet.n_headers} passed over, the table is read whole"
         reason = "the table goes on below them"

@@ -166,11 +166,11 @@ class _SheetColumns:
         return numbers
 
     def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
-        """Return, for each of the n rows of a table, whether it has no reading, shape (n,).
+        """Return, for each of the n rows of a table, whether its reading is missing, shape (n,).
 
-        In these rows, the number in the column with the index ``column`` may be missing. If this
-        column itself holds readings (``role`` is reading), only its own readings count. For any
-        other column, a row has no reading if all its readings are missing.
+        If ``role`` is reading, ``column`` is the index of a column of readings, and only the
+        readings in this column are examined. For any other role, the result is True for the rows in
+        which the readings of all columns are missing.
         """
         if role == "reading":
             return missing_in(self.cells[column])

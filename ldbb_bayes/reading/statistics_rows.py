@@ -34,9 +34,10 @@ def label_of_statistics(row: Row) -> str:
 
 
 def rows_of_statistics(rows: Sequence[Row], angle_column: int) -> list[Row]:
-    """Return the rows of statistics at the end of a table; they state no angle.
+    """Return the rows of statistics at the end of a table.
 
-    ``angle_column`` is the index of the column of angles or times.
+    A row of statistics has a label such as "mean", and no number in the column of angles or times.
+    ``angle_column`` is the index of this column.
     """
     first = len(rows)
     while first:

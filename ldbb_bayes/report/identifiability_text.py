@@ -47,8 +47,9 @@ def verdicts_table(result: Identifiability) -> Table:
     The table has one row for each parameter. The columns are the present expanded uncertainty U (k
     = 2), the verdict, the cheapest remedy that reduces U markedly (a certificate, or a change of
     the tests), and U with this remedy. The verdict names the effect that causes the largest part of
-    the variance. The table has a row for the change of each compliance over the tested forces, but
-    no rows for slopes, which are the coefficients of this change.
+    the parameter's variance. Slopes (coefficients of a compliance as a polynomial in force) have no
+    rows. Instead, there is one row for each compliance that changes with force: its change from the
+    smallest to the largest tested force.
     """
     rows = []
     for label, entry in judged_quantities(result).items():

@@ -49,15 +49,15 @@ class StatedQuantity:
         For a quantity that is computed from several parameters, the names of the effects with which
         these parameters are confounded. Empty for all other quantities.
     direction
-        Key of the remark on how a compliance changes with force: increases, decreases or no_change.
-        An empty string for all quantities that are not changes with force.
+        For the change of a compliance with force: whether the compliance increases, decreases, or
+        shows no clear change (no_change). An empty string for all other quantities.
     change_entry
         Verdict on the change of a compliance with force. None for all other quantities.
     no_change
-        Probability that a compliance does not change with force at all. It is zero unless the
-        numbers are averages over models.
+        Probability that a compliance is constant. It is zero if the results come from a single
+        model and not from an average over models.
     note
-        A remark in the language of the sheets. Further remarks are placed after this remark.
+        First remark on the quantity, in the language of the sheets. Empty if there is none.
     is_undetermined
         Whether the readings leave the quantity undetermined, see `undetermined_parameters`.
     """

@@ -71,9 +71,9 @@ class UncertaintyAim:
     #: largest standard uncertainty of the combination w·β at which the aim is reached
     target: float
     #: factor by which the standard uncertainty of w·β is larger because the hyper-parameters are
-    #: unknown. It is computed for the present state of the campaign: the standard uncertainty of
-    #: w·β, divided by the root mean square of its standard uncertainties for K known values of the
-    #: hyper-parameters.
+    #: unknown. It is computed from the readings so far, as a ratio. The numerator is the standard
+    #: uncertainty of w·β. The denominator is the root mean square of the K standard uncertainties
+    #: that w·β would have if the hyper-parameters were known to have one of K values.
     inflation: float
     is_reached: bool  #: whether the aim is already reached
 

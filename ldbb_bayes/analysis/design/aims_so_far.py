@@ -96,8 +96,8 @@ class Known(NamedTuple):
     mean: Array  # posterior means, shape (p,)
     sd: Array  # posterior standard deviations, shape (p,)
     draws: Array  # posterior draws, shape (n, p)
-    # K equally likely values of the h hyper-parameters (scales of the noise and of other effects),
-    # shape (K, h); lengths in mm
+    # K equally likely values of the h hyper-parameters, such as the standard deviation of the
+    # noise, shape (K, h); lengths are in mm
     phi: Array
 
 

@@ -45,11 +45,10 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# Tolerance with which the shares of candidate tests are said to be optimal. The share of a
-# candidate test is its number of runs divided by the number of all runs, and its sensitivity is the
-# derivative of the optimality criterion with respect to the share. If the shares are optimal, no
-# sensitivity exceeds the mean of the sensitivities, weighted by the shares. An excess of at most
-# this fraction of the mean is allowed.
+# Relative tolerance of the test for optimal shares. The share of a candidate test is its number of
+# runs divided by the number of all runs. The sensitivity of a candidate test is the derivative of
+# the optimality criterion with respect to its share. The shares are optimal if no sensitivity is
+# larger than the weighted mean of all sensitivities, with the shares as weights.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share (number of runs divided by the number of all runs) is below this
 # number are left out of the table of the best shares.
@@ -111,9 +110,9 @@ class Limits(Result):
     #: direction of travel of each plane whose circles all run in the same direction although the
     #: model includes hysteresis; the keys are the planes
     one_way: dict[str, str]
-    #: whether drift may limit the result: the model includes drift, and the machine may have
-    #: drifted in the campaign that the design starts from. The forecast does not show this limit,
-    #: because it assumes that drift does not depend on the settings of the tests.
+    #: whether drift may make the results worse than forecast. This is true if the model includes
+    #: drift, and the machine may have drifted in the campaign that the design starts from. The
+    #: forecast assumes that drift does not depend on the settings of the tests.
     drift: bool
     #: parameters whose expected standard deviation would decrease by less than 20 % even if every
     #: test were run very many times
@@ -670,9 +669,9 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
     """Return the forecast and the efficiency of a design that is compared with the best design.
 
     ``tests`` are the tests of this design, and ``name`` is its name in the comparison. The
-    efficiency is 1 if the tests are as good, by the criterion of ``space``, as the best shares of
-    the same number of tests among the candidates (tests that could be run). It is 0 if the tests do
-    not determine all parameters.
+    efficiency compares these tests with the optimal allocation of the same number of runs to the
+    candidate tests, by the criterion of ``space``. It is 1 if the tests are as good as the optimal
+    allocation, and 0 if they do not determine all parameters.
     """
     forecast = space.forecast(space.plan_of(tests, seed=space.seed))
     efficiency = space.efficiency(tests) if forecast.determined else 0.0

@@ -47,7 +47,7 @@ class CampaignFamily:
     space: Space  #: candidate tests, with all forces, directions, clockings and radii of the family
     offers: tuple[CertificateOffer, ...]  #: certificates that are bought
     goals: Mapping[str, Goal]
-    states: States  #: possible parameters and hyper-parameters of the machine before the campaign
+    states: States  #: possible values of the parameters and hyper-parameters before the campaign
 
     @property
     def certificates_price(self) -> float:

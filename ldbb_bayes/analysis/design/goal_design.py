@@ -347,13 +347,13 @@ def _describe(
     probability: float,
     steps: _Steps,
 ) -> GoalDesign:
-    """Return the design for the goals that are not yet met.
+    """Return the cheapest campaigns that would reach all goals that are not yet met.
 
-    ``needed`` are these goals. ``known`` are all goals, with the present estimates and
-    uncertainties of their parameters. The keys of both dictionaries are the names of the
-    parameters. ``space`` holds the circles to choose from, and ``offers`` are the certificates that
-    could be bought. ``probability`` is the minimum share of the possible machines on which all
-    goals are to be met. ``steps`` counts the steps that are done.
+    ``needed`` are the goals that are not yet met. ``known`` are all goals, with the present
+    estimates and uncertainties of their parameters. The keys of both dictionaries are the names of
+    the parameters. ``space`` holds the circles to choose from, and ``offers`` are the certificates
+    that could be bought. A campaign must reach all goals on at least the fraction ``probability``
+    of the possible machines. ``steps`` reports the progress.
     """
     steps.finish(0)
     plans: tuple[GoalPlan, ...] = ()
