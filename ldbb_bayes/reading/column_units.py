@@ -17,13 +17,25 @@ from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, with_words
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.sexagesimal import SECONDS_UNIT, names_sexagesimal
 from ldbb_bayes.reading.unit_lines import COUNT
-from ldbb_bayes.reading.words import SHARE, UNITS, comparable, scaled_unit, size_of_unit
+from ldbb_bayes.reading.words import (
+    LONGEST_TEXT,
+    SHARE,
+    UNITS,
+    comparable,
+    scaled_unit,
+    size_of_unit,
+)
 from ldbb_bayes.results import Array
 
 __all__ = ["is_unit_stated", "unit_size"]
 
 # Word that messages show as the unit of a row that has no unit.
 _NO_UNIT = "none"
+# Regular expression for the length that a voltage stands for, as in "1 V = 10 µm" or "10 µm/V".
+_SENSITIVITY = re.compile(
+    r"(?<![\d.,])1\s*(?P<volt>m?V)\s*(?:=|≙|:)\s*(?P<size>\d[\d.,]*\s*[^\W\d_]+)"
+    r"|(?P<share>\d[\d.,]*\s*[^\W\d_]+)\s*/\s*(?P<per>m?V)(?![^\W_])"
+)
 # An error message shows at most this number of characters of a unit from a file.
 _UNIT_SHOWN = 40
 
@@ -134,6 +146,8 @@ def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> f
 def _size_in(recording: Recording, role: str, unit: str, source: str | CitedLine) -> float:
     size = size_of_unit(role, unit)
     if size is None:
+        if role == "reading":
+            _check_sensitivity(recording, unit)
         cure = _option(role)
         if role == "reading" and SHARE.search(unit):
             cure += " ('0.1 mil' for tenths of a thou, which are 0.0001 inch; '0.01 mm' for"
@@ -147,6 +161,20 @@ def _size_in(recording: Recording, role: str, unit: str, source: str | CitedLine
             f" {unit[:_UNIT_SHOWN]!r} in {source}. Correct the header, or give {cure}."
         )
     return size
+
+
+def _check_sensitivity(recording: Recording, unit: str) -> None:
+    """Raise an error for readings in volts if a line states their size, as in ``1 V = 10 µm``."""
+    for line, text in recording.lines_outside:
+        stated = _SENSITIVITY.search(text[:LONGEST_TEXT])
+        if stated is None or comparable(stated["volt"] or stated["per"]) != comparable(unit):
+            continue
+        size = scaled_unit(stated["size"] or stated["share"])
+        if size_of_unit("reading", size) is not None:
+            raise InputError(
+                f"{recording.place}: readings must be lengths, got {unit!r}, and {stated[0]!r} in"
+                f" line {line}. If this is their size, give --unit '{size}'."
+            )
 
 
 def _option(role: str) -> str:

@@ -35,6 +35,7 @@ def step_cases() -> dict[str, FieldCase]:
         **statistics_cases(),
         **export_cases(),
         **run_page_cases(),
+        **volt_cases(),
     }
 
 
@@ -380,3 +381,17 @@ def run_page_cases() -> dict[str, FieldCase]:
             options=FORCES,
         )
     }
+
+
+def volt_cases() -> dict[str, FieldCase]:
+    """Return readings in volts, below a line that states their size."""
+    cases = {}
+    for name, line in {"equals": "1 V = 10 µm", "per": "Sensitivity: 10 um/V"}.items():
+        cases[f"volts_{name}"] = FieldCase(
+            "readings in volts",
+            f"readings in V below a line {line!r}",
+            field.texts("Angle [deg],Reading [V]", field.scaled(10.0), above=line),
+            refusal="If this is their size, give --unit '10 um'",
+            step=("--unit", "10 um"),
+        )
+    return cases
