@@ -419,7 +419,8 @@ class _RowsInstead(NamedTuple):
     #: rows that are displayed instead; the keys are the names of these rows. Each value is a
     #: dictionary of cells whose keys are the names of the columns.
     displayed: Mapping[str, Mapping[str, Any]]
-    position: int  #: index of that row of the data frame above which ``displayed`` is inserted
+    #: index of a row of the data frame; the rows in ``displayed`` are inserted above this row
+    position: int
     length: int  #: number of rows of the whole data frame
 
 

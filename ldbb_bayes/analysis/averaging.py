@@ -392,10 +392,10 @@ def _averaged_prior(
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
     """Return the models with their probabilities, for the record of the averaged posterior.
 
-    Each model is described by name, alternative explanations, log evidence and posterior
-    probability. The same name occurs once for each subset of the alternative explanations. The
-    result therefore also states sums of probabilities: for each name, the sum over all models with
-    this name; for each alternative explanation, the sum over all models that include it.
+    A model is described by its name, the alternative explanations that it includes, its log
+    evidence and its posterior probability. Models with the same name differ in these explanations.
+    The result therefore also holds sums of probabilities: for each name, the sum over all models
+    with this name; for each alternative explanation, the sum over all models that include it.
     """
     models = []
     for combination, nodes, probability in zip(

@@ -3,7 +3,7 @@
 A budget lists the sources of the uncertainty of one parameter. For each source it states the
 standard uncertainty, the sensitivity and the share of the variance. Nuisance coefficients are
 effects that are modelled but not of interest; hyper-parameters φ are the scales of the noise and of
-other effects; truncation means that compliances must not be negative.
+other effects; truncation is the condition that no compliance is negative.
 
 Given φ, the estimation error of the parameters is a sum of independent parts, one for every source.
 A source is the deviation of a nuisance coefficient from its prior mean, noise of the readings, or

@@ -37,7 +37,8 @@ _CLOCKINGS_DEG = (45.0, 90.0)
 # lowest force of the plan and ``_HIGHER_FORCE_SHARE`` times the highest force.
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
-# Factor by which a radius of the plan is multiplied to obtain the radius of further tests.
+# If tests at another radius are added to a plan, their radius is a radius of the plan times this
+# factor, or times a power of this factor.
 _OTHER_RADIUS_SHARE = 2.0 / 3.0
 # Radii that differ by no more than this share of the larger radius are treated as equal.
 _SAME_RADIUS_SHARE = 0.01

@@ -308,10 +308,10 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
 
 
 def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
-    """Return the prior and the expected posterior standard deviations of a plan's parameters.
+    """Return the standard deviations of the parameters before and, as expected, after a plan.
 
-    The expected standard deviations come from the forecast that `design` also makes. Return None
-    for a flat prior.
+    Those before the plan are prior standard deviations. Those after the plan are posterior standard
+    deviations from the forecast that `design` also makes. Return None for a flat prior.
     """
     if bound.model.prior.flat:
         return None
@@ -789,11 +789,11 @@ def judge_parameters(
 def _judge_average(
     variance: AveragedVariance, bound: BoundModel, sampled_sd: SampledSd
 ) -> dict[str, ParameterIdentifiability]:
-    """Return how well every parameter of one model, or of an average over models, is known.
+    """Return how well the readings determine each parameter of a model, or of several models.
 
-    ``bound`` is the model with all parameters. ``variance`` holds the variances of the parameters
-    under each model. ``sampled_sd`` holds the prior and posterior standard deviations of the
-    parameters, as stated in the results.
+    The result applies to the average over the models. ``bound`` is the model that has all the
+    parameters. ``variance`` holds the variances of the parameters under each model. ``sampled_sd``
+    holds the prior and posterior standard deviations that are reported for the parameters.
     """
     entries = {}
     for i, parameter in enumerate(bound.parameters):

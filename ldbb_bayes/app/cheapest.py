@@ -99,7 +99,7 @@ def _certificates_as_in_command(text: str) -> str:
 
 
 def _options_of(asked: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the options of the search that the user typed; the keys are their names."""
+    """Return the values of the search options that the user typed; the keys are the names."""
     values = {}
     for field in SEARCH_FIELDS:
         value = _option_value(field.name, asked, folder)

@@ -330,10 +330,11 @@ class CalibrationCertificate(Shown):
         }
 
     def _quantities_by_role(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
-        """Return the certified quantities of one dimension, such as m, in a list for each role.
+        """Return lists of the certified quantities whose unit has one dimension, such as m.
 
-        The keys are the roles. A role says what a quantity is, such as a length or a force.
-        Quantities with an unknown unit are included; quantities without a role are left out.
+        There is one list for each role; the keys are the roles. A role says what a quantity is,
+        such as a length or a force. Quantities with an unknown unit are included; quantities
+        without a role are left out.
         """
         by_role: dict[str, list[CertifiedQuantity]] = {}
         for quantity in self.quantities:

@@ -26,11 +26,10 @@ def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
 
 
 def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
-    """Raise an `InputError` if a test of ``campaign`` in a plane has no direction of travel.
+    """Raise an `InputError` if a test of ``campaign`` in ``plane`` has no direction of travel.
 
-    ``plane`` is the name of the plane. ``reason`` is the part of the error message that says why a
-    direction is needed, such as "run, or are to run, both ways"; it follows the words "as circles
-    of plane" and the name of the plane.
+    ``reason`` says in the error message why the direction is needed. It follows words such as "as
+    circles of plane XY", for example with "run, or are to run, both ways".
     """
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None

@@ -80,9 +80,9 @@ def import_with_answers(
 
 
 def _ask_what_is_open(question: OpenQuestionError, layout: lb.reading.Layout) -> lb.reading.Layout:
-    """Ask the user for information that the files do not give; return the layout with the answer.
+    """Ask the user for information that is missing in the files; return the completed layout.
 
-    ``question`` says what is missing, and ``layout`` says how the files are to be read.
+    ``question`` says what is missing. ``layout`` says how to read the files; the answer is added.
     """
 
     def read(answer: str) -> lb.reading.Layout:

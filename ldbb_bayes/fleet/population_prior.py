@@ -184,10 +184,10 @@ class PopulationPrior(Shown):
 
 
 def _check_takes_prior(model: HybridModel, name: str) -> None:
-    """Raise an `InputError` if a compliance of a model cannot have the prior of a population.
+    """Raise an `InputError` if a compliance of a model cannot get its prior from a population.
 
-    ``name`` is the name of the compliance. The compliance cannot have this prior if the model fixes
-    the compliance at zero, or states another prior for it.
+    ``name`` is the name of the compliance. This is impossible if the model fixes the compliance at
+    zero, or if the user has set a prior for it in the model.
     """
     if name in model.fixed:
         raise InputError(

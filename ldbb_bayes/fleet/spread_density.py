@@ -230,7 +230,8 @@ class SpreadDensity:
     each parameter.
     """
 
-    #: likelihoods of q parameters and instrument errors from n machines, shape (n, q)
+    #: likelihood of the parameters and the instrument errors, q quantities in all, given the
+    #: readings on each of n machines; Gaussian densities of shape (n, q)
     likelihood: Gaussian
     #: scale τ of the half-normal prior of the spreads (standard deviations from machine to
     #: machine), in units of the parameters' prior sd

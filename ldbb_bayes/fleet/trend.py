@@ -132,8 +132,8 @@ class Visit(Result):
     campaign: str
     #: date of the campaign; None if the campaign states no date
     date: Annotated[datetime | None, PlainSerializer(_isoformat)]
-    #: probability that a parameter of the machine changed between the previous campaign and this
-    #: campaign
+    #: probability that at least one parameter of the machine changed between the previous campaign
+    #: and this campaign
     change_just_before: float
 
 

@@ -125,8 +125,8 @@ class TestChecks(Result):
 
     #: p-value of the residual at each Fourier order; the keys are the orders from 0 to 12
     orders_p: dict[int, float]
-    #: p-value of the hypothesis that white noise in the readings is as strong as modelled. It is
-    #: computed from the residuals of a fit of the Fourier orders 0 to 12 to the readings.
+    #: p-value of the hypothesis that the white noise of the readings is as large as the model says.
+    #: It is computed from the residuals of a fit of the Fourier orders 0 to 12 to the readings.
     noise_p: float | None
     #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
     #: readings

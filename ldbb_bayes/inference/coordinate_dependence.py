@@ -63,9 +63,11 @@ class Dependence:
     coordinates, and of the squares of these coordinates.
     """
 
-    #: coefficients for the means of the h coordinates, shape (1 + 2 k, h)
+    #: polynomial coefficients for the means of the h coordinates, as functions of the first k
+    #: coordinates, shape (1 + 2 k, h)
     mean: Array
-    #: coefficients for the logarithms of the widths of the h coordinates, shape (1 + 2 k, h)
+    #: polynomial coefficients for the log widths of the h coordinates, as functions of the first k
+    #: coordinates, shape (1 + 2 k, h)
     log_width: Array
     #: constants that are subtracted last, in z = (u − mean) / width − offset, shape (h,)
     offset: Array

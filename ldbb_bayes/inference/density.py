@@ -411,8 +411,7 @@ def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState)
     and of other effects) are drawn from a density a little wider than their posterior. The p
     parameters (compliances, their changes with force, geometric errors) are drawn from their
     density given the hyper-parameters and the readings. If the model does not allow negative
-    compliances, no compliance is negative at any point. ``redraw`` is the source of the random
-    draws.
+    compliances, no compliance is negative at any point. ``redraw`` makes the draws.
 
     Raises
     ------

@@ -216,8 +216,7 @@ class HyperPosterior:
 
         y are the readings, β the parameters (compliances, their changes with force, geometric
         errors), and φ the h hyper-parameters (scales of the noise and of other effects). ``free``,
-        shape (w, h), holds φ in unbounded coordinates. The Gaussians are not restricted to
-        compliances that are not negative.
+        shape (w, h), holds φ in unbounded coordinates. The Gaussians allow negative compliances.
         """
         return self.bound.given(self.bound.hyper_prior.phi(free))
 

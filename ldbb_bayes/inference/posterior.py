@@ -429,7 +429,7 @@ def _campaign_text(record_json: str) -> str:
 def _keep_campaign(key: tuple[str | bytes, ...], campaign: Campaign) -> None:
     """Add a campaign to the cache, and remove the oldest campaigns if the cache holds too many.
 
-    ``key`` holds all that a posterior states about the campaign, as `_campaign_key` returns it.
+    ``key`` is the key of the campaign in the cache, as `_campaign_key` returns it.
     """
     _CAMPAIGNS[key] = campaign
     for oldest in list(_CAMPAIGNS)[:-_KEPT_CAMPAIGNS]:

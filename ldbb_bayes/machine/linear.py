@@ -266,8 +266,8 @@ class _Candidates:
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     """Return the compliances that may change readings on ``circles``, with their effects.
 
-    The result has all planar compliances of the tested planes. It also has those other compliances
-    of the joints of ``machine`` that change a reading on one of ``circles``.
+    The result has all planar compliances of the tested planes. Any other compliance of a joint of
+    ``machine`` is included only if it changes a reading on one of ``circles``.
     """
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     names = joint_names(machine)

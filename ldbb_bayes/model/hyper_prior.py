@@ -304,7 +304,7 @@ class HyperPrior:
     def level(self, phi: Array) -> Array:
         """Return the prior probability that each hyper-parameter is smaller than a given value.
 
-        The method is the inverse of `quantile`.
+        This is the inverse of `quantile`.
 
         Parameters
         ----------

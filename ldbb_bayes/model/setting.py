@@ -113,9 +113,9 @@ class Setting:
     #: Fourier coefficients of the reading per unit of each geometric error, as a function of the
     #: angle on the circle, shape (tests, 25, geometric errors)
     geometric: Array
-    # The fields from `reference_force_N` on describe the whole campaign, and the method `select`
-    # leaves them unchanged. The exceptions are `circle` and `fitted`, which have one row for each
-    # test; `select` selects their rows too.
+    # `reference_force_N` and the fields below it describe the whole campaign, and the method
+    # `select` leaves them unchanged. The exceptions are `circle` and `fitted`, which have one row
+    # for each test; `select` selects their rows too.
 
     #: reference force F0 [N], at which compliances are stated. Slopes (changes of compliances with
     #: force) are multiplied by powers of F − F0

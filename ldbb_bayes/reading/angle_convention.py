@@ -51,7 +51,8 @@ _DENIED = re.compile(WORDS["reading_sign"]["denied"], re.IGNORECASE)
 # Regular expression for words such as "step". A line about angles with such a word states neither
 # the axis at which angles begin nor their sense.
 _HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
-# Regular expression for words, such as "compass", for angles that are counted clockwise from north.
+# Regular expression for words, such as "compass", which show that angles are counted clockwise from
+# north.
 _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
 # Regular expression for words, such as "begin", for the start of a circle.
 _START = re.compile(_WORDS["start"], re.IGNORECASE)

@@ -105,7 +105,7 @@ def _guess_of_library(text: bytes) -> str:
 
 
 def _known_words() -> frozenset[str]:
-    """Return the known words for columns and units, without words that are entirely ASCII."""
+    """Return the words for columns and units that contain a character outside ASCII."""
     words: set[str] = set()
     for role_words in ROLES.values():
         words.update(role_words)

@@ -39,7 +39,7 @@ _ASSIGNED_NUMBER = re.compile(rf"\b[A-Za-z]\w*\s*=\s*(?P<number>{NUMBER_IN_TEXT}
 _NUMBER = re.compile(r"[+\-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+\-]?\d+)?")
 # Word that is written before the value of a load, as in "Force: 490 N"; the keys are kinds of load.
 _LOADS = {"force": "Force", "pressure": "Pressure"}
-# Smallest number of successive rows of numbers that are a table.
+# Successive rows of numbers are read as a table if there are at least this many.
 _FEWEST_ROWS = 9
 
 

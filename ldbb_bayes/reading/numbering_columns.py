@@ -1,4 +1,4 @@
-"""Columns whose cells together identify the circles of a table, such as ``run`` and ``pass``."""
+"""Columns, such as ``run`` and ``pass``, whose cells together identify the circle of a row."""
 
 from __future__ import annotations
 

@@ -243,7 +243,7 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
         Line number and text of every cell.
     """
     certain: str | None = None
-    # The keys are comma and point. Each value is the first cell with this mark but not the other.
+    # For each mark, comma or point: the first cell that contains this mark and not the other one.
     single: dict[str, tuple[int, str]] = {}
     for line, cell in cells:
         has_comma = "," in cell

@@ -80,9 +80,10 @@ def _names_tests(rows: Sequence[Sequence[str]], column: int, wanted: set[str]) -
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:
     """Return the lines of sheets that apply to all tests, and the cells that describe one test.
 
-    ``names`` are the possible spellings of the name of this test. Lines outside lists of tests
-    apply to all tests. A row in a list of tests describes the test if one of its cells is among
-    ``names``. Each cell of the row is returned as ``header: cell``.
+    ``names`` are the possible spellings of the name of this test. A list of tests is a table with
+    one row for each test. Lines outside such lists apply to all tests. A row in a list describes
+    the test if one of its cells is among ``names``. Each cell of the row is returned as
+    ``header: cell``.
     """
     lines = OverviewLines()
     wanted = {_without_blanks(name) for name in names}

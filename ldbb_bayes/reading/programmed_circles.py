@@ -27,7 +27,7 @@ _ARC = re.compile(
 )
 # Regular expression for a line that is nothing but the word G2 or G3.
 _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
-# Regular expression for a coordinate of the centre of an arc, counted from the start of the arc.
+# Regular expression for a coordinate of the centre of an arc, relative to the arc's starting point.
 _CENTRE = re.compile(rf"(?<![A-Za-z])(?P<letter>[IJK])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
 # Axis of each coordinate of a centre; the keys are the letters of the coordinates in G-code.
 _AXIS_OF_CENTRE = {"I": "X", "J": "Y", "K": "Z"}

@@ -60,8 +60,8 @@ _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 # Commas or points in the numbers of a column may be decimal marks or separate thousands. Columns
 # are checked for this only if at least this many of their numbers have a comma or a point.
 _FEWEST_MARKED = 5
-# A column that holds no angle, reading or other quantity of each row may state one of these fields
-# of a test.
+# Fields of a test that may also stand in a column of the table, with the same value in all rows of
+# the test.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
 # Regular expression for a number that may be a result of a measurement, such as 12 µm. It does not
 # match G2, G3 or a factor of −1.
@@ -655,10 +655,10 @@ def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
 
 
 def _holds_quantities(row: Row, heading: Heading) -> bool:
-    """Return whether every cell of a row begins with a number, as in ``0.9 x 10 um``.
+    """Return whether a row fills all columns and every cell begins with a number.
 
-    Such a row belongs to the table and is not a remark below it. Later code raises an error for the
-    units in this row.
+    Such a row, for example of cells like ``0.9 x 10 um``, belongs to the table and is not a remark
+    below it. Its units cannot be read; the error is raised later.
     """
     if len(row.cells) != len(heading.headers):
         return False

@@ -325,7 +325,7 @@ def _is_measured(values: Array) -> bool:
     """Return whether the loads of the rows of a test, shape (n,), vary as measured loads do.
 
     Loads are forces [N] or pressures [bar]. Measured loads stay near their mean and change often.
-    The nominal loads of several tests below each other change only where the next test begins.
+    Nominal loads change only where the next test in the table begins.
     """
     mean = float(values.mean())
     largest_deviation = float(np.abs(values - mean).max())

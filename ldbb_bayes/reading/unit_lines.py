@@ -426,9 +426,10 @@ def _units_in(text: str) -> list[_ListedUnit]:
 
 
 def partner_of_units(header: str) -> str:
-    """Return the name of the column whose units a column with this header holds.
+    """Return ``theta`` for a header such as ``theta_unit``.
 
-    The name is ``theta`` for the header ``theta_unit``. The result is empty for any other header.
+    A column with this header holds the units of the column ``theta``. The result is empty if the
+    header does not name a column of units.
     """
     text = comparable(header[:LONGEST_NAME])
     for pattern in _PARTNERS:

@@ -158,9 +158,9 @@ def scaled_unit(text: str) -> str:
 
 
 def unit_in_shares(text: str) -> str:
-    """Return the fraction of a unit that a text states in words.
+    """Return a unit with its factor for a text such as ``tenths of a micron``: ``0.1 um``.
 
-    The result is ``0.1 um`` for ``tenths of a micron``. It is empty if the text is anything else.
+    The result is empty for any other text.
     """
     for share, pattern in _UNIT_IN_SHARES.items():
         match = pattern.fullmatch(text.strip(" ."))

@@ -1,4 +1,4 @@
-"""Functions that read workbooks (XLSX, XLS, ODS), and check each workbook before unpacking."""
+"""Functions that read workbooks (XLSX, XLS, ODS). Workbooks are checked before they are unpacked."""
 
 from __future__ import annotations
 

@@ -384,10 +384,9 @@ def _share_cell(relative: Mapping[str, float] | None) -> str:
 def _parameters_by_kind(result: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return two dictionaries from a fit's results: the compliances, and the other parameters.
 
-    The keys are names of parameters, the values are the entries of the parameters in the results.
-    Slopes (coefficients of the change with force) are left out if the results also state the
-    changes themselves. If the results do not state the changes, slopes are among the other
-    parameters.
+    The keys are names of parameters, and the values are the entries of the parameters in the
+    results. Slopes, the coefficients of the change of a compliance with force, belong to the other
+    parameters. They are left out if the results also contain the changes over the tested forces.
     """
     compliances = {}
     others = {}

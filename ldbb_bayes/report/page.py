@@ -449,9 +449,9 @@ def _record(
 
 
 def _analysis_record(result: Any) -> dict[str, Any]:
-    """Return the JSON record of an analysis, or a record of why the analysis was not made.
+    """Return the JSON record of an analysis, or the reason why the analysis was not made.
 
-    ``result`` is the result of the analysis, or a string that states why it was not made.
+    ``result`` is the result of the analysis, or a string with this reason.
     """
     if isinstance(result, str):
         return {"missing": result}

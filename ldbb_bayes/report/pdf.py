@@ -71,8 +71,8 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
     sheets
         Sheets, each of which fits one page; see `fit_to_page`.
     title, language, created
-        Properties that the PDF document states: its title, the code of its language such as ``en``,
-        and the time of its creation.
+        Properties of the PDF document: its title, the code of its language, such as ``en``, and the
+        time of its creation.
 
     Returns
     -------

@@ -126,7 +126,7 @@ def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:
 
 
 def _inseparable(circle: StatedQuantity, words: Words) -> str:
-    """Return a sentence that names the effects with which a circular deviation is confounded.
+    """Return a sentence on the effects that cannot be separated from a circular deviation.
 
     ``circle`` is the circular deviation. The sentence is empty if there are no such effects.
     """
@@ -349,11 +349,11 @@ def _not_determined(numbers: SheetNumbers) -> str:
 
 
 def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> Iterator[str]:
-    """Yield one sentence for each further step that makes some parameters more certain.
+    """Yield one sentence for each step that helps where the best step does not.
 
-    These are the parameters whose uncertainty the best step does not reduce. A step makes one
-    effect smaller. The keys of ``helped_by_step`` are the effects, as class names of model terms;
-    each value holds the symbols of the parameters that the step makes more certain.
+    A step reduces the influence of one effect, and so makes some parameters more certain. The keys
+    of ``helped_by_step`` are the effects, as class names of model terms. Each value holds the
+    symbols of the parameters that this step, but not the best step, makes more certain.
     """
     for name, symbols in helped_by_step.items():
         yield words(

@@ -126,8 +126,8 @@ def _sphericity(sphericity_um: float, words: Words) -> str:
 def _size(key: str, uncertainty: Uncertainty) -> str:
     """Return a string with the certified or assumed uncertainty U (k = 2) of a part.
 
-    ``key`` names the part of the instrument, such as ``bar``. If the error of the bar's length is
-    not zero, the string for the bar states this error before U.
+    ``key`` names the part of the instrument, such as ``bar``. For a bar with a length error other
+    than zero, the string begins with this error.
     """
     if uncertainty.unit == "1" or key == "mount":
         size = f"{two_digits(2.0 * uncertainty.sd / (uncertainty.value or 1.0), 100.0)} %"

@@ -132,7 +132,7 @@ def _along(axes: Array, values: Array) -> Array:
 
 
 def fisher_information(bound: BoundModel, scores: Array) -> Array:
-    """Return the Fisher information of planned readings about normal scores of hyper-parameters.
+    """Return the information in planned readings about the normal scores of the hyper-parameters.
 
     The hyper-parameters are the scales of the noise and of other effects. These effects, among them
     those of the parameters of interest, are integrated out: the readings have the covariance V =
@@ -261,10 +261,9 @@ class _Effects(NamedTuple):
     hyper-parameters.
     """
 
-    # blocks of the design matrix: first the effects on all tests, then the effects on single tests.
-    # The number of all effects is C.
+    # blocks of the design matrix: first the effects on all tests, then the effects on single tests
     blocks: list[_EffectBlock]
-    variances: Array  # variances of the effects, shape (w, C)
+    variances: Array  # variances of all C effects, shape (w, C)
     noise_variance: Array  # variance of the white noise, shape (w,)
 
 

@@ -177,9 +177,9 @@ def exchange(
 
 
 def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
-    """Return the counts of a design to which ``number`` tests of one candidate are added.
+    """Return the numbers of tests of a design after ``number`` tests of one candidate are added.
 
-    ``candidate`` is the index of this candidate. ``counts`` are the numbers of tests of each
+    ``candidate`` is the index of this candidate. ``counts`` holds the number of tests of each
     candidate before the addition, shape (candidates,).
     """
     changed = counts.copy()

@@ -296,8 +296,8 @@ class BallForm(Term):
         """Return whether the prior of a form-error coefficient follows from certificates or grades.
 
         ``coefficient`` is the name of the coefficient, and ``campaign`` holds the certificates and
-        grades. For a coefficient of the sum of both balls' form errors, certificates or grades must
-        state the form errors of both balls.
+        grades. If the coefficient describes the sum of the form errors of both balls, both balls
+        need a certificate or a grade.
         """
         instrument = campaign.instrument
         balls = [instrument.work, instrument.tool]
