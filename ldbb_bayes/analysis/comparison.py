@@ -811,10 +811,11 @@ def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[f
 
 
 def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[ScaledSlopes, ...]:
-    """Return the log Bayes factor of two models under each scale of the slopes' prior.
+    """Return the log Bayes factor of two models for narrower and wider priors of the slopes.
 
-    Slopes are changes of compliance with force. ``assumed`` holds the comparison of the two models
-    at each of ``scales``, in the same order.
+    Slopes are changes of compliance with force. Their prior standard deviations are proportional to
+    ``slope_scale``, the values of which are in ``scales``. ``assumed`` holds the comparison of the
+    two models for each of these values.
     """
     scaled = []
     for scale, result in zip(scales, assumed, strict=True):
@@ -823,10 +824,10 @@ def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple
 
 
 def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[float, ...]:
-    """Return the scales of the slopes' prior at which the log Bayes factor changes sign.
+    """Return the values of ``slope_scale`` at which the log Bayes factor changes sign.
 
-    Slopes are changes of compliance with force. ``assumed`` holds the comparison of two models at
-    each of ``scales``, in the same order.
+    The prior standard deviations of slopes (changes of compliance with force) are proportional to
+    ``slope_scale``. ``assumed`` holds the comparison of two models for each value in ``scales``.
     """
     log_bayes_factor = np.array([result.log_bayes_factor for result in assumed])
     return interpolate_crossings(np.array(scales), log_bayes_factor)

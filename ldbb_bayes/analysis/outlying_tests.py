@@ -235,12 +235,12 @@ def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
 
 
 def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
-    """Return the judged tests with family-wise p-values by Holm's method.
+    """Return the results ``judged`` of several tests with family-wise p-values by Holm's method.
 
     Holm's method orders the tests by their p-values. The family-wise p-value of a test must not be
-    smaller than that of a test before it. Tests that were flagged earlier come before all judged
-    tests: ``lowest`` is the largest of their family-wise p-values. A smaller family-wise p-value is
-    raised to this number.
+    smaller than that of a test before it. Tests that were flagged earlier come before all these
+    tests; ``lowest`` is the largest of the family-wise p-values of the flagged tests. A smaller
+    family-wise p-value is raised to ``lowest``.
     """
     p_values = np.array([judged_test.p_value for judged_test in judged.values()])
     family_wise = np.maximum(holm(p_values), lowest)

@@ -663,7 +663,7 @@ def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str,
 
 
 def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
-    """Return for each confounded parameter of a posterior the effects with which it is confounded.
+    """Return, for each confounded parameter of a posterior, the effects confounded with it.
 
     A parameter is confounded if effects whose standard uncertainty is assumed cause most of its
     variance. Parameters that are not confounded are left out. The effects are the same as in

@@ -418,8 +418,8 @@ def _several_errors(
     The message lists the first twelve errors. For each of them, it gives a name that distinguishes
     the error from the others, and the two numbers that the user may enter instead of the
     certificate: length_error_um and U_um. ``candidates`` holds the quantities of the certificate
-    that state the errors. ``lengths`` holds all quantities in units of length, grouped by what they
-    are (the keys).
+    that state the errors. ``lengths`` holds all quantities in units of length; its keys say what
+    kinds of length these are.
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:

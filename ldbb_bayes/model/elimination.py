@@ -261,9 +261,9 @@ class EliminationPlan:
     def _updates(self, families: list[_Family]) -> list[Update]:
         """Return the changes of later columns when the groups of columns of a front are eliminated.
 
-        The groups of a front are eliminated together. The groups of one family change the same
-        later columns. Consecutive families are treated together, in the same `Update`, if they have
-        equal numbers of groups and no later column is changed by two of these families.
+        The groups of a front are eliminated together. ``families`` sorts them: the groups of a
+        family change the same later columns. Consecutive families are treated in the same `Update`
+        if they have equal numbers of groups and no two of them change the same later column.
         """
         updates = []
         start = 0

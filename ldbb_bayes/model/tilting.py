@@ -293,10 +293,10 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 
 
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
-    """Return logarithms of random tail probabilities of a standard normal variable in an interval.
+    """Return log tail probabilities from which a standard normal variable is drawn in an interval.
 
-    The variable is drawn at random in the interval, as the value that has this tail probability.
-    The tail is to its left if ``interval.direction`` is −1, and to its right if it is 1. The tail
+    The random value of the variable is the value that has the tail probability. The tail is to the
+    left of the value if ``interval.direction`` is −1, and to the right if it is 1. The tail
     probability is uniformly distributed between those of the two ends of the interval. It is
     computed from the random numbers ``uniform``, which are between 0 and 1.
     """

@@ -183,7 +183,7 @@ def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
 
 
 def _is_inseparable(text: str) -> bool:
-    """Return whether a text states where angles begin in a phrase about another subject, too.
+    """Return whether a single phrase states where angles begin and something else.
 
     An example is ``Angles from +Y with the travel clockwise``.
     """

@@ -143,7 +143,7 @@ def start_of_programme(recording: Recording, plane: str, direction: str | None) 
 
 
 def _circles_in_programme(recording: Recording, direction: str | None) -> list[ProgrammedArc]:
-    """Return the arcs in lines above the table that have the radius and direction of the test.
+    """Return the arcs of the programme above the table with the radius and direction of the test.
 
     If the radius of no arc agrees with that of the test, all arcs in its direction are returned.
     """

@@ -48,7 +48,8 @@ class _Shown:
     """Rows of numbers that are shown below each other, and the lines above them."""
 
     above: list[Row]  # lines above the numbers; each is a row of one cell
-    numbers: list[Row]  # rows of numbers; empty for the lines below the last display
+    # rows of numbers; empty if ``above`` holds the last lines of the file, which no numbers follow
+    numbers: list[Row]
 
 
 @dataclass
@@ -58,7 +59,8 @@ class _Display:
     # lines above the header; each is a row of one cell
     lines: list[Row] = field(default_factory=list)
     header: list[Row] = field(default_factory=list)  # row with the names of all columns, if any
-    numbers: list[Row] = field(default_factory=list)  # rows of numbers, multiplied by the factor
+    # rows of numbers, already multiplied by ``factor``
+    numbers: list[Row] = field(default_factory=list)
     # common factor of the numbers, such as 1.0e+03, as MATLAB writes it; empty if there is none
     factor: str = ""
     # number of the line with the common factor of the numbers; 0 if there is none

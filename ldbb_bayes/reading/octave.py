@@ -49,14 +49,14 @@ def is_octave(text: str) -> bool:
 
 
 def sheets_of_octave(sheet: Sheet, text: str) -> list[Sheet]:
-    """Return one sheet for each table in variables of Octave.
+    """Return one sheet for each table in a text file of Octave.
 
     Parameters
     ----------
     sheet
         Sheet without rows, which holds the path of the file.
     text
-        The text.
+        Content of the file.
 
     Raises
     ------

@@ -165,7 +165,7 @@ def _take_feed(programme: _Programme, line: int | str, block: str) -> None:
 
 
 def _coordinates(programme: _Programme, block: str) -> dict[str, float]:
-    """Return the coordinates [mm] of the point in a block; the keys are the axes X, Y and Z."""
+    """Return the X, Y and Z coordinates in a block of a programme [mm]; the keys are the axes."""
     coordinates = {}
     for match in _POINT.finditer(block):
         coordinates[match["letter"].upper()] = float(match["number"]) * programme.unit_mm

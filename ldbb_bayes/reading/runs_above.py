@@ -68,10 +68,11 @@ def _with_run(name: str, run: str) -> str:
 
 
 def _names_with_units(above: Row, header: Sequence[str]) -> list[str]:
-    """Return the headers of loads or runs below merged cells that name angle and readings.
+    """Return the headers of a table whose columns of readings are headed by loads or runs.
 
-    An example is ``Angle, Deviation [um]`` above the cells ``100 N`` and ``300 N``. The result is
-    an empty list if the row above names something else, or if a header is missing.
+    The names and units of the columns are in the row ``above``, in merged cells. An example is the
+    row ``Angle, Deviation [um]`` above the cells ``100 N`` and ``300 N``. The result is an empty
+    list if the row above names something else, or if a header is missing.
     """
     texts = [cell for cell in above.cells[1:] if cell]
     names = [above.cells[0], *header[1:]]

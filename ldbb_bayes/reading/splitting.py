@@ -116,7 +116,7 @@ class _SheetColumns:
         return units
 
     def _units(self, column: int, rows: Sequence[int]) -> Iterator[RowUnits]:
-        """Yield the units that each source in the file states for rows of one column."""
+        """Yield the units of the given rows of a column, from each place that may state units."""
         if column in self.unit_columns:
             units = self.cells_with_units(self.unit_columns[column], rows)
             yield RowUnits(units, "a column of units")

@@ -159,9 +159,9 @@ def _stated(recording: Recording, pattern: re.Pattern[str]) -> _StatedAngle | No
 def _check_number(
     recording: Recording, start: _StatedAngle, end: _StatedAngle | None, step_deg: float
 ) -> None:
-    """Raise an `InputError` if the readings of a test are not as many as the lines above state.
+    """Raise an `InputError` if the readings do not fit start, step and end of the angles.
 
-    Readings must not be missing. The end may be the angle of the last reading or one step further.
+    No reading may be missing. The end must be the angle of the last reading, or one step further.
     """
     n_readings = len(recording.lines)
     rows = [row.line for row in recording.sheet.rows[recording.heading.first_row :]]

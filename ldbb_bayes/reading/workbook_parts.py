@@ -119,7 +119,9 @@ def _unit_in_format(code: str) -> str:
 
 
 def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
-    """Return hidden rows, units of number formats and formulas without a value of one XLSX sheet.
+    """Return what an XLSX sheet holds besides the values of its cells.
+
+    These are hidden rows, units in number formats, and formulas without a stored value.
 
     ``stream`` is the XML of the sheet. ``units`` holds the units of the styles of cells; its keys
     are the numbers of the styles.

@@ -82,7 +82,7 @@ def sheets(
 
 
 def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
-    """Yield the figures, tables and lists of sheet 1 of the report."""
+    """Yield the content of sheet 1 of the test certificate, with form fields and figures."""
     words = numbers.words
     findings = numbers.findings
     yield banner(numbers)

@@ -552,11 +552,10 @@ def expectation(fit: Fit) -> str:
 
 
 def check_notes(fit: Fit) -> tuple[str, ...]:
-    """Return a tuple with a note on features of the readings that the model does not expect.
+    """Return a note on failed posterior predictive checks that hardly affect any credible interval.
 
-    The note names only features that hardly affect any credible interval. Features that affect the
-    intervals are called misfits, and are not named in the note. The tuple is empty if there is
-    nothing to note.
+    Failed checks that affect a credible interval are called misfits, and are not named in the note.
+    The result is a tuple with the note; it is empty if there is nothing to note.
     """
     return _sentences("check_notes", fit)
 
