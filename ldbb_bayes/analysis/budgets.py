@@ -420,9 +420,9 @@ def _coefficient_line(key: _SourceKey, portion: _Portion, u: float) -> Contribut
     information = portion.budget.information
     place = information.interest[portion.row]
     column = information.names.index(key.source)
-    # A nuisance coefficient that is larger than its prior mean shifts the parameter's estimate. The
-    # sign of this shift is opposite to the sign of the posterior covariance of coefficient and
-    # parameter.
+    # If the true value of the nuisance coefficient is larger than its prior mean, the estimate of
+    # the parameter is wrong. The sign of this error is opposite to the sign of the posterior
+    # covariance of coefficient and parameter.
     sign = -float(np.sign(portion.budget.covariance[place, column]))
     source_u = float(information.scale[column])
     unit = Term.owner(key.source).unit_of(key.source).inside

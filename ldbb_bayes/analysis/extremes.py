@@ -35,7 +35,7 @@ class CurveExtremes:
 
     @property
     def width(self) -> Array:
-        """Draws of the largest minus the smallest value, shape (draws,); no draw is negative."""
+        """Draws of the difference between the largest and the smallest value, shape (draws,)."""
         return np.maximum(self.largest - self.smallest, 0.0)
 
 

@@ -101,11 +101,12 @@ class GumComparison(Result):
 
     @property
     def decided(self) -> bool:
-        """Whether the numerical error is small enough to decide on the validation.
+        """Whether the numerical error is small enough to decide whether the GUM result is validated.
 
-        It is small enough if it is at most a fifth of the tolerance, as JCGM 101, 8.2, requires. A
-        larger error is small enough if it cannot change ``validated``, that is, if it is at most
-        the difference between the tolerance and the larger of ``d_low`` and ``d_high``.
+        The error is small enough if it is at most a fifth of the tolerance, as JCGM 101, 8.2,
+        requires. A larger error is also small enough if it cannot change ``validated``, that is, if
+        it is at most the difference between the tolerance and the larger of ``d_low`` and
+        ``d_high``.
         """
         distance = abs(max(self.d_low, self.d_high) - self.tolerance)
         return self.error <= max(_SHARE_OF_TOLERANCE * self.tolerance, distance)

@@ -126,7 +126,7 @@ def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
 
 
 def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
-    """Return a model term with default settings instead of those that the user has made.
+    """Return a model term with default settings instead of the user's settings.
 
     The defaults are those of the preset from which the model was made; a preset is a ready-made
     model, such as `HybridModel.first`. If the preset does not have the term, they are the defaults

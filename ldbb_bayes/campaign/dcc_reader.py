@@ -211,8 +211,8 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
     """Return the last uncertainty that an XML element states for its numbers.
 
     A standard uncertainty is returned as an expanded uncertainty with k = 1. An uncertainty without
-    a number is ignored. ``name`` is the name of the quantity for error messages. The lists of the
-    result are empty if no uncertainty is stated.
+    a number is ignored. If no uncertainty is stated, the result holds empty lists. ``name`` is the
+    name of the quantity for error messages.
     """
     uncertainty = _Uncertainty()
     for inner in element.iter():

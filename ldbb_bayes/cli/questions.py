@@ -30,7 +30,7 @@ class MachineType(NamedTuple):
     name: str
     #: Topology of the machine: its axes from workpiece to tool, such as wCAFYXZSt.
     topology: str
-    #: Description in words of which axes move the workpiece and which move the tool.
+    #: Text that says which axes move the workpiece, and which axes move the tool.
     looks: str
 
 

@@ -76,8 +76,8 @@ _ROUNDING = 1e-24
 # Smallest number of tests in a plane with which a shift of the circles' centre with force is
 # checked.
 _FEWEST_TESTS = 4
-# Smallest number of different forces in a plane with which a shift of the circles' centre with
-# force is checked.
+# In each plane, the dependence of the circles' centre on force is checked only if the plane was
+# tested at this number of different forces or more.
 _FEWEST_FORCES = 3
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.

@@ -57,7 +57,7 @@ _STOCK = 512
 
 
 class BlockPlan(NamedTuple):
-    """How many draws a block of the sampler's steps stores, and how many steps lie between them."""
+    """Number of draws to store in a block of the sampler's steps, and steps between these draws."""
 
     draws: int  #: number of draws that the block of steps stores for each walker
     thin: int  #: number of steps of the sampler from one stored draw to the next

@@ -528,9 +528,9 @@ def unknown_length(lines: Lines) -> CitedLine | None:
 
 
 def _possible_radius(text: str) -> str:
-    """Return the words of a line that may state the radius of a circle.
+    """Return those words of a line that may state the radius of a circle.
 
-    The result is an empty string if the line has no such words.
+    The result is an empty string if no words of the line may state a radius.
     """
     if OTHER_QUANTITY.search(_BALL_BAR.sub("bar", text)):
         return ""

@@ -66,8 +66,8 @@ _NAMES_OF_SIGN = {
 }
 # Regular expression for words in front of the name of readings in a line, such as "Readings:".
 _NAME_LABEL = re.compile(_WORDS["name_label"], re.IGNORECASE)
-# Regular expression for a name that is ambiguous if a line consists of this name alone: a line
-# "Compression" may be about the load.
+# Regular expression for a name of readings, such as "Compression", that is ambiguous if it is the
+# whole line. The line may then be about the load.
 _UNCLEAR_ALONE = re.compile(_WORDS["unclear_alone"], re.IGNORECASE)
 # Regular expression for a header with a minus sign before the name of the reading.
 _MINUS = re.compile(_WORDS["minus"])

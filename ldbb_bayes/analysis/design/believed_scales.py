@@ -98,7 +98,7 @@ class _Belief(NamedTuple):
     """
 
     mean: Array  # means of the scores, shape (K, h)
-    root: Array  # symmetric square roots of the covariance matrices of the scores, shape (K, h, h)
+    root: Array  # symmetric square roots of the scores' covariance matrices, shape (K, h, h)
 
 
 def _belief(truth: Array, information: Array, error: Array) -> _Belief:

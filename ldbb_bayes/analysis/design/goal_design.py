@@ -188,7 +188,7 @@ class GoalDesign(Result):
 
     @property
     def all_met(self) -> bool:
-        """Whether the readings of the campaign that the design starts from meet all goals."""
+        """Whether all goals are already met by the campaign from which the design starts."""
         return all(stated.met_by_pilot for stated in self.goals.values())
 
     @property

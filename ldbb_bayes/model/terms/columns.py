@@ -212,8 +212,8 @@ class Columns(Shown):
     def sources_of(self, test: int) -> tuple[Source, ...]:
         """Return the products of hyper-parameters that multiply the prior sds of coefficients.
 
-        There is one product for each of the p coefficients. It includes the noise factor λ of the
-        circle of one test, if this circle has one. ``test`` is the index of this test, from 0.
+        There is one product for each of the p coefficients. If the circle of the test with the
+        index ``test`` has a noise factor λ, the products include this factor.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
