@@ -81,7 +81,10 @@ class Degeneracy:
 
     @property
     def nuisances(self) -> tuple[str, ...]:
-        """Names of the nuisance coefficients (of effects not of interest) in the degeneracy."""
+        """Names of the nuisance coefficients in the degeneracy.
+
+        They describe effects that are modelled but not of interest.
+        """
         return tuple(name for name in self.combination if name not in self.units)
 
 

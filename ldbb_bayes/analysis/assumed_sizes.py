@@ -32,8 +32,8 @@ class AssumedSize:
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of ``source``
     unit: str  #: internal unit of ``sd``
-    #: whether the effect has another coefficient in the same unit with a smaller prior standard
-    #: deviation
+    #: whether another coefficient of the same effect, in the same unit, has a smaller prior
+    #: standard deviation
     differs: bool
 
 
@@ -50,7 +50,7 @@ class DecidingAssumption(Result):
 
 
 def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumption, ...]:
-    """Return the effects on whose assumed standard uncertainties parameters depend.
+    """Return the effects that matter for a parameter although their size is only assumed.
 
     An effect is a model term, such as the deflection of the mount. The standard uncertainty of its
     coefficients is assumed if it is neither measured in this campaign nor stated by a certificate

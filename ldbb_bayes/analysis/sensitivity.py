@@ -114,11 +114,11 @@ def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return the two models ``pair`` changed according to each of several assumptions.
+    """Change the two models ``pair``, separately for each of several assumptions.
 
-    The keys of the result are the labels of the assumptions; each value is the changed pair.
-    ``changes`` holds the assumptions, as returned by `discrepancy_assumptions`. An assumption is
-    left out if it makes the two models equal.
+    The keys of the result are the labels of the assumptions; each value holds the two models under
+    this assumption. ``changes`` holds the assumptions, as returned by `discrepancy_assumptions`. An
+    assumption is left out if it makes the two models equal.
     """
     pair = tuple(pair)
     pairs = {}

@@ -93,7 +93,7 @@ class ModelVariance:
 
     @cached_property
     def origins(self) -> dict[tuple[str, str], Origin]:
-        """Origin of every source of uncertainty.
+        """Origin of every source of uncertainty: measured, assumed or stated.
 
         A key has two parts: the name of the source (a coefficient or a kind of noise), and the name
         of the model term to which the source belongs.
@@ -163,10 +163,10 @@ class ModelVariance:
         return np.einsum("qi,ij,qj->q", self.weights, covariance, self.weights)
 
     def _scaled(self, variance: Array) -> Array:
-        """Return variances of the linear model, scaled to agree with ``sd``.
+        """Convert variances of the linear model to variances of the posterior, shape (q,).
 
-        Each variance is multiplied by the ratio of ``sd``² to the `gaussian_variance` of the
-        quantity. The result, shape (q,), is at most ``sd``².
+        Each variance is multiplied by the quantity's posterior variance ``sd``² and divided by its
+        `gaussian_variance`, the variance in the linear model. The result is at most ``sd``².
         """
         before = np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1.0)
         return np.clip(variance / before, 0.0, 1.0) * self.sd**2

@@ -239,7 +239,7 @@ async def _take_example(house: House, session: Session, request: Request) -> Res
     return JSONResponse({})
 
 
-# ---- entries that the user types, and the fit
+# ---- the user's entries, and the fit
 
 
 async def _take_choices(house: House, session: Session, request: Request) -> Response:

@@ -306,11 +306,11 @@ class CalibrationCertificate(Shown):
         return size / largest_force.magnitude()
 
     def ball(self) -> dict[str, Any]:
-        """Return a ball's deviation from sphericity [µm] and the name of its certificate.
+        """Return a dict with a ball's deviation from sphericity [µm] and its certificate's name.
 
-        The keys are named as in campaign.toml: sphericity_um and certificate. The expanded
-        uncertainty (k = 2) of each form deviation is added to this form deviation. The largest of
-        these sums is returned as the deviation from sphericity.
+        The keys are sphericity_um and certificate, as in campaign.toml. A certificate may state
+        several form deviations of the ball. The expanded uncertainty (k = 2) of each is added to
+        it, and the largest sum is returned as the deviation from sphericity.
         """
         largest_bound = 0.0
         quantity = None

@@ -30,10 +30,10 @@ _TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
 # Names that the columns of a table with one row for each reading may have.
 _TIDY_COLUMNS = ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS)
 _TEXT_COLUMNS = ("test", "direction", "plane")
-# Smallest range that the angles in a column named as degrees may cover [deg]. Angles that cover
-# less are probably in radians, and the table is refused.
+# Smallest range that the angles in a column ``angle_deg`` may cover [deg]. Angles that cover less
+# are probably in radians, and the table is refused.
 _SMALLEST_SPAN_DEG = 7.0
-# Largest range that the angles in a column named as radians may cover [rad]. Angles that cover more
+# Largest range that the angles in a column ``angle_rad`` may cover [rad]. Angles that cover more
 # are probably in degrees, and the table is refused.
 _LARGEST_SPAN_RAD = 8.0 * np.pi
 

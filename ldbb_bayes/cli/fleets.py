@@ -61,9 +61,9 @@ def batch(
 
     The Python function lb.fleet.read_batch reads the table. If a campaign cannot be fitted, its row
     states the reason. If the command is stopped, the same command with --resume continues the fits
-    and gives the same table. Options for tidy CSVs apply to the campaigns that are such files. Exit
-    code 1: the random draws of a fit did not reach the effective sample size that --ess states;
-    campaigns that cannot be fitted do not change the exit code.
+    and gives the same table. Options for tidy CSVs apply only to campaigns that are stored as tidy
+    CSVs. Exit code 1: the random draws of a fit did not reach the effective sample size that --ess
+    requires. Campaigns that cannot be fitted do not change the exit code.
     """
     if settings["resume"] and not (out / JOURNAL).exists():
         typer.echo(f"{out} holds no unfinished batch: this one begins anew.", err=True)

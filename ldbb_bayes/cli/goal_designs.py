@@ -1,4 +1,4 @@
-"""The cheapest campaign that reaches goals: its search, its files, and its order of circles.
+"""Search for the cheapest campaign that reaches goals, with its files and its order of circles.
 
 The command ``design`` with ``--goal`` and the page in the browser share these functions.
 """

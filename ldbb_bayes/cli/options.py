@@ -317,7 +317,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _only_value(**values: Any) -> Any:
-    """Return the value of a group's only option; None if the user did not type the option."""
+    """Return the value of the only option in a group; None if the user did not type it."""
     for value in values.values():
         return value
     return None

@@ -88,7 +88,7 @@ class _Location(NamedTuple):
 
     # keys that lead from the outermost table to the entry; entries of lists are numbered from 1
     keys: list[str]
-    owner: Any  # pydantic class of the table in which the last key stands
+    owner: Any  # pydantic class of the table that contains the last of the ``keys``
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:

@@ -153,7 +153,7 @@ def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
 def _draw_limits(axes: Axes, data: _PanelData) -> None:
     """Shade the range between the control limits in a panel of a control chart.
 
-    All campaigns except the first have control limits.
+    The first campaign has no control limits, because the limits follow from earlier campaigns.
     """
     steps = [np.append(limit, limit[-1]) for limit in data.limits]
     label = f"limits from those before, {100 * LIMITS:g} %"

@@ -73,8 +73,9 @@ def chart_points(
     ----------
     series : likelihoods of the parameters and instrument errors from the n campaigns in order of
         time, shape (n, q).
-    carried : the same likelihoods, with the machine's scatter integrated out, for each value of
-        the scatter, shape (r, n, q).
+    carried : likelihoods as in ``series``, but of the machine's mean parameters: the random
+        deviations of the n campaigns are integrated out, for each value of the scatter, shape
+        (r, n, q).
     scatter, scatter_weight : values of the scatter and their prior probabilities, each of shape
         (r,).
     instrument : posterior mean (s,) and covariance (s, s) of the errors of the instrument.

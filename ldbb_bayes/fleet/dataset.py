@@ -342,9 +342,10 @@ def _dataset_of(path: Path) -> Path:
 
 
 def _columns_of_quantities(schema: pa.Schema, names: re.Pattern[str]) -> list[str]:
-    """Return the columns, such as k_min.mean, of the quantities whose names match a pattern.
+    """Return the names of all columns that belong to the quantities whose names match a pattern.
 
-    ``names`` is the pattern. ``schema`` describes the columns of a batch's table.
+    The column k_min.mean, for example, belongs to the quantity k_min. ``names`` is the pattern.
+    ``schema`` lists the columns of the table of a batch.
     """
     columns = []
     for column in schema.names:

@@ -37,9 +37,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Number of random draws of the spreads, the standard deviations of machines about the mean of their
-# population, given all machines but one. These draws are made only if the draws given all machines
-# cannot be reused with weights, because the weights cannot be trusted.
+# Number of random draws of the spreads (standard deviations of machines about the mean of their
+# population) that are made without the data of one machine. Usually the draws made with the data of
+# all machines are reweighted instead. New draws are made only if these weights are not reliable.
 _DRAWS_WITHOUT = 512
 # Largest number of machines for which new random draws of the spreads (standard deviations of
 # machines about the mean of their population) are made. If more machines need new draws, those with

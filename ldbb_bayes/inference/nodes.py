@@ -84,7 +84,7 @@ _COARSE_STEP = 1.25
 # most the tolerance [nat] divided by this number.
 _PARTS_OF_TOLERANCE = 20.0
 # The probability that no compliance is negative is not computed at the nodes of smallest weight.
-# For every tolerance, the share of the integral that belongs to these nodes is at most this value.
+# These nodes hold at most this share of the integral, however large the tolerance is.
 _LARGEST_LEFT_OUT = 5e-4
 # Smallest tolerance [nat] for the log probability that no compliance is negative. The tolerance is
 # a quarter of that of the log evidence, but at least this value.

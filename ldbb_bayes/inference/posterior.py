@@ -494,7 +494,7 @@ def draws_of(
 def _stack_draws(group: Any, names: tuple[str, ...]) -> Array:
     """Return random draws of the variables ``names``, shape (chains × draws, variables).
 
-    ``group`` is the dataset ``posterior`` of a posterior.
+    ``group`` is the dataset that contains the draws.
     """
     return np.stack([group[str(name)].values.ravel() for name in names], axis=1)
 

@@ -216,9 +216,9 @@ def readings_drawn(
 
 
 class _MeasuredAndPlanned(NamedTuple):
-    """The same model for the measured tests and for the planned tests.
+    """A model, once applied to the measured tests and once to the planned tests.
 
-    Both versions have the same nuisances (effects that are modelled but not of interest).
+    Both have the same nuisances (effects that are modelled but not of interest).
     """
 
     measured: BoundModel

@@ -35,10 +35,10 @@ _ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 
 @dataclass(frozen=True)
 class ComplianceName:
-    """Name of a compliance C_ijk of the paper, at joint k.
+    """Name of the compliance C_ijk: the motion i at joint k per unit of the load j.
 
-    The compliance is the displacement or rotation i (component of a twist) per unit of the force or
-    moment j (component of a wrench) that causes it.
+    The motion is a displacement or a rotation (component of a twist). The load that causes it is a
+    force or a moment (component of a wrench).
     """
 
     twist: str  #: direction of displacement i (X, Y or Z) or axis of rotation i (A, B or C)

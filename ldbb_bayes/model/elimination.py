@@ -332,7 +332,7 @@ class Elimination:
 
     @property
     def chunk_size(self) -> int:
-        """Number of values of the hyper-parameters for which one pass computes the factors.
+        """Number of values of the hyper-parameters whose Cholesky factors are computed together.
 
         The number is the largest multiple of 8 for which the factors fit into the processor's
         cache, but at least 256 and at most 512.
@@ -383,7 +383,10 @@ class Elimination:
 
     @property
     def is_positive(self) -> bool:
-        """Whether no prior variance is negative, so that coefficients can be drawn at random."""
+        """Whether all prior variances are positive, so that coefficients can be drawn at random.
+
+        A coefficient with a negative prior variance removes noise from the readings.
+        """
         return bool((self._plan.half_signs > 0.0).all())
 
     def solve(self, workspace: Array, standard: Array | None = None) -> Array:

@@ -202,8 +202,8 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     calls = -(-columns // _COLUMNS_AT_ONCE)
     if len(products) < max(_DENSE_SHARE * needed * most_kinds, _FEWEST_DENSE * calls):
         return []
-    # A group of columns may have fewer than ``most_kinds`` kinds of rows. The elements of the
-    # arrays that are then not needed for this group are zero.
+    # The arrays have space for ``most_kinds`` kinds of rows. If a group of columns has fewer kinds,
+    # the rest of its space is filled with zeros.
     group_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
     rank = np.cumsum(has_kind, axis=1) - 1
     group_kinds[group, rank[group, kind]] = kind

@@ -111,11 +111,10 @@ class Information:
         return np.concatenate(self.blocks(fixed))
 
     def blocks(self, fixed: Collection[str] = ()) -> list[Array]:
-        """Return, for each test, the design matrix of all m coefficients for unit noise.
+        """Return the design matrix of each test, scaled so that the noise has unit covariance.
 
-        The design matrix of a test is multiplied from the left by the inverse Cholesky factor of
-        the noise covariance of the test's reduced readings. The coefficients are divided by their
-        prior sd.
+        The design matrix is multiplied from the left by the inverse Cholesky factor of the noise
+        covariance of the test's reduced readings. All m coefficients are divided by their prior sd.
 
         Parameters
         ----------

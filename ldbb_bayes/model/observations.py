@@ -399,13 +399,14 @@ def _rotate(
     *,
     uniform: bool,
 ) -> _Rotated:
-    """Return a matrix Q that rotates the readings of one test, and the rotated matrices.
+    """Return a matrix Q that makes the noise in the readings of one test independent.
 
-    The rotated noise has a diagonal covariance. R is ``test.factor``, the matrix that converts 25
-    Fourier coefficients into the reduced readings of the test. If all tests are circles with nearly
-    uniform angles (``uniform``), Q = S R⁻¹, where the diagonal matrix S holds the norms of the
-    Fourier functions. This Q serves for any number of noise terms. Otherwise ``noise`` has at most
-    one term, and Q follows from the singular value decomposition of R times the sd of this noise.
+    Also return the product Q R and the standard deviations of the rotated noise. R is
+    ``test.factor``, the matrix that converts 25 Fourier coefficients into the reduced readings of
+    the test. If all tests are circles with nearly uniform angles (``uniform``), Q = S R⁻¹, where
+    the diagonal matrix S holds the norms of the Fourier functions. This Q serves for any number of
+    noise terms. Otherwise ``noise`` has at most one term, and Q follows from the singular value
+    decomposition of R times the sd of this noise.
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms

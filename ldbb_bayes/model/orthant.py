@@ -111,11 +111,12 @@ class OrthantMoments(NamedTuple):
     only.
     """
 
-    #: Mean of the d coordinates of each standard normal vector e along the directions ``axes``,
-    #: given that all constraints hold, shape (w, d) for w vectors.
+    #: Conditional means of the d coordinates of w standard normal vectors e, shape (w, d). The
+    #: condition is that all constraints hold; the coordinates are along the directions ``axes``.
     mean: Array
-    #: Covariance of the d coordinates of each standard normal vector e along the directions
-    #: ``axes``, given that all constraints hold, shape (w, d, d) for w vectors.
+    #: Conditional covariances of the d coordinates of w standard normal vectors e, shape (w, d, d).
+    #: The condition is that all constraints hold; the coordinates are along the directions
+    #: ``axes``.
     covariance: Array
     #: Orthonormal directions for each of w standard normal vectors e with q elements, shape
     #: (w, d, q). The constraints depend only on the d coordinates of e along these directions.

@@ -163,10 +163,10 @@ def settings_of_sd(parameter: str) -> tuple[str, ...]:
 
 
 def _kind_of(parameter: str) -> _Kind | None:
-    """Return the internal unit of a parameter, and the field of `Prior` with its default prior sd.
+    """Return the unit of a parameter, and the field of `Prior` that holds its default prior sd.
 
-    For C_XXX, the unit is mm/N and the field is direct_mm_per_N. Return None if ``parameter`` is
-    not the name of a parameter.
+    The unit is internal: it is made of mm, N and rad. For C_XXX, the unit is mm/N and the field is
+    direct_mm_per_N. Return None if ``parameter`` is not the name of a parameter.
     """
     match = _COMPLIANCE_NAME.fullmatch(parameter)
     if match is not None:
@@ -237,7 +237,7 @@ class Prior(Shown):
     #: the compliance (``slopes_of_estimate`` explains how it is computed); F_min and F_max are the
     #: campaign's smallest and largest force.
     slope_scale: float = 0.3
-    gain: float = 2e-4  #: prior sd of scale errors of axes, such as E_XX1, without unit
+    gain: float = 2e-4  #: prior sd of a scale error, such as E_XX1 of the X axis, without unit
     squareness_rad: float = 5e-5  #: prior sd of squareness errors, such as E_C(0Y)X [rad]
     #: prior sd of quadratic straightness errors, such as E_YX2 [1/mm]
     straightness_per_mm: float = 1e-6

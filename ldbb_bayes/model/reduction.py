@@ -53,8 +53,8 @@ class NearUniform(NamedTuple):
     #: largest absolute value is first. R is the triangular factor in the QR decomposition of the
     #: Fourier functions at the test's angles. At uniform angles λ is zero, and RᵀR = S².
     departure: Array
-    #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25). Its columns are in the order
-    #: of the 25 departures λ.
+    #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25); S is the diagonal matrix of
+    #: ``column_norms``. Each column of V belongs to one of the 25 departures λ in ``departure``.
     directions: Array
 
     @property

@@ -231,7 +231,7 @@ def _convention_in_words(
 
 
 def _note_words(recording: Recording, words: list[_Words], convention: AngleConvention) -> None:
-    """Add a note on each statement in the file that the user's sign and offset override."""
+    """Note each statement in the file that is not used, because the user gives sign and offset."""
     for entry in words:
         value = f"sign {convention.sign}, offset {convention.offset_deg:g}°, as given"
         said = f"{entry.source} says {entry.zero} {entry.sense}".strip()

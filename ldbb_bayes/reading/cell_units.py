@@ -60,10 +60,11 @@ def number_in_cell(cell: str, *, is_sexagesimal: bool = False) -> _NumberAndUnit
 def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     """Return the rows of a sheet without the units after their numbers, and the removed units.
 
-    Only rows that seem to belong to a table are changed, and not a single row such as ``Force;36
-    N``. Such a row consists of at least two numbers, at least one of them with a unit, and the row
-    directly above or below it also consists of numbers with units. In a sheet with at least three
-    rows of numbers with units, this neighbouring row may also consist of numbers without units.
+    A row of numbers with units has at least two numbers, at least one unit, and no other texts. It
+    is changed if the row directly above or below is also a row of numbers with units. In a sheet
+    with at least three such rows, a row of numbers without units above or below is enough. A row
+    that stands alone, such as ``Force;36 N``, is left as it is. An angle in degrees and minutes
+    beside texts is changed if the cell directly above or below also holds such an angle.
     """
     sexagesimal = columns_in_sexagesimal(row.cells for row in rows)
     numbers = [_numbers_of(row.cells, sexagesimal) for row in rows]

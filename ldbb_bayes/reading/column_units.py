@@ -44,7 +44,7 @@ class _UnitEvidence(NamedTuple):
     """Units that one source in a file states for a column."""
 
     units: Sequence[str]  # unit of each row, or one unit for all rows; unknown units as written
-    source: str | CitedLine  # name of the source in messages, such as "line 3"
+    source: str | CitedLine  # where the unit is stated, for messages, such as "line 3"
 
 
 def is_unit_stated(recording: Recording, role: str) -> bool:

@@ -66,7 +66,7 @@ class Heading:
     units: list[str]  #: unit that the header of each column states; empty if it states none
     roles: dict[str, int]  #: index of the column (from 0) for each role, such as angle
     lines_above: list[tuple[int | str, str]]  #: lines above the header, each with its line number
-    #: indices (from 0) of the columns of readings; if there are several, each is a separate test
+    #: indices (from 0) of the columns of readings; each column holds the readings of one test
     readings: list[int]
     #: units with a factor, such as 0.1 um, in the row of units; the keys are the column indices
     scaled_units: Mapping[int, str] = field(default_factory=dict)

@@ -243,9 +243,9 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 def _numbers_stated(
     text: str, line: int | str, is_extended: bool
 ) -> Iterator[tuple[str, LineStatement]]:
-    """Yield each field that has a number as its value in a line, and the statement of this value.
+    """Yield the fields for which a line states a number, each with the statement of the number.
 
-    A line that gives the force as a function of the pressure has no value of a force or pressure.
+    A line that gives the force as a function of the pressure states neither force nor pressure.
     ``line`` is the number of the line. ``is_extended`` says whether the bar has an extension.
     """
     is_law = states_force_law(text)

@@ -26,7 +26,7 @@ _STATED = {"force_N": "Force: {value:.10g} N", "pressure_bar": "Pressure: {value
 
 @dataclass
 class _RowBlock:
-    """Successive rows of numbers, taken to be a table, with the rows above them."""
+    """Successive rows of numbers, which are treated as a table, and the rows above them."""
 
     heading: list[Row]  # rows between the numbers of the previous block and those of this block
     numbers: list[Row]  # rows of numbers; empty for the rows after the last table

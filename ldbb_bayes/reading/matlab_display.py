@@ -30,8 +30,8 @@ _NAME = re.compile(r"[A-Za-z]\w*\s*=")
 _PROMPT = re.compile(r"\s*>>\s*")
 # Regular expression for a command that only shows a variable.
 _SHOWING = re.compile(r"\s*>>\s*\w+\s*")
-# Regular expression for a line above a part of the columns of a matrix that is too wide to be shown
-# at once.
+# Regular expression for a line such as "Columns 1 through 8". MATLAB writes it above some columns
+# of a matrix that is too wide to be shown at once.
 _PART = re.compile(r"\s*Columns? \d+(?: (?:through|and|to) \d+)?\s*")
 # Regular expression for a command that assigns one number to a variable, such as F = 490.
 _ASSIGNED_NUMBER = re.compile(rf"\b[A-Za-z]\w*\s*=\s*(?P<number>{NUMBER_IN_TEXT})\s*(?=[;,%]|$)")
@@ -122,7 +122,7 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
 
 
 def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_Shown]:
-    """Divide all rows of a text into matrices with the lines above them.
+    """Return the matrices in a text, each with the lines above it.
 
     The last item of the result holds the lines below the last matrix. ``rows`` are the rows of the
     text, split into cells, and ``written`` are its lines as written.

@@ -80,7 +80,7 @@ class ProgrammedArc(NamedTuple):
 
 @dataclass
 class _Programme:
-    """State of a programme after the blocks that have been read."""
+    """State of an NC programme after the blocks (lines) that have been read so far."""
 
     #: one unit of length of the programme (millimetre or inch) [mm]
     unit_mm: float

@@ -1,4 +1,4 @@
-"""Runs in a row above the header, such as ``Run 1, Run 2`` above two columns ``Deviation``."""
+"""Names of runs in a row above the header: ``Run 1, Run 2`` above two columns ``Deviation``."""
 
 from __future__ import annotations
 

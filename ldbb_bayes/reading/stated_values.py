@@ -342,11 +342,11 @@ class _StatedSenses(NamedTuple):
 
 
 def _directions_above(recording: Recording) -> _StatedSenses:
-    """Return the directions from the first source outside the table that states a direction.
+    """Return the directions of travel that are stated outside the table, from the first source.
 
-    The sources are, in this order, lines above and below the table together with names of files,
-    G-code in lines above the table, and sheets without a table. If G-code or sheets without a table
-    state both directions, the two directions belong to different circles and are not used.
+    The sources are tried in this order: lines above and below the table together with names of
+    files, G-code in lines above the table, and sheets without a table. If G-code or sheets without
+    a table state both directions, the two directions belong to different circles and are not used.
     """
     lines_above = recording.heading.lines_above
     names = [name for name in recording.names() if not name_is_about_angles(name)]
@@ -381,7 +381,7 @@ def _source_of_direction(recording: Recording) -> str:
 
 
 def _contradiction_of(senses: set[str]) -> str:
-    """Return the reason for a note on a direction of travel on which user and file disagree.
+    """Return the text of a note that says how the file contradicts the user's direction of travel.
 
     ``senses`` are the directions in the file: CW, CCW, and other words in capitals, which are not
     understood.

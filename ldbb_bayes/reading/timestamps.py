@@ -174,7 +174,7 @@ def _parts_of(match: re.Match[str]) -> dict[str, str]:
 
 
 def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
-    """Return the timestamp that was matched; None for a date or time that does not exist."""
+    """Return the timestamp in ``match``, or None if its date or time does not exist."""
     parts = _parts_of(match)
     day_first = None
     month_first = None

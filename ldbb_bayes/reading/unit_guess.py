@@ -323,8 +323,9 @@ def _fits(size: _ReadingSize, um_per_unit: float) -> bool:
 def _assume_angle_unit(recordings: Sequence[Recording]) -> None:
     """Assume degrees or radians for the angles, depending on the range that the angles span.
 
-    The unit is recorded with its reason. Raise an `OpenQuestionError` if the ranges of the tests
-    suggest different units, or if the angles of the first test fit another unit.
+    The unit is recorded with its reason. Raise an `OpenQuestionError` if some tests seem to have
+    degrees and others radians, or if the angles of the first test may have another unit, such as
+    gon.
     """
     spans = {}
     for recording in recordings:

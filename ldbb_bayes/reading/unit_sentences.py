@@ -34,7 +34,8 @@ _STATED_IN = {
 }
 # Regular expression for the beginning of a line such as "Readings: tenths of a micron".
 _ANNOUNCED = re.compile(rf"\W*{_WORDS['readings_in']}\s*[:=;|\t]\s*(?P<unit>[^;|\t(\[.,]+)", re.I)
-# Regular expression for the words after "in", and for a remark in brackets after these words.
+# Regular expression for the text after "in": the words for the unit, and a remark in brackets, as
+# in "mm (plus = longer)".
 _PHRASE = re.compile(
     r"(?P<phrase>(?:[^;|\t()\[\].,]|[.,](?=\d))*)(?:[(\[](?P<remark>[^)\]]*)[)\]])?(?P<behind>.*)"
 )

@@ -33,7 +33,7 @@ _TEXT_SHOWN = 160
 # A line that states one of these fields is not always used in an import. It was used if a note
 # cites this line.
 _CITED_WHERE_USED = {"reading_scale"}
-# Regular expression for a number; texts that differ only in numbers are alike.
+# Regular expression for a number. Of texts that differ only in numbers, one is noted.
 _NUMBER = re.compile(r"[\d.,]+")
 # Regular expression for a letter; a text without a letter states nothing.
 _LETTER = re.compile(r"[^\W\d_]")
@@ -153,7 +153,7 @@ def _most_important(texts: Sequence[_Text]) -> list[_Text]:
 
 
 def _may_be_convention(text: _Text) -> bool:
-    """Return whether a text may state an angle convention, sign, unit, direction or mount."""
+    """Return whether a text may be about angles, signs, units, directions or the mount."""
     is_stated = is_about_angles(text.text) or is_about_sign(text.text)
     has_direction = NAMES_DIRECTION.search(text.text) is not None or bool(senses_in(text.text))
     is_of_mount = bool(unread_mount([(text.line, text.text)]))

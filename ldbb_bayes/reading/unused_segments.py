@@ -71,7 +71,7 @@ def _may_matter(segment: str) -> bool:
 
 
 def _is_used(segments: list[str], k: int, text: str) -> bool:
-    """Return whether a segment states something, alone or together with a neighbouring segment.
+    """Return whether a segment of a line was used, alone or together with a neighbouring segment.
 
     In ``Operator;Meier``, the two segments together state the operator. ``k`` is the index of the
     segment among the segments of the line ``text``.

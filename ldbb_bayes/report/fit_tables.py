@@ -54,9 +54,9 @@ __all__ = [
     "words_of_fit",
 ]
 
-# The table of a fit's parameters shows the factor λ of a circle only if the posterior median of λ
-# is at least this value. λ states how many times larger the circle's random shift and unexplained
-# deviations are than those of the other circles.
+# The factor λ of a circle multiplies the circle's random shift and unexplained deviations; it is
+# large for a circle that does not agree with the others. The table of a fit's parameters shows λ
+# only if its posterior median is at least this value.
 _ODD_CIRCLE = 2.5
 # Kinds of remarks on a campaign that a report on a fit leaves out, because its sentences on the fit
 # state the same facts.

@@ -319,7 +319,7 @@ def best_step(numbers: SheetNumbers) -> str:
 def _not_determined(numbers: SheetNumbers) -> str:
     """Return a string that names the undetermined parameters and the step that would help most.
 
-    A step makes one effect smaller that causes uncertainty. If the readings determine all
+    A step reduces the uncertainty that is due to one effect. If the readings determine all
     parameters, the string says so.
     """
     words = numbers.words
@@ -362,9 +362,9 @@ def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> I
 
 
 def _step_in_words(name: str, words: Words) -> str:
-    """Return a string that states how to make one effect smaller.
+    """Return a text that states how to reduce the uncertainty due to one effect.
 
-    ``name`` is the class name of the effect's model term.
+    ``name`` is the class name of the model term that describes the effect.
     """
     steps = words.table["steps"]
     return str(steps.get(name, steps[OWN]))

@@ -53,7 +53,7 @@ class Words:
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:
-        """Return items joined to one string in the language of the texts, such as "a, b and c"."""
+        """Return items as one string, such as "a, b and c", in the language of the texts."""
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:

@@ -117,8 +117,8 @@ class Limits(Result):
     #: parameters whose expected standard deviation would decrease by less than 20 % even if every
     #: test were run very many times
     shared: tuple[str, ...]
-    #: combinations of coefficients whose effects cancel in every reading; only combinations that
-    #: involve a parameter in ``shared``
+    #: combinations of coefficients whose effects cancel in every reading. Each of them contains at
+    #: least one of the parameters in ``shared``.
     degeneracies: tuple[Degeneracy, ...]
     #: for each item of ``degeneracies``, what would resolve the degeneracy: kinds of further tests,
     #: or a calibration

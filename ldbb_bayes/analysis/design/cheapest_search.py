@@ -147,7 +147,7 @@ class _Progress:
     #: circles; u is an uncertainty in the full forecast, and v the same uncertainty in the quick
     #: forecast. None before the first full forecast.
     inflation: float | None = None
-    forecasts: int = 0  #: number of full forecasts made
+    forecasts: int = 0  #: number of campaigns for which a full forecast was made
     last_failed: int = 0  #: largest number of circles for which the full forecast missed the goals
     started: bool = False  #: whether the number of circles needed has been estimated
 

@@ -79,10 +79,10 @@ class StatedGoal(Result):
     #: estimate of the parameter from the readings of the campaign that the design starts from; if
     #: there are no readings, the median of the parameter's absolute value under the prior
     value: float
-    #: expanded uncertainty (k = 2) of the parameter before the design's tests: given these
-    #: readings, or under the prior if there are no readings
+    #: expanded uncertainty (k = 2) of the parameter before the design's tests: given the readings
+    #: of the campaign that the design starts from, or under the prior if there are no readings
     U: float
-    #: whether the goal is already met by these readings, without further circles
+    #: whether the goal is already met before any further circle is run
     met_by_pilot: bool
 
 
@@ -91,11 +91,10 @@ class GoalForecast(Result):
     """Expanded uncertainties to expect from a campaign for the parameter of one goal."""
 
     unit: str
-    #: median, over the possible machines, of the expanded uncertainty (k = 2) that the analysis of
-    #: the campaign will state
+    #: median, over the possible machines, of the expanded uncertainty (k = 2) after the campaign
     U: float
-    #: on nine in ten possible machines, the expanded uncertainty (k = 2) that the analysis of the
-    #: campaign will state is at most this value
+    #: expanded uncertainty (k = 2) after the campaign that is not exceeded on 90 % of the possible
+    #: machines
     likely_U: float
     probability: float  #: share of the possible machines on which the goal is met
 

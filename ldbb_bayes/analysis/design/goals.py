@@ -78,8 +78,8 @@ class Goal(Result):
     def limit_u(self, value: ArrayLike) -> Array:
         """Return the largest standard uncertainty u = U/2 that the goal permits.
 
-        ``value`` are values of the parameter in its internal unit. The result has the same unit and
-        shape.
+        ``value`` holds values of the parameter in its internal unit. The result has the same unit
+        and shape.
         """
         return np.asarray(self.limit_U(value) / COVERAGE_FACTOR)
 

@@ -64,8 +64,8 @@ class NearMiss(Result):
     """
 
     circles: int  #: number of circles of the largest campaign that was tried
-    #: on nine in ten possible machines, the expanded uncertainty (k = 2) that the analysis of the
-    #: largest campaign states is at most this value, in the parameter's unit
+    #: expanded uncertainty (k = 2), in the parameter's unit, that is not exceeded on 90 % of the
+    #: possible machines if the largest campaign that was tried is run
     likely_U: float
     #: share of the possible machines on which the largest campaign meets the goal
     probability: float

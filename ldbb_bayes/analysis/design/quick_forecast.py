@@ -60,19 +60,20 @@ def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[s
 
 
 class QuickForecast:
-    """Distances from the goals, for campaigns that consist of candidate tests.
+    """Forecast of how far a campaign is from the goals, at known hyper-parameters.
 
-    φ are the hyper-parameters: the scales of the noise and of other effects.
+    A goal limits the standard uncertainty of a parameter. A campaign consists of candidate tests.
+    The forecast is made for K values of the hyper-parameters (scales of the noise and of other
+    effects).
 
     Parameters
     ----------
     objective
-        Objective that holds the information of the candidate tests about all coefficients. The
-        coefficients are in units of their prior standard deviations; the last of them are the
-        parameters of the goals.
+        Design objective with the information of the candidate tests about all coefficients, which
+        are in units of their prior standard deviations. The parameters with goals come last.
     relative_limits
-        For every goal, the largest standard uncertainty it permits, divided by the prior standard
-        deviation of the goal's parameter, at the K values of φ of the objective, shape (K, goals).
+        Largest standard uncertainty that each goal permits, divided by the prior standard deviation
+        of the goal's parameter, shape (K, goals).
     """
 
     def __init__(self, objective: Objective, relative_limits: Array) -> None:
@@ -96,8 +97,8 @@ class QuickForecast:
         """Return ln(u/u*) of every goal, averaged over the hyper-parameters, shape (goals,).
 
         u is the standard uncertainty of the goal's parameter after a campaign, and u* the largest
-        standard uncertainty that the goal permits. ``counts`` is the campaign's number of circles
-        of every candidate test, shape (candidates,).
+        standard uncertainty that the goal permits. ``counts`` holds, for every candidate test, the
+        number of circles in the campaign, shape (candidates,).
         """
         covariance = self._of_goals(self._covariance(counts))
         return np.asarray(self._log_ratio(covariance).mean(axis=0))

@@ -94,8 +94,7 @@ class Space:
         self._store("directions", tuple(dict.fromkeys(self.directions)))
         self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
-        # Make the candidate tests before the pilot is replaced, because the candidate tests depend
-        # on the original pilot.
+        # The candidate tests depend on the original pilot, and must be made before it is replaced.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
         # Call this check last, because it applies the model to the pilot stored above.

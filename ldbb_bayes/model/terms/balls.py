@@ -62,9 +62,9 @@ class _CoefficientPrior(NamedTuple):
     """Prior of the coefficients of a ball's form error: cosine and sine of each order."""
 
     #: factor f of each coefficient: half of the number of balls for which no certificate or grade
-    #: gives the form error of the coefficient's order n. The prior variance of the coefficient
-    #: contains f τ² (n/6)^(−2p), with the hyper-parameters τ (scale of form errors at order 6) and
-    #: p (decay with the order).
+    #: gives the form error of the coefficient's order n. The part f τ² (n/6)^(−2p) of the
+    #: coefficient's prior variance depends on the hyper-parameters τ (scale of form errors at order
+    #: 6) and p (decay with the order).
     share_of_tau: Array
     #: fixed part of each coefficient's prior sd, which does not depend on hyper-parameters [µm]
     sd_um: Array

@@ -278,10 +278,10 @@ class Hysteresis(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a coefficient of hysteresis, given its name.
+        """Return the unit of a coefficient of the hysteresis, given the coefficient's name.
 
-        The unit is µm/kN for the part proportional to force, and µm for the part that does not
-        depend on force.
+        One part of the hysteresis is proportional to force: its coefficients are in µm/kN. The
+        other part does not depend on force: its coefficients are in µm.
         """
         if coefficient.startswith("hysteresis_force"):
             return Unit("mm/N", 1e-6, "µm/kN")

@@ -320,10 +320,12 @@ class Angle(Term):
         return float(np.deg2rad(_standard_uncertainty(instrument.angle_U_deg, self.sd_deg)))
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the standard uncertainties that the term assumes for the angle's zero and the lag.
+        """Yield the standard uncertainties that the term assumes for the errors of the angle.
 
-        If ``campaign`` holds an expanded uncertainty (k = 2) of the angle from a certificate, both
-        standard uncertainties are half of it. Otherwise both are equal to the field ``sd_deg``.
+        The errors are the zero error of the angle, and the angle by which the recorded readings lag
+        behind the motion. If ``campaign`` holds an expanded uncertainty (k = 2) of the angle from a
+        certificate, both standard uncertainties are half of it. Otherwise both are equal to the
+        field ``sd_deg``.
         """
         sd = self._sd_rad(campaign.instrument)
         for name in ("angle_reference", "angle_lag"):
