@@ -382,7 +382,7 @@ def _contributions(variance: _ParameterVariance, u: float) -> tuple[Contribution
 def _portions(variance: _ParameterVariance) -> dict[_SourceKey, _Portion]:
     """Return the share of one parameter's variance that each source of uncertainty causes.
 
-    The shares are averaged over the models.
+    If the posterior is an average over models, the shares are averaged over these models.
     """
     portions: dict[_SourceKey, _Portion] = {}
     for budget, row, weight in zip(variance.budgets, variance.rows, variance.weights, strict=True):

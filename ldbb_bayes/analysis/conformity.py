@@ -191,8 +191,8 @@ def assess_conformity(
 def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) -> dict[str, Array]:
     """Return posterior draws of the quantities in ``decisions``, by name, in mm, N and rad.
 
-    Each array has the shape (draws,); quantities of the circular path have 2000 draws, evenly
-    spaced among all draws.
+    Each array has the shape (draws,). For quantities of the circular path, only 2000 of the
+    posterior draws are used, at equal distances in the sequence of draws.
     """
     bound = bound_of(posterior)
     force = bound.setting.reference_force_N

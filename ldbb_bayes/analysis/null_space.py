@@ -14,9 +14,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EXACT_SHARE", "NullSpace"]
 
-# The effects of a combination of coefficients are said to cancel only if the combination changes no
-# reading by more than this share of the largest change that its pivot causes alone. The pivot is
-# the coefficient with the value one.
+# In a combination of coefficients, one coefficient, the pivot, has the value one. The effects of
+# the coefficients are said to cancel only if the combination changes no reading by more than this
+# share of the largest change that the pivot alone would cause.
 EXACT_SHARE = 0.05
 # Limits that decide which coefficients are dropped from a combination whose effects cancel. A
 # coefficient is dropped if its effect on the readings is at most this share of the largest effect

@@ -124,9 +124,9 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
     Parameters
     ----------
     update
-        Function that is called with four arguments: the completed share of all steps, the name of
-        the present step, the number of things done in this step, and the total number of things in
-        this step (both 0 if unknown). If None, no progress is reported.
+        Function that is called with four arguments: the completed share of the whole computation,
+        the name of the present step, and how many items of this step are done and how many there
+        are in all (both 0 if unknown). If None, no progress is reported.
     **weights
         Approximate durations of the steps, relative to each other, in the order of the steps. The
         keys are the names of the steps.

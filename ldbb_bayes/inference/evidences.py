@@ -107,8 +107,8 @@ class Evidences(Shown):
     def of(self, *models: HybridModel) -> list[Nodes]:
         """Return the quadrature nodes of each model, in the order of the models.
 
-        The evidence of a model follows from its nodes, which are weighted values of its
-        hyper-parameters (scales of the noise and of other effects). The nodes of equal models are
+        The evidence of a model is computed from its nodes, which are weighted values of its
+        hyper-parameters, such as the standard deviation of the noise. The nodes of equal models are
         computed only once. Models are related if they differ only in the following three ways: how
         compliances change with force, which alternative explanations of a change with force they
         contain (for example joints that deflect under their own load), and whether negative

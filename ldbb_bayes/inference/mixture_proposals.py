@@ -76,11 +76,11 @@ class SplitT:
     #: matrix in ``x = centre + root @ z``, shape (h, h); its columns are the directions of the h
     #: split t distributions
     root: Array
-    #: scales (widths) of the distribution along each of h directions, in units of the coordinate z,
-    #: shape (2, h); the first row is for z < 0, the second row for z > 0
+    #: scales (widths) of the distribution of each of the h elements of z, shape (2, h); the first
+    #: row is for negative values of the element, the second row for positive values
     scale: Array
-    #: degrees of freedom of the distribution along each of h directions, shape (2, h); the first
-    #: row is for z < 0, the second row for z > 0
+    #: degrees of freedom of the distribution of each of the h elements of z, shape (2, h); the
+    #: first row is for negative values of the element, the second row for positive values
     freedom: Array
     #: how the mean and the width of an element of z depend on elements with a smaller index; None
     #: if the elements are independent

@@ -53,9 +53,10 @@ class GaussianFactor:
     sd: float  #: standard deviation of the coordinate about its mean
 
     def log_density(self, free: Array) -> Array:
-        """Return the log density of the coordinate given all other coordinates, shape (w,).
+        """Return the log density of one coordinate of w points given their other coordinates.
 
-        ``free``, shape (w, h), holds all h coordinates of w points.
+        The result has the shape (w,). ``free``, shape (w, h), holds all h coordinates of the
+        points. The density describes the coordinate with the index ``axis``.
         """
         mean = self.intercept + np.delete(free, self.axis, axis=1) @ self.slopes
         z = (free[:, self.axis] - mean) / self.sd

@@ -1071,9 +1071,9 @@ class BoundModel(Shown):
     def log_evidence(self, phi: Array) -> Array:
         """Return the log evidence ln p(y | φ) of the readings y, shape (w,).
 
-        φ are the h hyper-parameters (scales of noise and nuisances). ``phi``, shape (w, h), holds w
-        values of φ, with lengths in mm. Parameters and nuisances are integrated out, and negative
-        compliances are not excluded. `given` returns the same log evidence.
+        φ are the h hyper-parameters, such as the standard deviation of the noise. ``phi``, shape
+        (w, h), holds w values of φ, with lengths in mm. Parameters and nuisances are integrated
+        out, and negative compliances are not excluded. `given` returns the same log evidence.
         """
         return self.collapsed.log_density(phi)
 

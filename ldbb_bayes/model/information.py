@@ -318,19 +318,18 @@ class Information:
         return {key: np.einsum("ij,ji->i", cov, weight) for key, cov in covariances.items()}
 
     def error_covariances(self, weights: Array | None = None) -> dict[tuple[str, str], Array]:
-        """Return the covariance of the parameters' errors that each independent source causes.
+        """Return the contribution of every source of uncertainty to the posterior covariance.
 
-        The errors of the p parameters of interest are divided by their prior sds. The result is a
-        dict of arrays of shape (p, p). Its keys are those of the sources in the result of `shares`.
-        The sum of all covariances is the posterior covariance.
+        The sources are independent, and the sum of their contributions is the posterior covariance
+        of the p parameters of interest. The parameters are in units of their prior sds. The result
+        is a dict of arrays of shape (p, p); it has the same keys as the result of `shares`.
 
         Parameters
         ----------
         weights
             Weights of the m coefficients in q weighted sums, shape (q, m); the coefficients are in
-            units of their prior sds. If weights are given, the covariances describe the errors of
-            the q sums, shape (q, q). By default, they describe the errors of the parameters of
-            interest.
+            units of their prior sds. If weights are given, the contributions are to the covariance
+            of the q sums, shape (q, q), and not to that of the parameters.
         """
         joint = self.covariance()
         interest = self.interest

@@ -120,7 +120,7 @@ def _heading_with_loads(
     loads: dict[int, NamedLoad],
     header_rows: Sequence[Row],
 ) -> list[Row]:
-    """Return the rows above a table, with the lines of loads first.
+    """Return the rows above a table in a new order: the rows that state loads come first.
 
     If the rows do not repeat the header of the first table, this header is added at the end.
     ``heading`` are the rows above the table. ``loads`` holds the loads that these rows state; the

@@ -278,7 +278,10 @@ def _with_values(lines: Sequence[Row]) -> list[Row]:
 
 
 def _multiplied(sheet: Sheet, row: Row, display: _Display) -> Row:
-    """Return a row whose numbers are multiplied by the factor of the display, if there is one."""
+    """Return a row whose numbers are multiplied by the factor that MATLAB shows above them.
+
+    If there is no such factor, the row is returned unchanged.
+    """
     if not display.factor:
         return row
     cells = []

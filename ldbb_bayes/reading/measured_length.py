@@ -78,7 +78,7 @@ def _length_of_readings(text: str) -> str:
 
 
 def _without_numbers_of_others(text: str) -> str:
-    """Return a text in the form of `comparable`, without loads and numbers of columns."""
+    """Return a text in lower case without its loads and column numbers (see `comparable`)."""
     return _NUMBER_OF_COLUMN.sub("", LOAD_IN_NAME.sub("", comparable(text[:LONGEST_TEXT])))
 
 

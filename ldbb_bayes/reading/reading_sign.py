@@ -307,7 +307,7 @@ def _words_of_header(header: str) -> str:
 
 
 def _note_names(recording: Recording) -> None:
-    """Add notes on words in names of files that may mean that the sign of readings is reversed."""
+    """Add a note for each file whose name suggests that the sign of the readings is reversed."""
     for name in recording.names_of_files():
         turned = _TURNED_NAME.search(name)
         if turned is not None and recording.layout.sign is None:
@@ -339,7 +339,8 @@ def _is_turned_header(source: str | CitedLine, text: str) -> bool:
     """Return whether a text is a header of readings whose sign may be reversed.
 
     An example is ``Shortening [um]``. The result is False for a header that begins with a minus
-    sign, because this sign is understood. ``source`` tells where the text is, such as "line 3".
+    sign, because the program takes the minus sign into account. ``source`` tells where the text is,
+    such as "line 3".
     """
     words = _words_of_header(text)
     is_understood = _MINUS.search(words) is not None
@@ -374,7 +375,10 @@ def _words_in(text: str) -> list[str]:
 
 
 def _kinds_of_words(text: str) -> list[str]:
-    """Return the kind of each word in a text that means positive, negative, shorter or longer."""
+    """Return the kinds of the words in a text: positive, negative, shorter or longer.
+
+    Words of no such kind are left out.
+    """
     text = _IN_OR_OUT_FIRST.sub(r"\g<sign> \g<way>ward", text)
     text = _IN_OR_OUT.sub(r"\g<sign> = \g<way>ward", text)
     return [str(match.lastgroup) for match in _WORD.finditer(text)]

@@ -36,8 +36,8 @@ __all__ = ["believed_scales", "fisher_information"]
 # normal quantile of its cumulative prior probability. The prior probability of a score beyond the
 # limit is below 1e-9 on each side.
 _LARGEST_SCORE = 6.0
-# Derivatives of variances with respect to the normal scores of the hyper-parameters are computed by
-# central differences with this step.
+# Step of the central differences from which derivatives are computed. The step is a change of a
+# normal score: the standard normal quantile of a hyper-parameter's cumulative prior probability.
 _STEP = 0.1
 # If a plan has more circles than this number, the analysis is assumed to know the true
 # hyper-parameters. With so many circles, an average over their posterior would take a long time,

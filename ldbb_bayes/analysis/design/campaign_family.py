@@ -71,7 +71,7 @@ class CampaignFamily:
 
     @cached_property
     def quick(self) -> QuickForecast:
-        """Quick forecast of how nearly each campaign of the family meets the goals."""
+        """Quick forecast of how far a campaign of the family is from its goals."""
         bound = self.bound
         number = len(self.states.phi)
         chosen = np.unique(np.linspace(0, number - 1, _QUICK_STATES).round().astype(int))

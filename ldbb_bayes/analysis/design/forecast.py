@@ -103,7 +103,7 @@ class Expected(Result):
 
 @dataclass(frozen=True, eq=False)
 class Forecast(Result):
-    """Forecast of planned tests: expected uncertainties, information gain, evidence on slopes."""
+    """Results that planned tests are expected to give, such as the uncertainties of parameters."""
 
     #: prior and expected standard deviation of each parameter; the keys are the names of the
     #: parameters

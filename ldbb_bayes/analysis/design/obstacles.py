@@ -39,11 +39,11 @@ class Obstacle(Result):
     #: expanded uncertainty (k = 2) that would remain after very many circles, in the parameter's
     #: unit
     U_floor: float
-    #: model term or parameter with the largest share of the variance after very many circles, such
-    #: as ``Mount`` (compliance of the mount)
+    #: model term or parameter that would cause the largest share of the variance of the goal's
+    #: parameter after very many circles, such as ``Mount`` (compliance of the mount)
     held_by: str
-    #: fraction of the variance after very many circles that is due to the term or parameter
-    #: ``held_by``
+    #: share of the variance of the goal's parameter that the term or parameter ``held_by`` would
+    #: cause after very many circles
     share: float
     #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str
@@ -58,9 +58,9 @@ class Obstacle(Result):
 class NearMiss(Result):
     """A goal that could be reached with very many circles, but not with 40 circles or fewer.
 
-    With few circles, the scales of noise and effects are less well known than with very many
-    circles. A goal may therefore be out of reach for up to 40 circles, although it is just above
-    the uncertainty that remains after very many circles.
+    With few circles, the hyper-parameters, such as the standard deviation of the noise, are less
+    well known than with very many circles. A goal may therefore be out of reach for up to 40
+    circles, although it is just above the uncertainty that remains after very many circles.
     """
 
     circles: int  #: number of circles of the largest campaign that was tried
@@ -69,11 +69,11 @@ class NearMiss(Result):
     likely_U: float
     #: share of the possible machines on which the largest campaign meets the goal
     probability: float
-    #: model term or parameter with the largest share of the variance after very many circles, such
-    #: as ``Mount`` (compliance of the mount)
+    #: model term or parameter that would cause the largest share of the variance of the goal's
+    #: parameter after very many circles, such as ``Mount`` (compliance of the mount)
     held_by: str
-    #: fraction of the variance after very many circles that is due to the term or parameter
-    #: ``held_by``
+    #: share of the variance of the goal's parameter that the term or parameter ``held_by`` would
+    #: cause after very many circles
     share: float
     #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str

@@ -1,6 +1,6 @@
-"""Quick forecast of how nearly campaigns meet their goals.
+"""Quick forecast of how far campaigns are from their goals.
 
-β are the parameters and φ the hyper-parameters (the scales of the noise and of other effects). A
+β are the parameters and φ the hyper-parameters, such as the standard deviation of the noise. A
 candidate is a test that could be run. Let G be the derivatives of its readings with respect to all
 coefficients, divided by the standard deviation of the noise. The test adds the information GᵀG to
 the precision matrix of the coefficients. G is computed once for every candidate, at K values of φ

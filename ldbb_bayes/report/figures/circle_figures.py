@@ -49,7 +49,7 @@ class _Traces:
 
     ``bound`` is the model of a campaign. ``beta``, shape (draws, p), holds random draws of the p
     parameters from the posterior. ``phi``, shape (draws, h), holds random draws of the h
-    hyper-parameters (scales of noise and of other effects). ``words`` holds the texts of the
+    hyper-parameters, such as the standard deviation of the noise. ``words`` holds the texts of the
     figure; the keys are the names of the texts.
     """
 
