@@ -101,7 +101,7 @@ class GumComparison(Result):
 
     @property
     def decided(self) -> bool:
-        """Whether the numerical error is small enough to decide whether the GUM result is validated.
+        """Whether the numerical error is small enough for a decision on the validation.
 
         The error is small enough if it is at most a fifth of the tolerance, as JCGM 101, 8.2,
         requires. A larger error is also small enough if it cannot change ``validated``, that is, if

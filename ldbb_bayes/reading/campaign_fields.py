@@ -268,8 +268,8 @@ def _plane_of_column(recording: Recording, plane: str) -> str:
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
     """Raise an `InputError` for an unknown plane, or for contradictory statements about a field.
 
-    ``key`` is the name of the field. The keys of ``places`` are the values stated for the field; for
-    each value, ``places`` holds a text that says where the value is stated.
+    ``key`` is the name of the field. The keys of ``places`` are the values stated for the field.
+    For each value, ``places`` holds a text that says where the value is stated.
     """
     if key == "plane":
         for plane, place in places.items():

@@ -1,4 +1,4 @@
-"""Functions that read workbooks (XLSX, XLS, ODS). Workbooks are checked before they are unpacked."""
+"""Functions that read workbooks (XLSX, XLS, ODS), which are checked before they are unpacked."""
 
 from __future__ import annotations
 
