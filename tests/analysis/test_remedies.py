@@ -128,7 +128,12 @@ def test_nothing_but_the_plan_changes_with_a_pilot() -> None:
 
 @pytest.mark.parametrize("degree", [0, 1])
 @pytest.mark.parametrize(
-    "campaign", [one_way(), one_way(FORCES_N[::2]), plan()], ids=["eight", "four", "unstated"]
+    "campaign",
+    [
+        pytest.param(one_way(), marks=pytest.mark.slow, id="eight"),
+        pytest.param(one_way(FORCES_N[::2]), id="four"),
+        pytest.param(plan(), id="unstated"),
+    ],
 )
 def test_more_circles_are_for_what_is_measured_here(campaign: lb.Campaign, degree: int) -> None:
     for entry in lb.identify(lb.HybridModel.default(degree), campaign).parameters.values():

@@ -176,7 +176,7 @@ def translations(monkeypatch: pytest.MonkeyPatch) -> list[AnnexTranslation]:
     return made
 
 
-@pytest.mark.parametrize("degree", [0, 1])
+@pytest.mark.parametrize("degree", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_a_german_page_has_no_english_text(
     degree: int, translations: list[AnnexTranslation]
 ) -> None:
