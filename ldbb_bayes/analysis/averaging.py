@@ -2,9 +2,9 @@
 
 The averaged posterior is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior under each model
 M, weighted by the posterior probability of the model given the readings y. β are the parameters
-(compliances, their slopes and geometric errors), φ the hyper-parameters (the scales of the noise
-and of other effects). The models differ in two respects: whether compliance changes with force (the
-change is called a slope), and which alternative explanations the model includes. Alternative
+(compliances, their slopes and geometric errors), φ the hyper-parameters (such as the standard
+deviation of the noise). The models differ in two respects: whether compliance changes with force
+(the change is called a slope), and which alternative explanations the model includes. Alternative
 explanations are other effects that change the readings like slopes.
 
 Every model is combined with every subset of its alternative explanations, and all these

@@ -2,8 +2,8 @@
 
 A budget lists the sources of the uncertainty of one parameter. For each source it states the
 standard uncertainty, the sensitivity and the share of the variance. Nuisance coefficients are
-effects that are modelled but not of interest; hyper-parameters φ are the scales of the noise and of
-other effects; truncation is the condition that no compliance is negative.
+effects that are modelled but not of interest; hyper-parameters φ are quantities such as the
+standard deviation of the noise; truncation is the condition that no compliance is negative.
 
 Given φ, the estimation error of the parameters is a sum of independent parts, one for every source.
 A source is the deviation of a nuisance coefficient from its prior mean, noise of the readings, or
@@ -225,8 +225,8 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     The share of a source s in the variance of a parameter y is u_s²(y) / u²(y) as in the GUM, where
     u_s(y) is the standard uncertainty of y due to s alone. The variance u²(y) is the variance of
     the posterior draws. Unlike the variance of the GUM, it includes the truncation (compliances are
-    not negative) and the uncertainty of the hyper-parameters (the scales of the noise and of other
-    effects). The shares are averages over up to 16 draws of the hyper-parameters. The standard
+    not negative) and the uncertainty of the hyper-parameters (such as the standard deviation of the
+    noise). The shares are averages over up to 16 draws of the hyper-parameters. The standard
     uncertainty of every source is measured (determined by the readings of this campaign), stated
     (by a certificate or the user) or assumed. Which of the three applies is determined at the mean
     of the hyper-parameters.

@@ -1,10 +1,10 @@
 """Simulation-based calibration: ranks of true values among posterior draws.
 
-In every replicate, true values of the parameters and hyper-parameters (the scales of the noise and
-of other effects) are drawn at random from their priors. Readings are simulated from these true
-values, and posterior draws are computed from the readings. The rank of a true value is the number
-of posterior draws of the same quantity that are below the true value. If the posterior is computed
-correctly, the ranks of many replicates are uniformly distributed (Talts et al. 2018).
+In every replicate, true values of the parameters and hyper-parameters (such as the standard
+deviation of the noise) are drawn at random from their priors. Readings are simulated from these
+true values, and posterior draws are computed from the readings. The rank of a true value is the
+number of posterior draws of the same quantity that are below the true value. If the posterior is
+computed correctly, the ranks of many replicates are uniformly distributed (Talts et al. 2018).
 """
 
 from __future__ import annotations
@@ -222,8 +222,8 @@ def calibrate(
 ) -> Validation:
     """Return the ranks of true values among posterior draws of simulated campaigns.
 
-    In every replicate, true parameters and hyper-parameters (the scales of the noise and of other
-    effects) are drawn from their priors, readings are simulated, and posterior draws are computed.
+    In every replicate, true parameters and hyper-parameters (such as the standard deviation of the
+    noise) are drawn from their priors, readings are simulated, and posterior draws are computed.
     The rank of a true value is the number of posterior draws that are below the true value. If the
     posterior is computed correctly, the ranks are uniformly distributed (Talts et al. 2018).
 

@@ -3,8 +3,8 @@
 Bar, balls, mount and force device are the same in both campaigns. Errors of these parts therefore
 largely cancel in the difference. The nuisance coefficients of these parts (effects that are
 modelled but not of interest) are common to both campaigns, and their prior is used only once. β are
-the p parameters of interest; φ are the h hyper-parameters (the scales of the noise and of other
-effects).
+the p parameters of interest; φ are the h hyper-parameters (such as the standard deviation of the
+noise).
 """
 
 from __future__ import annotations

@@ -227,8 +227,8 @@ def _functions_of_further_columns(
 
     The keys of the result are the names of these quantities. Each function has no arguments and
     returns a dictionary with values of the campaign's row in the batch's table. ``fitted`` is the
-    fit, and ``density`` is the posterior density of the hyper-parameters (scales of the noise and
-    of other effects).
+    fit, and ``density`` is the posterior density of the hyper-parameters (such as the standard
+    deviation of the noise).
 
     The sufficient statistics are computed only if the priors are not flat. The Bayes factor is
     computed only if, in addition, the settings request it, the compliances of the model depend on
@@ -252,7 +252,7 @@ def _bayes_factor_columns(density: HyperPosterior) -> dict[str, Any]:
 
     The Bayes factor compares a model with compliance linear in force and a model with constant
     compliance. The keys of the result are the names of the columns. ``density`` is the posterior
-    density of the hyper-parameters (scales of the noise and of other effects) under the model of
+    density of the hyper-parameters (such as the standard deviation of the noise) under the model of
     the fit.
     """
     value, error = linear_over_constant(density, tolerance=_EVIDENCE_TOLERANCE)
@@ -315,9 +315,9 @@ def _conformity_columns(fitted: FittedModel) -> dict[str, Any]:
 def _parameter_numbers(fitted: FittedModel, prob: float) -> dict[str, dict[str, Any]]:
     """Return unit, mean, sd, median and interval of every parameter and hyper-parameter of a fit.
 
-    Hyper-parameters are the scales of the noise and of other effects. The keys of the result are
-    the names of the parameters and hyper-parameters. ``prob`` is the probability of the credible
-    intervals.
+    Hyper-parameters are quantities such as the standard deviation of the noise. The keys of the
+    result are the names of the parameters and hyper-parameters. ``prob`` is the probability of the
+    credible intervals.
     """
     bound = fitted.draws.bound
     units = {parameter.name: parameter.unit for parameter in bound.parameters}

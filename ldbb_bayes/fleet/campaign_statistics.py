@@ -20,12 +20,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"]
 
-# Number of nodes that are processed at once. A node is a value of the hyper-parameters (scales of
-# the noise and of other effects). At each node, all other unknowns have a Gaussian distribution,
+# Number of nodes that are processed at once. A node is a value of the hyper-parameters (such as the
+# standard deviation of the noise). At each node, all other unknowns have a Gaussian distribution,
 # whose mean and covariance are computed.
 _NODES_AT_ONCE = 256
 # Number of nodes over which the moments of the parameters are averaged. A node is a value of the
-# hyper-parameters (scales of the noise and of other effects). The nodes are selected with
+# hyper-parameters (such as the standard deviation of the noise). The nodes are selected with
 # probabilities proportional to their weights. With this number, the numerical error of a mean is a
 # small fraction of the parameter's standard uncertainty.
 _NODES = 512

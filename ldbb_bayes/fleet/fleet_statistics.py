@@ -11,7 +11,7 @@ is, Λ_i times the estimate of (c_i, b).
 All other unknowns are integrated out in each campaign separately, as if their values in different
 campaigns were independent. These unknowns are the changes of compliances with force (slopes), the
 geometric errors that are not compared, the form of the balls, the length of the bar, and the
-hyper-parameters (scales of the noise and of other effects). If campaigns have the machine or the
+hyper-parameters (such as the standard deviation of the noise). If campaigns have the machine or the
 bar in common, this treatment overstates the uncertainty of changes and differences. It understates
 the uncertainty of levels and of a population's mean, because ball form and bar length are the same
 in all campaigns and do not average out.

@@ -1,6 +1,6 @@
 """Bayes factor of linear over constant compliance, from the nodes of one fit.
 
-φ are the hyper-parameters (the scales of the noise and of other effects). Nodes are weighted values
+φ are the hyper-parameters (such as the standard deviation of the noise). Nodes are weighted values
 of φ. T is the condition that no compliance is negative (truncation). The log evidence of a model
 with truncation is ln Z + ln P(T | y) − ln P(T). Z is the density of the readings y under the model
 without truncation; P(T | y) and P(T) are the posterior and the prior probability of T under the
@@ -36,7 +36,7 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
 
     Parameters
     ----------
-    density : posterior density of the hyper-parameters (scales of the noise and of other effects)
+    density : posterior density of the hyper-parameters (such as the sd of the noise)
         under the model of a fit, in which compliances depend on force. If compliances are linear in
         force and the nodes (weighted values of the hyper-parameters) of this fit are precise
         enough, these nodes are used for both models. Otherwise both evidences are computed anew.

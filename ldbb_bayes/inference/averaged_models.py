@@ -38,8 +38,8 @@ class AveragedModel:
     #: draws of all p parameters of the average, shape (n, p); parameters that the model lacks are
     #: zero
     beta: Array
-    #: draws of the h hyper-parameters (scales of the noise and of other effects), shape (n, h);
-    #: scales that are lengths are in mm
+    #: draws of the h hyper-parameters (such as the standard deviation of the noise), shape (n, h);
+    #: values that are lengths are in mm
     phi: Array
 
     @cached_property

@@ -1,8 +1,8 @@
 """Posterior predictive checks, which compare readings with readings predicted from the posterior.
 
 The readings of a circle are described by 25 Fourier coefficients: a constant, and a cosine and a
-sine coefficient for each of the orders 1 to 12. φ are the h hyper-parameters, the scales of the
-noise and of other effects. One of them, σ, is the standard deviation of white noise. β are the p
+sine coefficient for each of the orders 1 to 12. φ are the h hyper-parameters, such as the standard
+deviation of the noise. One of them, σ, is the standard deviation of white noise. β are the p
 parameters: compliances, their changes with force, and geometric errors. Shared nuisances are
 effects that are modelled but not of interest, and that are common to several tests. Draws are
 random draws from the posterior. r is the index of a test.
@@ -186,9 +186,9 @@ def effects_of_failures(
       in the width of a credible interval. The widening is 0 if no check of noise or autocorrelation
       fails.
 
-    Both items are computed at one value ``phi`` of the h hyper-parameters (scales of the noise and
-    of other effects), shape (h,). ``checks`` holds the p-values of each test; its keys are the
-    names of the tests. ``bound`` is the model of the campaign.
+    Both items are computed at one value ``phi`` of the h hyper-parameters (such as the standard
+    deviation of the noise), shape (h,). ``checks`` holds the p-values of each test; its keys are
+    the names of the tests. ``bound`` is the model of the campaign.
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -202,9 +202,9 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 
     ``tests`` are the names of the tests that are left out one at a time. These names are the keys
     of the result. The change is in units of the parameter's posterior standard deviation, and is
-    computed at one value ``phi`` of the h hyper-parameters (scales of the noise and of other
-    effects), shape (h,). The result is empty if the campaign has one test only or the prior is
-    flat. ``bound`` is the model of the campaign.
+    computed at one value ``phi`` of the h hyper-parameters (such as the standard deviation of the
+    noise), shape (h,). The result is empty if the campaign has one test only or the prior is flat.
+    ``bound`` is the model of the campaign.
     """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
@@ -225,8 +225,8 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
     variance is estimated from their readings at the Fourier orders 13 to 16, but is at least the
     noise variance σ² of the model. The noise variance of all other tests is σ². The wider intervals
     are computed with σ² replaced by the mean noise variance of all tests. ``phi``, shape (h,), is
-    one value of the h hyper-parameters (scales of the noise and of other effects). ``bound`` is the
-    model of the campaign.
+    one value of the h hyper-parameters (such as the standard deviation of the noise). ``bound`` is
+    the model of the campaign.
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
@@ -325,11 +325,10 @@ def check_predictions(
     """Return posterior predictive p-values of every test; the keys are the names of the tests.
 
     Each p-value compares the readings of a test with the readings that the posterior predicts for a
-    new circle. ``phi``, shape (draws, h), holds posterior draws of the h hyper-parameters (scales
-    of the noise and of other effects). ``beta``, shape (draws, p), holds posterior draws of the p
+    new circle. ``phi``, shape (draws, h), holds posterior draws of the h hyper-parameters (such as
+    the standard deviation of the noise). ``beta``, shape (draws, p), holds posterior draws of the p
     parameters (compliances, their changes with force, geometric errors). At most 500 of the draws
-    are used. ``rng`` generates the random readings. ``bound`` is the model of
-    the campaign.
+    are used. ``rng`` generates the random readings. ``bound`` is the model of the campaign.
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)

@@ -1,10 +1,10 @@
 """Fourier coefficients of circles, predicted from posterior draws of a model's parameters.
 
 A circle is described by 25 Fourier coefficients of the orders 0 to 12. β are the p parameters:
-compliances, their changes with force, and geometric errors. φ are the h hyper-parameters, the
-scales of the noise and of other effects. y are the readings. Nuisances are effects that are
-modelled but not of interest: shared nuisances are common to several tests, private nuisances belong
-to a single circle. There are three kinds of prediction:
+compliances, their changes with force, and geometric errors. φ are the h hyper-parameters, such as
+the standard deviation of the noise. y are the readings. Nuisances are effects that are modelled but
+not of interest: shared nuisances are common to several tests, private nuisances belong to a single
+circle. There are three kinds of prediction:
 
 - machine: the effects H β of the parameters. The matrix H holds the change of every circle per unit
   of each parameter. If the readings are not compensated for the nominal deflection of the work
@@ -54,13 +54,13 @@ __all__ = [
 class ModelDraws(NamedTuple):
     """A model applied to a campaign, and n posterior draws of the model's unknowns.
 
-    The unknowns are the hyper-parameters (scales of the noise and of other effects) and the
+    The unknowns are the hyper-parameters (such as the standard deviation of the noise) and the
     parameters.
     """
 
     bound: BoundModel
-    #: n random draws of the h hyper-parameters (scales of the noise and of other effects), shape
-    #: (n, h); scales that are lengths are in mm, all others are pure numbers
+    #: n random draws of the h hyper-parameters (such as the standard deviation of the noise), shape
+    #: (n, h); values that are lengths are in mm, all others are pure numbers
     phi: Array
     #: n random draws of the p parameters (compliances, their changes with force, geometric errors)
     #: in mm, N and rad, shape (n, p)

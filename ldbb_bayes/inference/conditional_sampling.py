@@ -1,9 +1,9 @@
 """Exact random draws of the parameters β given the hyper-parameters φ and the readings y.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
-hyper-parameters, the scales of the noise and of other effects. Truncation restricts β to
-compliances that are not negative. Free coordinates are unbounded coordinates of the
-hyper-parameters φ, mostly ln(φ − lower bound).
+hyper-parameters, such as the standard deviation of the noise. Truncation restricts β to compliances
+that are not negative. Free coordinates are unbounded coordinates of the hyper-parameters φ, mostly
+ln(φ − lower bound).
 """
 
 from __future__ import annotations
@@ -92,9 +92,9 @@ def draw_parameters_given(
     """Return one random draw of the p parameters per value of the hyper-parameters, shape (w, p).
 
     The parameters are compliances, their changes with force, and geometric errors. ``free`` holds w
-    values of the hyper-parameters (scales of the noise and of other effects). For each value, the
-    parameters are drawn conditional on this value and on the readings. The arguments are the same
-    as in `conditional_draws`. A draw is repeated if it does not follow the density exactly.
+    values of the hyper-parameters (such as the standard deviation of the noise). For each value,
+    the parameters are drawn conditional on this value and on the readings. The arguments are the
+    same as in `conditional_draws`. A draw is repeated if it does not follow the density exactly.
 
     Raises
     ------

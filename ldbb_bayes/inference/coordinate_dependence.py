@@ -1,7 +1,7 @@
 """Proposal density whose mean and width along a coordinate depend on other coordinates.
 
 A proposal is the density from which points are drawn. The points are values of the
-hyper-parameters, the scales of the noise and of other effects. If a scale that is common to all
+hyper-parameters, such as the standard deviation of the noise. If a scale that is common to all
 circles is near zero, the readings determine the other scales less well, and the densities of the
 other scales are wider. A correlation cannot express such a change of width. In the proposal, mean
 and width of a coordinate therefore depend on other coordinates. Let u be the h coordinates of a

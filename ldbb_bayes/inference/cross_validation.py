@@ -1,8 +1,8 @@
 """Predictive densities of the readings of tests that are left out, in the form that ArviZ needs.
 
-y_r are the readings of test r, y_−r those of all other tests. φ are the h hyper-parameters, the
-scales of the noise and of other effects. One of them, λ_r, multiplies two random effects on circle
-r: its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). β are the p
+y_r are the readings of test r, y_−r those of all other tests. φ are the h hyper-parameters, such as
+the standard deviation of the noise. One of them, λ_r, multiplies two random effects on circle r:
+its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). β are the p
 parameters: compliances, their changes with force, and geometric errors. Truncation restricts β to
 compliances that are not negative. k̂ is the Pareto shape of the tail of importance weights.
 """
@@ -85,8 +85,8 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     of each test [mm], which ``arviz_stats.loo_pit`` needs.
 
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
-    readings of test r, given the readings of all other tests and the hyper-parameters φ (scales of
-    the noise and of other effects). All unknowns on which the readings depend linearly are
+    readings of test r, given the readings of all other tests and the hyper-parameters φ (such as
+    the standard deviation of the noise). All unknowns on which the readings depend linearly are
     integrated out. If the model does not allow negative compliances, the integral is only over
     values without negative compliances. If the model has a factor λ_r, this factor is integrated
     out as well. The harmonic mean of p(y_r | y_−r, φ) over the draws is the predictive density of
@@ -167,9 +167,10 @@ def _draw_readings(
     """Return one array for every test: random readings of new circles, shape (draws, n) [mm].
 
     A test has n readings; each posterior draw gives one circle. ``rng`` generates the random
-    numbers. ``phi``, shape (draws, h), holds draws of the h hyper-parameters (scales of the noise
-    and of other effects); ``beta``, shape (draws, p), holds draws of the p parameters (compliances,
-    their changes with force, geometric errors). ``bound`` is the model of the campaign.
+    numbers. ``phi``, shape (draws, h), holds draws of the h hyper-parameters (such as the standard
+    deviation of the noise); ``beta``, shape (draws, p), holds draws of the p parameters
+    (compliances, their changes with force, geometric errors). ``bound`` is the model of the
+    campaign.
     """
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
@@ -212,11 +213,11 @@ def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
     """Return the log density of each test's readings given all other readings, shape (w, tests).
 
     The density is p(y_r | y_−r, φ), where y_r are the readings of test r and y_−r those of all
-    other tests. φ are the h hyper-parameters (scales of the noise and of other effects); ``phi``,
-    shape (w, h), holds w values of them. If the model has a factor by which the set-up shift (of
-    zero and centre) and the discrepancy (unexplained deviations) of test r are multiplied, this
-    factor is integrated out. See `with_predictive`. ``bound`` is the model of
-    the campaign.
+    other tests. φ are the h hyper-parameters (such as the standard deviation of the noise);
+    ``phi``, shape (w, h), holds w values of them. If the model has a factor by which the set-up
+    shift (of zero and centre) and the discrepancy (unexplained deviations) of test r are
+    multiplied, this factor is integrated out. See `with_predictive`. ``bound`` is the model of the
+    campaign.
     """
     log_evidence = in_chunks(partial(_log_evidence, bound), phi)
     log_density = np.empty((len(phi), len(bound.test_names)))
@@ -240,9 +241,9 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
     The hyper-parameter with the name ``circle_scale`` multiplies two random effects on one circle:
     its set-up shift (of zero and centre) and its discrepancy (unexplained deviations). The integral
     over this hyper-parameter is weighted by its prior. The result is ln p(y | φ), where y are the
-    readings and φ the other hyper-parameters (scales of the noise and of other effects). ``phi``,
-    shape (w, h), holds w values of all h hyper-parameters. ``bound`` is the model of
-    the campaign.
+    readings and φ the other hyper-parameters (such as the standard deviation of the noise).
+    ``phi``, shape (w, h), holds w values of all h hyper-parameters. ``bound`` is the model of the
+    campaign.
     """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)
@@ -258,12 +259,12 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     """Return log densities of the tests' readings, tempered if importance weights are unreliable.
 
     ``log_density``, shape (w, tests), is the log density of the readings of each test given all
-    other tests, at w draws of the hyper-parameters (scales of the noise and of other effects). If a
-    test is left out, the inverses of its w densities are the importance weights of the draws. If
-    the Pareto shape k̂ of these weights is above 0.4, the densities are tempered: they are raised
-    to a power below one, and then scaled so that their harmonic mean over the draws equals the
-    predictive density of the readings of the test, which is computed exactly from two evidences.
-    ``bound`` is the model of the campaign.
+    other tests, at w draws of the hyper-parameters (such as the standard deviation of the noise).
+    If a test is left out, the inverses of its w densities are the importance weights of the draws.
+    If the Pareto shape k̂ of these weights is above 0.4, the densities are tempered: they are
+    raised to a power below one, and then scaled so that their harmonic mean over the draws equals
+    the predictive density of the readings of the test, which is computed exactly from two
+    evidences. ``bound`` is the model of the campaign.
     """
     large_k_by_test = {}
     for r in range(len(bound.test_names)):
@@ -286,7 +287,7 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
 def _exact_log_evidence(bound: BoundModel) -> float:
     """Return the log evidence of a model: the log density of its campaign's readings.
 
-    All unknowns, the hyper-parameters (scales of the noise and of other effects) included, are
+    All unknowns, the hyper-parameters (such as the standard deviation of the noise) included, are
     integrated out. ``bound`` is the model of the campaign.
     """
     posterior = HyperPosterior(bound, truncated=bound.truncation.active)
@@ -296,10 +297,10 @@ def _exact_log_evidence(bound: BoundModel) -> float:
 def _log_evidence(bound: BoundModel, phi: Array) -> Array:
     """Return ln p(y | φ) of the readings y at w values of the hyper-parameters φ, shape (w,).
 
-    φ are the h scales of the noise and of other effects; ``phi``, shape (w, h), holds w values of
-    them. If the model allows no negative compliances, the result is ln p(y, T | φ), where T is the
-    condition that no compliance is negative. The density is joint, and therefore not divided by the
-    prior probability of T. ``bound`` is the model of the campaign.
+    φ are the h hyper-parameters, such as the standard deviation of the noise; ``phi``, shape (w,
+    h), holds w values of them. If the model allows no negative compliances, the result is ln p(y, T
+    | φ), where T is the condition that no compliance is negative. The density is joint, and
+    therefore not divided by the prior probability of T. ``bound`` is the model of the campaign.
     """
     if not bound.truncation.active:
         return bound.log_evidence(phi)

@@ -1,7 +1,7 @@
 """Log posterior density of parameters β and hyper-parameters φ, for samplers.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
-hyper-parameters, the scales of the noise and of other effects. y are the readings. Nuisances,
+hyper-parameters, such as the standard deviation of the noise. y are the readings. Nuisances,
 effects that are modelled but not of interest, are integrated out.
 
 The log density is ln p(y | β, φ) + ln p(β) + ln p(φ); the log evidence ln p(y) is not subtracted.
@@ -87,7 +87,7 @@ class LogDensity(Shown):
     """Log density ln p(x, y) of a model at x = (β, φ), for the readings y of a campaign.
 
     x holds the parameters β (compliances, their changes with force, and geometric errors), then the
-    hyper-parameters φ (the scales of the noise and of other effects), in mm, N and rad. For one
+    hyper-parameters φ (such as the standard deviation of the noise), in mm, N and rad. For one
     point, shape (d,), a density is a number; for n points, shape (n, d), densities have the shape
     (n,). Logarithms are natural and every density is normalised, so that a nested sampler gives the
     same evidence as `log_evidence`.
@@ -110,7 +110,7 @@ class LogDensity(Shown):
         """Return the names of the d coordinates of a point: parameters, then hyper-parameters.
 
         Parameters are compliances, their changes with force, and geometric errors. Hyper-parameters
-        are the scales of the noise and of other effects.
+        are quantities such as the standard deviation of the noise.
         """
         return (*self.bound.names, *self.bound.hyper_prior.names)
 
@@ -407,9 +407,9 @@ class LinearRedraw:
 def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState) -> Array:
     """Return n random starting points of a sampler, shape (n, p + h).
 
-    The points are in the coordinates of `JointDensity`. The h hyper-parameters (scales of the noise
-    and of other effects) are drawn from a density a little wider than their posterior. The p
-    parameters (compliances, their changes with force, geometric errors) are drawn from their
+    The points are in the coordinates of `JointDensity`. The h hyper-parameters (such as the
+    standard deviation of the noise) are drawn from a density a little wider than their posterior.
+    The p parameters (compliances, their changes with force, geometric errors) are drawn from their
     density given the hyper-parameters and the readings. If the model does not allow negative
     compliances, no compliance is negative at any point. ``redraw`` makes the draws.
 

@@ -1,8 +1,9 @@
 """Log evidence of a model by quadrature over the hyper-parameters, and Bayes factors.
 
-The evidence is the density of the readings y under the model. The hyper-parameters are the scales
-of the noise and of other effects. The readings depend linearly on all other unknowns, which are
-integrated out exactly. Truncation T restricts compliances to values that are not negative.
+The evidence is the density of the readings y under the model. The hyper-parameters are quantities
+such as the standard deviation of the noise. The readings depend linearly on all other unknowns,
+which are integrated out exactly. Truncation T restricts compliances to values that are not
+negative.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
 def warn_of_untrusted_weights(nodes: Nodes) -> None:
     """Warn if the weights of the quadrature nodes cannot be trusted.
 
-    Nodes are weighted values of the hyper-parameters (scales of the noise and of other effects).
+    Nodes are weighted values of the hyper-parameters (such as the standard deviation of the noise).
     The weights cannot be trusted if their Pareto shape k̂ is above 0.6. The warning names the
     sampler that needs no weights.
     """
@@ -203,12 +204,12 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
     """Return the log posterior probability P that no compliance is negative, and its error [nat].
 
     P is computed under the posterior that allows negative compliances. It is first computed for
-    each of at least 256 values of the hyper-parameters (scales of the noise and of other effects),
-    and averaged over these values. The average is used if its error is at most ``tolerance`` and ln
-    P is above −2. Otherwise a few values of the hyper-parameters may dominate the average. P is
-    then computed as a ratio of two integrals over the hyper-parameters: the integral of the
-    posterior density with the condition that no compliance is negative, divided by the integral
-    without this condition.
+    each of at least 256 values of the hyper-parameters (such as the standard deviation of the
+    noise), and averaged over these values. The average is used if its error is at most
+    ``tolerance`` and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate
+    the average. P is then computed as a ratio of two integrals over the hyper-parameters: the
+    integral of the posterior density with the condition that no compliance is negative, divided by
+    the integral without this condition.
 
     Parameters
     ----------

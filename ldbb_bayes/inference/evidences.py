@@ -5,8 +5,8 @@ y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) states how well the ot
 a test is left out, properties of the campaign, such as its reference force, are still computed from
 all tests. Only whole tests are left out, because the readings of one circle are not independent.
 The readings of a circle share the random shift of the circle's zero and centre (set-up shift) and
-its unexplained deviations (discrepancy). φ are the hyper-parameters, the scales of the noise and of
-other effects. Nodes are weighted points that represent p(φ | y).
+its unexplained deviations (discrepancy). φ are the hyper-parameters, such as the standard deviation
+of the noise. Nodes are weighted points that represent p(φ | y).
 """
 
 from __future__ import annotations
@@ -48,8 +48,9 @@ class Evidences(Shown):
     """Evidences of models for the readings of one campaign; each of them is computed only once.
 
     An evidence is computed from nodes. These are weighted points that represent the posterior of
-    the hyper-parameters (scales of the noise and of other effects). If `compare` and `average` are
-    given the same object of this class, each of them reuses the nodes that the other has computed.
+    the hyper-parameters (such as the standard deviation of the noise). If `compare` and `average`
+    are given the same object of this class, each of them reuses the nodes that the other has
+    computed.
 
     Parameters
     ----------
@@ -145,11 +146,11 @@ class Evidences(Shown):
     def apart(self, tolerance: float | None = None) -> Evidences:
         """Return a new, still empty ``Evidences`` object for the same readings.
 
-        The posterior mode of a model's hyper-parameters (scales of the noise and of other effects)
-        is found by a search. In the new object, the search starts at the mode that this object has
-        found for a model with the same hyper-parameters, if there is one. ``tolerance`` is the
-        error allowed in every log evidence [nat]; if it is None, the tolerance of this object is
-        used.
+        The posterior mode of a model's hyper-parameters (such as the standard deviation of the
+        noise) is found by a search. In the new object, the search starts at the mode that this
+        object has found for a model with the same hyper-parameters, if there is one. ``tolerance``
+        is the error allowed in every log evidence [nat]; if it is None, the tolerance of this
+        object is used.
         """
         return self._with_modes(tolerance or self.tolerance, self._keep_tests, self._modes)
 
@@ -159,9 +160,9 @@ class Evidences(Shown):
         """Return a new, still empty ``Evidences`` object for the readings of all tests but one.
 
         ``test`` is the name of the test left out, ``tests`` are the names of all tests. ``modes``
-        holds modes (maxima) of posteriors of the hyper-parameters (scales of the noise and of other
-        effects). Each key is a tuple with the names of the hyper-parameters. The search for the
-        mode of a model's posterior starts at the mode whose key holds the names of this model's
+        holds modes (maxima) of posteriors of the hyper-parameters (such as the standard deviation
+        of the noise). Each key is a tuple with the names of the hyper-parameters. The search for
+        the mode of a model's posterior starts at the mode whose key holds the names of this model's
         hyper-parameters, if there is one.
         """
         remaining = [name for name in tests if name != test]
@@ -247,7 +248,7 @@ def leave_one_out(
 ) -> dict[str, dict[str, Nodes]]:
     """Return the quadrature nodes of every model for the readings with each test left out in turn.
 
-    Nodes are weighted values of the hyper-parameters (scales of the noise and of other effects),
+    Nodes are weighted values of the hyper-parameters (such as the standard deviation of the noise),
     from which the evidence of the model follows. The campaign must have at least two tests.
 
     Parameters

@@ -1,7 +1,7 @@
 """How well a model fits, and warnings to consider before its results are used.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
-hyper-parameters, the scales of the noise and of other effects. y are the readings. Truncation T
+hyper-parameters, such as the standard deviation of the noise. y are the readings. Truncation T
 restricts β to compliances that are not negative. u is the standard uncertainty of a parameter, the
 standard deviation of its posterior. Draws are random draws from the posterior.
 """
@@ -232,8 +232,8 @@ class Fit(Result):
     def parameters(self) -> tuple[str, ...]:
         """Return the names of compliances, their changes with force, and geometric errors.
 
-        The names are the keys of ``sensitivity`` without the names of the hyper-parameters (scales
-        of the noise and of other effects).
+        The names are the keys of ``sensitivity`` without the names of the hyper-parameters (such as
+        the standard deviation of the noise).
         """
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 
@@ -357,8 +357,8 @@ def _log_densities(
     Each log density has the shape (chains, draws). The log densities are used to examine how
     sensitive the posterior is to the priors and to the readings. The entry ``prior`` is the log
     prior density of the parameters minus ``prior_level``; see `assess_fit`. The entry
-    ``hyper_prior`` is the log prior density of the hyper-parameters (scales of the noise and of
-    other effects). The entry ``likelihood`` is the log density of the readings given parameters and
+    ``hyper_prior`` is the log prior density of the hyper-parameters (such as the standard deviation
+    of the noise). The entry ``likelihood`` is the log density of the readings given parameters and
     hyper-parameters. ``groups`` holds the arrays of the posterior; see `assess_fit`. ``bound`` is
     the model of the campaign.
     """
@@ -411,9 +411,9 @@ def _check_posterior(
 def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
     """Yield a warning for each hyper-parameter with a median above the 99.9 % prior quantile.
 
-    Only hyper-parameters (scales of the noise and of other effects) that are lengths are examined.
-    ``phi``, shape (n, h), holds n posterior draws of all h hyper-parameters; those that are lengths
-    are in mm. ``bound`` is the model of the campaign.
+    Only hyper-parameters (such as the standard deviation of the noise) that are lengths are
+    examined. ``phi``, shape (n, h), holds n posterior draws of all h hyper-parameters; those that
+    are lengths are in mm. ``bound`` is the model of the campaign.
     """
     prior = bound.hyper_prior
     limits = prior.quantile(np.full(phi.shape[1], _EXPECTED_HYPER))

@@ -1,7 +1,7 @@
 """Independent random draws from the posterior by rejection sampling with a fitted proposal.
 
-y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
-are the p parameters: compliances, their changes with force, and geometric errors. Truncation T
+y are the readings; φ are the h hyper-parameters, such as the standard deviation of the noise; β are
+the p parameters: compliances, their changes with force, and geometric errors. Truncation T
 restricts β to compliances that are not negative. In names, ``inside`` means that a value of β has
 no negative compliance. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower
 bound).
@@ -53,7 +53,7 @@ class TooRoughError(Exception):
 class JointDraws(NamedTuple):
     """Independent random draws from the posterior of hyper-parameters and parameters."""
 
-    #: random draws of the h hyper-parameters (scales of the noise and of other effects) in
+    #: random draws of the h hyper-parameters (such as the standard deviation of the noise) in
     #: unbounded coordinates, mostly ln(value − lower bound), shape (size, h)
     free: Array
     #: random draws of the p parameters (compliances, their changes with force, geometric errors) in
@@ -68,13 +68,13 @@ class JointDraws(NamedTuple):
 def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator) -> JointDraws:
     """Return ``size`` independent random draws of hyper-parameters φ and parameters β.
 
-    The draws are made by rejection sampling. φ are the scales of the noise and of other effects; β
-    are compliances, their changes with force, and geometric errors. φ is drawn from a proposal,
-    which is a density fitted to the posterior of φ. β is drawn from its Gaussian density given φ
-    and the readings. The weight of a draw of φ is the posterior density divided by the proposal.
-    The draw is accepted with the probability r, its weight divided by twice an estimate of the mean
-    weight. If r exceeds one, the draw of φ may be returned several times, usually with different
-    β.
+    The draws are made by rejection sampling. φ are the hyper-parameters, such as the standard
+    deviation of the noise; β are compliances, their changes with force, and geometric errors. φ is
+    drawn from a proposal, which is a density fitted to the posterior of φ. β is drawn from its
+    Gaussian density given φ and the readings. The weight of a draw of φ is the posterior density
+    divided by the proposal. The draw is accepted with the probability r, its weight divided by
+    twice an estimate of the mean weight. If r exceeds one, the draw of φ may be returned several
+    times, usually with different β.
 
     If compliances must not be negative, several β are drawn for each φ, and the weight is
     multiplied by the share of these β without negative compliances. On average, the share is the

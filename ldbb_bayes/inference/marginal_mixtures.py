@@ -1,7 +1,7 @@
 """Marginal posterior densities of the parameters as mixtures, from draws of a posterior.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the
-hyper-parameters, the scales of the noise and of other effects. Given φ and the readings, β is
+hyper-parameters, such as the standard deviation of the noise. Given φ and the readings, β is
 Gaussian with a mean m and a covariance V. The marginal density of a parameter is therefore a
 mixture of Gaussians, one for every draw of φ. From seed to seed, the quantiles of the mixture
 scatter less than the quantiles of the draws of β (Rao-Blackwell theorem).
@@ -145,8 +145,8 @@ def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
 def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> MarginalMixtures:
     """Return truncated Gaussian densities of each parameter of one model, one for each draw.
 
-    ``phi``, shape (w, h), holds w posterior draws of the h hyper-parameters (scales of the noise
-    and of other effects). ``beta``, shape (w, p), holds draws of all p parameters of the average
+    ``phi``, shape (w, h), holds w posterior draws of the h hyper-parameters (such as the standard
+    deviation of the noise). ``beta``, shape (w, p), holds draws of all p parameters of the average
     over models. The result has only those parameters that ``model`` has.
     """
     conditional = model.bound.given(phi)[1]

@@ -1,8 +1,8 @@
 """Posterior p(φ | y) of the hyper-parameters: modes, nodes with weights, and averages.
 
-y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
-are the p parameters: compliances, their changes with force, and geometric errors. The readings
-depend linearly on β and on the effects that are modelled but not of interest. Both are therefore
+y are the readings; φ are the h hyper-parameters, such as the standard deviation of the noise; β are
+the p parameters: compliances, their changes with force, and geometric errors. The readings depend
+linearly on β and on the effects that are modelled but not of interest. Both are therefore
 integrated out exactly. Truncation T restricts β to compliances that are not negative; P(T | y, φ)
 is the probability that β meets this condition. Free coordinates are φ transformed to be unbounded,
 mostly ln(φ − lower bound). A node is one value of φ; many nodes with weights represent p(φ | y).
@@ -137,8 +137,8 @@ class ProbabilityInside(NamedTuple):
 class HyperPosterior:
     """Posterior density of the hyper-parameters φ given the readings y, in unbounded coordinates.
 
-    φ are the h scales of the noise and of other effects. Unbounded coordinates, here called free,
-    are mostly ln(φ − lower bound).
+    φ are the h hyper-parameters, such as the standard deviation of the noise. Unbounded
+    coordinates, here called free, are mostly ln(φ − lower bound).
 
     Parameters
     ----------
@@ -205,9 +205,9 @@ class HyperPosterior:
     def mode(self) -> Array:
         """Highest maximum of the posterior density of the h hyper-parameters φ, shape (h,).
 
-        The hyper-parameters are the scales of the noise and of other effects. The maximum is found
-        in normal scores, coordinates in which most of the priors are standard normal. It is
-        returned in the unbounded coordinates of φ.
+        The hyper-parameters are quantities such as the standard deviation of the noise. The maximum
+        is found in normal scores, coordinates in which most of the priors are standard normal. It
+        is returned in the unbounded coordinates of φ.
         """
         return self._scores.free(self.modes[0][0])
 
@@ -215,17 +215,18 @@ class HyperPosterior:
         """Return ln p(y | φ), shape (w,), and the Gaussian densities p(β | y, φ) for w values of φ.
 
         y are the readings, β the parameters (compliances, their changes with force, geometric
-        errors), and φ the h hyper-parameters (scales of the noise and of other effects). ``free``,
-        shape (w, h), holds φ in unbounded coordinates. The Gaussians allow negative compliances.
+        errors), and φ the h hyper-parameters (such as the standard deviation of the noise).
+        ``free``, shape (w, h), holds φ in unbounded coordinates. The Gaussians allow negative
+        compliances.
         """
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
     def log_density(self, free: Array, *, smooth: bool = False) -> Array:
         """Return the joint log density of readings and hyper-parameters at w points, shape (w,).
 
-        ``free``, shape (w, h), holds w values of the h hyper-parameters φ (scales of the noise and
-        of other effects) in unbounded coordinates. If ``truncated`` of this object is True, the log
-        probability that no compliance is negative, given φ and the readings, is added. If
+        ``free``, shape (w, h), holds w values of the h hyper-parameters φ (such as the standard
+        deviation of the noise) in unbounded coordinates. If ``truncated`` of this object is True,
+        the log probability that no compliance is negative, given φ and the readings, is added. If
         ``smooth`` is True, this probability is replaced by an upper bound, which is cheaper to
         compute and is a smooth function of φ.
         """
@@ -248,9 +249,9 @@ class HyperPosterior:
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
         """Return weighted values of the hyper-parameters φ (nodes) that represent their posterior.
 
-        φ are the scales of the noise and of other effects. ``tolerance`` is the error allowed in
-        the logarithm of the integral of the density [nat], which is the log evidence. If the nodes
-        do not reach this tolerance, their ``error`` is larger.
+        φ are the hyper-parameters, such as the standard deviation of the noise. ``tolerance`` is
+        the error allowed in the logarithm of the integral of the density [nat], which is the log
+        evidence. If the nodes do not reach this tolerance, their ``error`` is larger.
 
         If ``truncated`` of this object is True, the density includes, as a factor, the probability,
         given φ, that no compliance is negative. First, nodes for the density that allows negative
@@ -304,9 +305,9 @@ class HyperPosterior:
     ) -> Nodes:
         """Return nodes with weights multiplied by the probability that no compliance is negative.
 
-        Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other
-        effects). P(T | y, φ) is the probability, given the readings y and φ, of the condition T
-        that no compliance is negative. This probability is computed only at some of the nodes
+        Nodes are weighted values of the hyper-parameters φ (such as the standard deviation of the
+        noise). P(T | y, φ) is the probability, given the readings y and φ, of the condition T that
+        no compliance is negative. This probability is computed only at some of the nodes
         (`density_ratio`). If the error would then exceed the tolerance, the probability is computed
         at all nodes except those of smallest weight.
 
@@ -593,8 +594,8 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
 def _is_separate(point: Array, points: list[Array]) -> bool:
     """Return whether a point is separate from all ``points``: farther than 1.5 from each of them.
 
-    A point, shape (h,), holds the h hyper-parameters (scales of the noise and of other effects) in
-    normal scores: coordinates in which most of the priors are standard normal.
+    A point, shape (h,), holds the h hyper-parameters (such as the standard deviation of the noise)
+    in normal scores: coordinates in which most of the priors are standard normal.
     """
     return all(np.linalg.norm(point - other) > _SEPARATION for other in points)
 
@@ -708,9 +709,9 @@ class Nodes:
     def evidence(self) -> Evidence:
         """Log evidence ln Z = ln ∫ p(y | φ) p(φ) dφ, for readings y and hyper-parameters φ.
 
-        φ are the scales of the noise and of other effects. If compliances must not be negative
-        (truncation), ln P(T | y) − ln P(T) is added, where P(T | y) and P(T) are the posterior and
-        the prior probability that no compliance is negative.
+        φ are the hyper-parameters, such as the standard deviation of the noise. If compliances must
+        not be negative (truncation), ln P(T | y) − ln P(T) is added, where P(T | y) and P(T) are
+        the posterior and the prior probability that no compliance is negative.
         """
         log_value = self.integral.log_integral
         if self.posterior.truncated:

@@ -1,6 +1,6 @@
 """Nodes for a campaign without one test, computed from the nodes for the whole campaign.
 
-φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points
+φ are the hyper-parameters, such as the standard deviation of the noise. Nodes are weighted points
 that represent p(φ | y), where y are the readings. If a campaign has many tests, its posterior of φ
 hardly changes when one test is left out. With other weights, the nodes for the whole campaign then
 also represent the posterior without the test. The ratio of the two posterior densities, with and
@@ -85,7 +85,7 @@ def fit_factor(integral: Integral, axis: int) -> GaussianFactor:
 class NodesWithoutTest:
     """Nodes of one model for a campaign without one of its tests.
 
-    Nodes are weighted values of the hyper-parameters (scales of the noise and of other effects).
+    Nodes are weighted values of the hyper-parameters (such as the standard deviation of the noise).
 
     Parameters
     ----------

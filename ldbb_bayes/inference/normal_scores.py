@@ -1,12 +1,12 @@
 """Normal scores: coordinates in which integrals over the hyper-parameters are computed.
 
-The hyper-parameters φ are the scales of the noise and of other effects. The normal score z of a
-value of a hyper-parameter is defined by Φ(z) = P, where P is the prior probability of smaller
-values and Φ the standard normal distribution function. The logarithm of a scale that the readings
-hardly determine extends far towards minus infinity, with an exponential tail. Its normal score, in
-contrast, has a Gaussian tail. In normal scores, the posterior of φ therefore resembles a Gaussian
-more closely, and an integral over φ needs fewer nodes (weighted values of φ). For the noise factors
-of circles, the logarithms are used instead, because they are nearly normal.
+The hyper-parameters φ are quantities such as the standard deviation of the noise. The normal score
+z of a value of a hyper-parameter is defined by Φ(z) = P, where P is the prior probability of
+smaller values and Φ the standard normal distribution function. The logarithm of a scale that the
+readings hardly determine extends far towards minus infinity, with an exponential tail. Its normal
+score, in contrast, has a Gaussian tail. In normal scores, the posterior of φ therefore resembles a
+Gaussian more closely, and an integral over φ needs fewer nodes (weighted values of φ). For the
+noise factors of circles, the logarithms are used instead, because they are nearly normal.
 """
 
 from __future__ import annotations

@@ -477,9 +477,9 @@ def draws_of(
     """Return posterior draws of the p parameters and of the h hyper-parameters.
 
     Parameters are compliances, their changes with force, and geometric errors, in mm, N and rad;
-    hyper-parameters are the scales of the noise and of other effects, and those that are lengths
-    are in mm. The draws of all chains are joined. The results have the shapes (draws, p) and
-    (draws, h). If ``size`` is not None, at most that many draws are returned, evenly spaced.
+    hyper-parameters are quantities such as the standard deviation of the noise, and those that are
+    lengths are in mm. The draws of all chains are joined. The results have the shapes (draws, p)
+    and (draws, h). If ``size`` is not None, at most that many draws are returned, evenly spaced.
     ``bound`` is the posterior's model of the campaign.
     """
     group = posterior["posterior"].dataset

@@ -1,8 +1,8 @@
 """Readings of new circles under the posterior, and their credible intervals at every angle.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
-hyper-parameters, the scales of the noise and of other effects. Shared nuisances are effects that
-are modelled but not of interest and that are common to several tests. A circle is described by 25
+hyper-parameters, such as the standard deviation of the noise. Shared nuisances are effects that are
+modelled but not of interest and that are common to several tests. A circle is described by 25
 Fourier coefficients of the orders 0 to 12.
 """
 

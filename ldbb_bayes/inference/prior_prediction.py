@@ -1,8 +1,8 @@
 """Simulated readings of circles: random draws from the prior predictive distribution of a model.
 
-Parameters are compliances, their changes with force, and geometric errors; hyper-parameters are the
-scales of the noise and of other effects; nuisances are effects that are modelled but not of
-interest.
+Parameters are compliances, their changes with force, and geometric errors; hyper-parameters are
+quantities such as the standard deviation of the noise; nuisances are effects that are modelled but
+not of interest.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Marginals of the posterior by quadrature over the hyper-parameters.
 
-The hyper-parameters are the scales of the noise and of other effects. Parameters are compliances,
-their changes with force, and geometric errors.
+The hyper-parameters are quantities such as the standard deviation of the noise. Parameters are
+compliances, their changes with force, and geometric errors.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["marginalize"]
 
-# Number of posterior draws from which quantiles of the hyper-parameters (scales of the noise and of
-# other effects) are computed.
+# Number of posterior draws from which quantiles of the hyper-parameters (such as the standard
+# deviation of the noise) are computed.
 _DRAWS = 16_384
 
 
@@ -41,7 +41,7 @@ def marginalize(
 ) -> pd.DataFrame:
     """Return posterior means, sd and quantiles of every parameter by quadrature.
 
-    The integral over the hyper-parameters (the scales of the noise and of other effects) is a sum
+    The integral over the hyper-parameters (such as the standard deviation of the noise) is a sum
     over weighted nodes. No Markov chain is needed, because the parameters are Gaussian given the
     hyper-parameters, apart from the condition that compliances must not be negative (truncation).
     Quantiles are computed from random draws.
@@ -121,10 +121,10 @@ def marginalize(
 def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
     """Return posterior draws of the h hyper-parameters in unbounded coordinates, shape (draws, h).
 
-    Hyper-parameters are the scales of the noise and of other effects; the coordinates are mostly
-    ln(value − lower bound). Independent draws are impossible if weights cannot be trusted or if
-    hardly any draw is accepted. A warning is then given, and the weighted points of an importance
-    sample are resampled instead. ``seed`` is the seed of the random numbers.
+    Hyper-parameters are quantities such as the standard deviation of the noise; the coordinates are
+    mostly ln(value − lower bound). Independent draws are impossible if weights cannot be trusted or
+    if hardly any draw is accepted. A warning is then given, and the weighted points of an
+    importance sample are resampled instead. ``seed`` is the seed of the random numbers.
     """
     rng = np.random.default_rng(seed)
     try:

@@ -1,7 +1,7 @@
 """Contents of a posterior: its groups of arrays, and the record of campaign, model and sampler.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
-hyper-parameters, the scales of the noise and of other effects.
+hyper-parameters, such as the standard deviation of the noise.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ def densities_of(draws: ModelDraws) -> dict[str, Array]:
     The entry ``lp`` is the logarithm of the posterior density in the coordinates of the sampler
     (see `JointDensity`); the density is not divided by the evidence. The entry ``parameters`` is
     the log prior density of the parameters (compliances, their changes with force, geometric
-    errors). The entry ``hyper`` is the log prior density of the hyper-parameters (scales of the
-    noise and of other effects).
+    errors). The entry ``hyper`` is the log prior density of the hyper-parameters (such as the
+    standard deviation of the noise).
     """
     bound, phi, beta = draws
     density = JointDensity(bound)
@@ -51,11 +51,10 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
     """Return random draws of the p parameters and of the h hyper-parameters from the prior.
 
     Parameters are compliances, their changes with force, and geometric errors; hyper-parameters are
-    the scales of the noise and of other effects. The arrays have the shapes (size, p) and (size,
-    h). If the model does not allow negative compliances, no compliance is negative in any draw. A
-    flat prior of the parameters cannot be drawn from; the array of the parameters then has the
-    shape (0, 0). ``rng`` generates the random numbers. ``bound`` is the model of
-    the campaign.
+    quantities such as the standard deviation of the noise. The arrays have the shapes (size, p) and
+    (size, h). If the model does not allow negative compliances, no compliance is negative in any
+    draw. A flat prior of the parameters cannot be drawn from; the array of the parameters then has
+    the shape (0, 0). ``rng`` generates the random numbers. ``bound`` is the model of the campaign.
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:

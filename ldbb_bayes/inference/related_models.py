@@ -1,6 +1,6 @@
 """Nodes and evidence of a model, computed from the nodes of a larger related model.
 
-φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points
+φ are the hyper-parameters, such as the standard deviation of the noise. Nodes are weighted points
 that represent p(φ | y), where y are the readings. Related models have the same hyper-parameters.
 They may differ in how compliances change with force, in their alternative explanations (effects
 that look like a change of compliance with force), and in whether negative compliances are allowed.
@@ -31,9 +31,9 @@ _FINEST_TOLERANCE = 1e-3
 class RelatedModels:
     """Nodes of models that have the same hyper-parameters as a given model.
 
-    Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other effects)
-    that represent their posterior. All models use the same values of φ, but each model has its own
-    weights. The weights are proportional to p(y | φ) p(φ) under the model, where y are the
+    Nodes are weighted values of the hyper-parameters φ (such as the standard deviation of the
+    noise) that represent their posterior. All models use the same values of φ, but each model has
+    its own weights. The weights are proportional to p(y | φ) p(φ) under the model, where y are the
     readings.
 
     Parameters

@@ -1,7 +1,7 @@
 """Sampling of the posterior of a model and a campaign, by emcee or by independent draws.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
-hyper-parameters, the scales of the noise and of other effects. ESS is the effective sample size.
+hyper-parameters, such as the standard deviation of the noise. ESS is the effective sample size.
 """
 
 from __future__ import annotations
@@ -103,9 +103,9 @@ def sample(
     """Return random draws from the posterior of the parameters and hyper-parameters of a model.
 
     The posterior is p(β, φ | y) ∝ p(y | β, φ) p(β) p(φ). y are the readings. β are the parameters:
-    compliances, their changes with force, and geometric errors. φ are the hyper-parameters: the
-    scales of the noise and of other effects. Nuisances, effects that are modelled but not of
-    interest, are integrated out.
+    compliances, their changes with force, and geometric errors. φ are the hyper-parameters, such as
+    the standard deviation of the noise. Nuisances, effects that are modelled but not of interest,
+    are integrated out.
 
     Parameters
     ----------
@@ -239,9 +239,9 @@ def fit_model(
     Parameters
     ----------
     inside : HyperPosterior
-        Posterior density of the hyper-parameters (scales of the noise and of other effects) under
-        the condition that no compliance is negative. If the model allows negative compliances, the
-        draws come from the density without this condition.
+        Posterior density of the hyper-parameters (such as the standard deviation of the noise)
+        under the condition that no compliance is negative. If the model allows negative
+        compliances, the draws come from the density without this condition.
     sampler : {"joint", "independent"}
         Name of the sampler.
     seed : int
@@ -308,8 +308,8 @@ def run_sampler(
     sampler
         ``independent`` or ``joint``.
     start
-        Posterior density of the hyper-parameters (scales of the noise and of other effects), from
-        which independent draws, or the starting points of emcee, are taken.
+        Posterior density of the hyper-parameters (such as the standard deviation of the noise),
+        from which independent draws, or the starting points of emcee, are taken.
     rule
         Rule that states the effective sample size to reach, and when the sampler gives up.
     seed
@@ -384,13 +384,13 @@ def _sample_jointly(
 ) -> SampledDraws:
     """Return a run of emcee over parameters and hyper-parameters, and its posterior draws.
 
-    The walkers start from random points. Their hyper-parameters (scales of the noise and of other
-    effects) are drawn from a density a little wider than the posterior ``start``; their parameters
-    are drawn given these hyper-parameters. ``ensembles`` is the number of ensembles of walkers, and
-    ``walkers`` the number of walkers of each ensemble. By default there are four times as many
-    walkers as coordinates (parameters and hyper-parameters), but at least 128. ``rule`` decides
-    when the run stops, ``seed`` is the seed of the random numbers, and ``progress`` is called at
-    every assessment of convergence.
+    The walkers start from random points. Their hyper-parameters (such as the standard deviation of
+    the noise) are drawn from a density a little wider than the posterior ``start``; their
+    parameters are drawn given these hyper-parameters. ``ensembles`` is the number of ensembles of
+    walkers, and ``walkers`` the number of walkers of each ensemble. By default there are four times
+    as many walkers as coordinates (parameters and hyper-parameters), but at least 128. ``rule``
+    decides when the run stops, ``seed`` is the seed of the random numbers, and ``progress`` is
+    called at every assessment of convergence.
     """
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)

@@ -1,7 +1,7 @@
 """Exact random draws of the parameters together with the nuisances that tests share.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the
-hyper-parameters, the scales of the noise and of other effects. Nuisances are effects that are
+hyper-parameters, such as the standard deviation of the noise. Nuisances are effects that are
 modelled but not of interest; u are the q coefficients of the nuisances that tests share. Given φ
 and the readings y, the joint density p(u, β | y, φ) is Gaussian, so that several draws cost little
 more than a single draw. Truncation restricts β to compliances that are not negative.
@@ -34,7 +34,7 @@ _REPEATS = 20
 class SharedDraws(NamedTuple):
     """Random draws of hyper-parameters, parameters and nuisances that several tests share."""
 
-    #: hyper-parameters (scales of the noise and of other effects), shape (n, h); scales that are
+    #: hyper-parameters (such as the standard deviation of the noise), shape (n, h); values that are
     #: lengths are in mm
     phi: Array
     beta: Array  #: parameters in mm, N and rad, shape (n, p)
@@ -49,10 +49,10 @@ def draw_with_shared(
     """Return ``repeats`` random draws of nuisances and parameters for each of w values of φ.
 
     Nuisances are effects that are modelled but not of interest. φ are the h hyper-parameters
-    (scales of the noise and of other effects); ``free``, shape (w, h), holds the w values of φ in
-    unbounded coordinates. ``bound`` is the model of the campaign. The result has w ×
-    ``repeats`` draws; the draws for one value of φ are next to each other. Raise an `InputError` if
-    the model allows no negative compliances and no draw without negative compliances is found.
+    (such as the standard deviation of the noise); ``free``, shape (w, h), holds the w values of φ
+    in unbounded coordinates. ``bound`` is the model of the campaign. The result has w × ``repeats``
+    draws; the draws for one value of φ are next to each other. Raise an `InputError` if the model
+    allows no negative compliances and no draw without negative compliances is found.
     """
     p = len(bound.names)
     phi = bound.hyper_prior.phi(free)

@@ -1,8 +1,8 @@
 """Tables that summarize a posterior: parameters, hyper-parameters and shared nuisances.
 
 Parameters are compliances, their changes with force, and geometric errors. Hyper-parameters φ are
-the scales of the noise and of other effects. Shared nuisances are effects that are modelled but not
-of interest and that are common to several tests, such as ball form and bar length.
+quantities such as the standard deviation of the noise. Shared nuisances are effects that are
+modelled but not of interest and that are common to several tests, such as ball form and bar length.
 """
 
 from __future__ import annotations
@@ -228,7 +228,7 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     DataFrame
         Table with the columns term, unit, mean, sd and prior_sd, and one row per coefficient. Units
         are made of mm, N, rad, bar, h and K; the unit of a pure number is 1. For the prior sd, the
-        hyper-parameters (the scales of the noise and of other effects) are fixed at their posterior
+        hyper-parameters (such as the standard deviation of the noise) are fixed at their posterior
         means. Coefficients of the work ball's mount are deviations from the nominal deflection of
         the mount.
 

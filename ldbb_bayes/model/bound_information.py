@@ -2,9 +2,10 @@
 
 A bound model is a model that has been applied to one campaign. Its coefficients are the parameters
 of interest (compliances, their slopes and geometric errors) and the coefficients of nuisances,
-which are effects that are modelled but not of interest. The hyper-parameters φ of the model are the
-scales of noise and nuisances. The readings of a test are replaced by at most 25 numbers without
-loss of information (module `reduction`); these numbers are called reduced readings.
+which are effects that are modelled but not of interest. The hyper-parameters φ of the model are
+quantities such as the standard deviation of the noise. The readings of a test are replaced by at
+most 25 numbers without loss of information (module `reduction`); these numbers are called reduced
+readings.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ class _Noise:
         factor
             Matrix that converts 25 Fourier coefficients into the test's reduced readings, (m, 25).
         hyper
-            Values of the hyper-parameters (scales of noise and nuisances) by name; lengths in mm.
+            Values of the hyper-parameters (such as the standard deviation of the noise) by name;
+            lengths in mm.
         test
             Index of the test, from 0.
         """
@@ -80,8 +82,8 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
     The coefficients are the parameters of interest, and those coefficients of nuisances (effects
     modelled but not of interest) that have the same value in all tests. Nuisances whose
     coefficients differ between tests are treated as noise. ``bound`` is the model of the campaign.
-    ``phi``, shape (h,), holds the h hyper-parameters (scales of noise and nuisances), with lengths
-    in mm.
+    ``phi``, shape (h,), holds the h hyper-parameters (such as the standard deviation of the noise),
+    with lengths in mm.
     """
     return next(informations_of(bound, phi[None]))
 
@@ -92,10 +94,10 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     The coefficients are the parameters of interest, and those coefficients of nuisances (effects
     modelled but not of interest) that have the same value in all tests. Nuisances whose
     coefficients differ between tests are treated as noise. ``bound`` is the model of a campaign.
-    ``phi``, shape (w, h), holds w values of the h hyper-parameters (scales of noise and nuisances),
-    with lengths in mm. The design matrix, which holds the effect of one unit of each coefficient on
-    the reduced readings (at most 25 numbers for each test), does not depend on the hyper-parameters
-    and is computed once. Tests with the same noise share one covariance.
+    ``phi``, shape (w, h), holds w values of the h hyper-parameters (such as the standard deviation
+    of the noise), with lengths in mm. The design matrix, which holds the effect of one unit of each
+    coefficient on the reduced readings (at most 25 numbers for each test), does not depend on the
+    hyper-parameters and is computed once. Tests with the same noise share one covariance.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)

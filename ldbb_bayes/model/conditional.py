@@ -1,8 +1,8 @@
 """Gaussian density of the parameters at given hyper-parameters, and its truncation.
 
 The density is p(β | y, φ). β are compliances, their slopes and geometric errors; y are the
-readings; φ are the scales of the noise and of other effects. Truncation restricts β to the region
-in which no compliance is negative.
+readings; φ are the hyper-parameters, such as the standard deviation of the noise. Truncation
+restricts β to the region in which no compliance is negative.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ __all__ = ["ParameterConditional"]
 class ParameterConditional(Gaussian):
     """Gaussian density p(β | y, φ) of the parameters given the readings, for w values of φ.
 
-    β are the p parameters, y the readings and φ the hyper-parameters (scales of the noise and of
-    other effects). ``physical`` is the region A β ≥ 0 in which compliances are not negative, where
-    A has the shape (rows, p). The Gaussian density itself is not truncated to this region.
+    β are the p parameters, y the readings and φ the hyper-parameters (such as the standard
+    deviation of the noise). ``physical`` is the region A β ≥ 0 in which compliances are not
+    negative, where A has the shape (rows, p). The Gaussian density itself is not truncated to this
+    region.
     """
 
     physical: Truncation
@@ -46,8 +47,8 @@ class ParameterConditional(Gaussian):
     def orthant(self) -> Orthant:
         """Object that computes the probability that no compliance is negative, for w values of φ.
 
-        φ are the hyper-parameters (scales of the noise and of other effects). The object can also
-        draw random parameters given that no compliance is negative.
+        φ are the hyper-parameters (such as the standard deviation of the noise). The object can
+        also draw random parameters given that no compliance is negative.
         """
         rows = self.physical.rows
         return Orthant(self.mean @ rows.T, self.spread(rows))

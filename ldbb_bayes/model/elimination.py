@@ -2,9 +2,9 @@
 
 The observation equations are r = A x + N(0, D(φ)). r are the readings, and x are the coefficients
 of nuisances (effects modelled but not of interest). A (rows, columns) has one column for each
-coefficient. D(φ) is the diagonal noise covariance, and the hyper-parameters φ are the scales of
-noise and nuisances. The module computes the vector L⁻¹ Aᵀ D⁻¹ r, called the right-hand side, and
-the lower triangular Cholesky factor L of the matrix
+coefficient. D(φ) is the diagonal noise covariance, and the hyper-parameters φ are quantities such
+as the standard deviation of the noise. The module computes the vector L⁻¹ Aᵀ D⁻¹ r, called the
+right-hand side, and the lower triangular Cholesky factor L of the matrix
 
     P = Aᵀ D⁻¹ A = L Lᵀ.
 

@@ -77,9 +77,9 @@ DEGREE_NAMES = ("constant", "linear", "quadratic")
 Preset = Literal["default", "first", "paper"]
 # Hyper-parameter that every model has: the standard deviation σ of the readings' white noise.
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
-# Order of the hyper-parameters (scales of the noise and of other effects) in all arrays and lists.
-# Hyper-parameters that are not named here come after those that are named, and the noise factors λ
-# of single circles are last.
+# Order of the hyper-parameters (such as the standard deviation of the noise) in all arrays and
+# lists. Hyper-parameters that are not named here come after those that are named, and the noise
+# factors λ of single circles are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # If the model has the term ``CircleScale`` and the campaign has at least this number of circles,
 # each circle has a separate noise factor λ. Otherwise no circle has a noise factor.
@@ -133,8 +133,8 @@ class HybridModel(Result):
     degree: int = 1
     #: terms for effects that are modelled but not of interest, such as the form errors of the balls
     nuisances: Sequence[Term] = field(default_factory=_default_terms)
-    #: prior of the parameters of interest and of the hyper-parameters (scales of noise and other
-    #: effects)
+    #: prior of the parameters of interest and of the hyper-parameters (such as the standard
+    #: deviation of the noise)
     prior: Prior = field(default_factory=Prior.default)
     #: reference force F0 [N], at which compliances are stated; by default the midpoint between the
     #: campaign's smallest and largest force. With F0 = 0 the model is Eq. 33 of the paper.
@@ -428,9 +428,9 @@ class HybridModel(Result):
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the hyper-parameters that have an effect on the tests of a campaign.
 
-        Hyper-parameters are the scales of the noise and of other effects. They include the noise
-        factors λ of single circles, if the circles have such factors. ``setting`` describes the
-        test conditions.
+        Hyper-parameters are quantities such as the standard deviation of the noise. They include
+        the noise factors λ of single circles, if the circles have such factors. ``setting``
+        describes the test conditions.
         """
         scales = [_SIGMA]
         acting = {_SIGMA.name}
@@ -624,7 +624,7 @@ class Simulation(Result):
     campaign: Campaign
     #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad)
     parameters: dict[str, float]
-    #: true hyper-parameters (scales of noise and other effects) by name; lengths in µm
+    #: true hyper-parameters (such as the standard deviation of the noise) by name; lengths in µm
     hyper_um: dict[str, float]
     units: dict[str, str]  #: internal unit of each parameter of interest, by name
 
@@ -968,8 +968,8 @@ class BoundModel(Shown):
         """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
         Nuisances are effects modelled but not of interest. β are the parameters of interest and φ
-        the hyper-parameters (scales of noise and nuisances). Methods of the object take β −
-        `centre` instead of β, where `centre` is a least-squares estimate of β.
+        the hyper-parameters (such as the standard deviation of the noise). Methods of the object
+        take β − `centre` instead of β, where `centre` is a least-squares estimate of β.
         """
         return self._structured(self.nuisance_columns, self.interest)
 
@@ -978,9 +978,9 @@ class BoundModel(Shown):
         """Density p(y | φ) of the readings y, with nuisances and parameters β integrated out.
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
-        the hyper-parameters (scales of noise and nuisances). Negative compliances are not excluded.
-        In the object, the last coefficients that all tests have in common are β − `centre`, where
-        `centre` is a least-squares estimate of β.
+        the hyper-parameters (such as the standard deviation of the noise). Negative compliances are
+        not excluded. In the object, the last coefficients that all tests have in common are β −
+        `centre`, where `centre` is a least-squares estimate of β.
         """
         interest = Columns(
             self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre
@@ -1001,9 +1001,9 @@ class BoundModel(Shown):
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
         """Return the log likelihood ln p(y | β, φ) of the readings y, shape (w,).
 
-        ``phi``, shape (w, h), holds w values of the h hyper-parameters φ (scales of noise and
-        nuisances), with lengths in mm. ``beta``, shape (w, p), holds w values of the p parameters
-        of interest β (compliances, slopes and geometric errors) in mm, N and rad.
+        ``phi``, shape (w, h), holds w values of the h hyper-parameters φ (such as the standard
+        deviation of the noise), with lengths in mm. ``beta``, shape (w, p), holds w values of the p
+        parameters of interest β (compliances, slopes and geometric errors) in mm, N and rad.
         """
         return self.given_interest.log_density(phi, beta - self.centre)
 
@@ -1056,10 +1056,10 @@ class BoundModel(Shown):
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """Return the log evidence ln p(y | φ), shape (w,), and the density p(β | y, φ).
 
-        y are the readings, β the p parameters of interest, and φ the h hyper-parameters (scales of
-        noise and nuisances). ``phi``, shape (w, h), holds w values of φ, with lengths in mm.
-        Negative compliances are not excluded. With a flat prior of β, the evidence is defined only
-        up to a constant factor.
+        y are the readings, β the p parameters of interest, and φ the h hyper-parameters (such as
+        the standard deviation of the noise). ``phi``, shape (w, h), holds w values of φ, with
+        lengths in mm. Negative compliances are not excluded. With a flat prior of β, the evidence
+        is defined only up to a constant factor.
         """
         log_evidence, shifted = self.collapsed.conditional(phi, last=len(self.names))
         conditional = ParameterConditional.factored(

@@ -1,12 +1,12 @@
 """Information that readings carry about parameters and nuisances, at given hyper-parameters.
 
 Parameters are compliances, their slopes (changes with force) and geometric errors. Nuisances are
-effects that are modelled but not of interest. Hyper-parameters are the scales of noise and
-nuisances. The module computes the uncertainty of each coefficient, and what the uncertainty would
-be if a nuisance were known. `identify`, uncertainty budgets and designs use this module. The
-computation needs the forces and angles of the readings, but not the readings themselves. The
-readings of a test are replaced by at most 25 numbers without loss of information (module
-`reduction`); these numbers are called reduced readings.
+effects that are modelled but not of interest. Hyper-parameters are quantities such as the standard
+deviation of the noise. The module computes the uncertainty of each coefficient, and what the
+uncertainty would be if a nuisance were known. `identify`, uncertainty budgets and designs use this
+module. The computation needs the forces and angles of the readings, but not the readings
+themselves. The readings of a test are replaced by at most 25 numbers without loss of information
+(module `reduction`); these numbers are called reduced readings.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The log likelihood ln p(z | β, φ), with the nuisance coefficients integrated out analytically.
 
 β (p,) are the parameters: compliances, their slopes and geometric errors. Nuisance coefficients
-belong to effects that are modelled but not of interest. φ are the hyper-parameters: the scales of
-the noise and of the nuisances. The readings of test r are reduced to z_r by projection on 25
+belong to effects that are modelled but not of interest. φ are the hyper-parameters, such as the
+standard deviation of the noise. The readings of test r are reduced to z_r by projection on 25
 Fourier basis functions. R_r is the triangular factor in the QR decomposition of these functions at
 the test's angles (`reduction`):
 
@@ -96,7 +96,7 @@ class StructuredGaussian:
 
     Nuisances are effects modelled but not of interest. Their coefficients are either shared by all
     tests or private, which means that each belongs to a single test. β are the parameters, and φ
-    the hyper-parameters (scales of the noise and of nuisances).
+    the hyper-parameters (such as the standard deviation of the noise).
 
     Parameters
     ----------
@@ -175,8 +175,8 @@ class StructuredGaussian:
     def log_density(self, phi: Array, beta: Array | None = None) -> Array:
         """Return the log density ln p(z | β, φ) of the readings z, shape (w,).
 
-        β are the parameters of interest, and φ the hyper-parameters (scales of noise and
-        nuisances).
+        β are the parameters of interest, and φ the hyper-parameters (such as the standard deviation
+        of the noise).
 
         Parameters
         ----------
@@ -324,8 +324,9 @@ class StructuredGaussian:
     ) -> Iterator[_Batch]:
         """Yield batches of values of the hyper-parameters φ, one `_Batch` after the other.
 
-        φ are the scales of the noise and of nuisances. A batch also holds quantities that depend on
-        φ, such as the noise variances, from which the log density of the readings is computed.
+        φ are the hyper-parameters, such as the standard deviation of the noise. A batch also holds
+        quantities that depend on φ, such as the noise variances, from which the log density of the
+        readings is computed.
 
         Parameters
         ----------

@@ -194,7 +194,7 @@ def observation_equations(
         Known part of the readings of every test, as 25 Fourier coefficients, shape (tests, 25)
         [mm]. This part is subtracted from the readings.
     hypers
-        Names of the hyper-parameters φ, the scales of noise and nuisances.
+        Names of the hyper-parameters φ, such as the standard deviation of the noise.
     interest
         Effect of one unit of each of the p parameters of interest on every test, as 25 Fourier
         coefficients, shape (tests, 25, p).

@@ -2,11 +2,11 @@
 
 The estimates Ĉ, Ê of the compliances C at the reference force and of the geometric errors E are
 posterior means, and u(Ĉ) is the posterior sd of C. The posterior is computed with the
-hyper-parameters φ (scales of the noise and of other effects) fixed at their prior medians. Negative
-compliances are not excluded, so that the posterior is Gaussian. The model itself depends on the
-estimates: effects are linearised about Ĉ, Ê, and some prior sds are proportional to √(Ĉ² + u(Ĉ)²).
-The estimate is therefore computed in three steps, starting from the least-squares estimate. In each
-step, the model is linearised about the estimate of the previous step.
+hyper-parameters φ (such as the standard deviation of the noise) fixed at their prior medians.
+Negative compliances are not excluded, so that the posterior is Gaussian. The model itself depends
+on the estimates: effects are linearised about Ĉ, Ê, and some prior sds are proportional to √(Ĉ² +
+u(Ĉ)²). The estimate is therefore computed in three steps, starting from the least-squares estimate.
+In each step, the model is linearised about the estimate of the previous step.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ class ReferencePosterior:
     nuisances: Sequence[Term]  #: nuisance terms (effects modelled but not of interest)
     #: names of the parameters of interest that are fixed at zero
     fixed: Sequence[str]
-    #: values of the hyper-parameters (scales of the noise and of other effects), lengths in mm; the
-    #: keys are the names of the hyper-parameters
+    #: values of the hyper-parameters (such as the standard deviation of the noise), lengths in mm;
+    #: the keys are the names of the hyper-parameters
     phi: Mapping[Hyper, float]
     reduced: Sequence[Reduced]  #: readings of every test, reduced to at most 25 numbers
 

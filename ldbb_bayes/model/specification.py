@@ -253,8 +253,8 @@ class Truths:
     #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad); None
     #: if they are drawn at random from the prior
     parameters: dict[str, float] | None
-    #: true hyper-parameters (scales of noise and other effects) by name, with lengths in µm;
-    #: hyper-parameters that are not named are drawn at random from their priors
+    #: true hyper-parameters (such as the standard deviation of the noise) by name, with lengths in
+    #: µm; hyper-parameters that are not named are drawn at random from their priors
     hyper_um: dict[str, float]
     #: whether the effect of geometric errors on the simulated readings is computed with the exact
     #: kinematic equations instead of linearised equations

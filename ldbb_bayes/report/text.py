@@ -124,7 +124,7 @@ def _passages_of_log_density(density: LogDensity) -> tuple[Passage, ...]:
 def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
     """Return a table of the parameters and hyper-parameters with which readings were simulated.
 
-    The hyper-parameters are scales of noise and of other effects.
+    The hyper-parameters are quantities such as the standard deviation of the noise.
     """
     rows: list[tuple[Any, ...]] = []
     for name, value in simulation.parameters.items():

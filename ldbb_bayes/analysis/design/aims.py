@@ -61,8 +61,8 @@ class UncertaintyAim:
     """Aim to reduce the standard uncertainty of a combination w·β of the parameters to a target.
 
     β are the p parameters and w their weights. The uncertainty is first computed as if the
-    hyper-parameters (scales of the noise and of other effects) were known. It is then multiplied by
-    ``inflation``, because unknown hyper-parameters increase the uncertainty.
+    hyper-parameters (such as the standard deviation of the noise) were known. It is then multiplied
+    by ``inflation``, because unknown hyper-parameters increase the uncertainty.
     """
 
     #: weights w of the p parameters β in the combination w·β, shape (p,); the parameters are in

@@ -48,8 +48,8 @@ _MOST_CIRCLES = 24
 def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Array:
     """Return posterior draws of the hyper-parameters that are expected after the planned tests.
 
-    The hyper-parameters are the scales of the noise and of other effects. The readings of the
-    planned tests are not known. For each of several possible machines, one estimate of the true
+    The hyper-parameters are quantities such as the standard deviation of the noise. The readings of
+    the planned tests are not known. For each of several possible machines, one estimate of the true
     hyper-parameters is therefore simulated, and values are drawn from the approximate posterior
     given this estimate.
 

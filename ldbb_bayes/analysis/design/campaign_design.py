@@ -189,10 +189,10 @@ class Design(Forecast):
     #: given in the argument ``against`` of the search
     compared: tuple[Judged, ...]
     limits: Limits  #: limits of what the recommended tests can show
-    #: root mean square of each hyper-parameter (scales of the noise and of other effects) over the
-    #: values for which the forecast is computed. Lengths are in µm. The noise factor λ of a circle
-    #: and the decay have no unit. The decay is the exponent of the power law by which the balls'
-    #: form errors decrease with the number of waves per turn.
+    #: root mean square of each hyper-parameter (such as the standard deviation of the noise) over
+    #: the values for which the forecast is computed. Lengths are in µm. The noise factor λ of a
+    #: circle and the decay have no unit. The decay is the exponent of the power law by which the
+    #: balls' form errors decrease with the number of waves per turn.
     hyper_um: dict[str, float]
     #: whether the hyper-parameters are estimated from the readings of the campaign that the design
     #: starts from; if not, their values come from the prior
@@ -384,10 +384,10 @@ def design(
     """Return the best tests to run next or, with goals, the cheapest campaigns for these goals.
 
     The pilot is the campaign or plan that the design starts from. Everything is computed for the
-    linear Gaussian model and averaged over the hyper-parameters (the scales of the noise and of
-    other effects): over their posterior given the pilot's readings, or over their prior if the
-    pilot is a plan. The expected standard deviations account for the condition that compliances are
-    not negative. The criteria, and the expected evidence about slopes, ignore this condition. The
+    linear Gaussian model and averaged over the hyper-parameters (such as the standard deviation of
+    the noise): over their posterior given the pilot's readings, or over their prior if the pilot is
+    a plan. The expected standard deviations account for the condition that compliances are not
+    negative. The criteria, and the expected evidence about slopes, ignore this condition. The
     reference force F0, the force range and the estimate Ĉ of the compliances about which the model
     is linearised are those of the pilot. Analyse the plan with the attribute ``model`` of the
     design, which uses the same values.

@@ -2,7 +2,7 @@
 
 This function, the objective, measures how good a design is. Its arguments are the numbers of runs
 of the candidate tests (tests that could be run). It is averaged over values of the hyper-parameters
-φ (the scales of the noise and of other effects).
+φ (such as the standard deviation of the noise).
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def objective_of(
     run
         Number of tests that have already been run.
     phi
-        K sets of the h hyper-parameters φ (the scales of the noise and of other effects) of the
+        K sets of the h hyper-parameters φ (such as the standard deviation of the noise) of the
         campaign that the design starts from, shape (K, h); lengths in mm.
     chosen
         Names of the parameters of interest.

@@ -410,8 +410,8 @@ class _Search:
         """Return ln(u_full / u_quick), as expected for the next campaign.
 
         u_full and u_quick are the standard uncertainties in the full and in the quick forecast of a
-        campaign. The quick forecast assumes that the hyper-parameters (scales of the noise and of
-        other effects) are known. In the full forecast, more circles determine them better.
+        campaign. The quick forecast assumes that the hyper-parameters (such as the standard
+        deviation of the noise) are known. In the full forecast, more circles determine them better.
         ln(u_full / u_quick) is therefore assumed to be a constant plus a term that is inversely
         proportional to the number of circles. Both are estimated from the forecasts of earlier
         campaigns; ``progress`` holds them.

@@ -2,7 +2,7 @@
 
 B is the Bayes factor of the model with the slopes over the model without slopes. ln B is computed
 for the linear Gaussian model, in which compliances may be negative. The results are averaged over
-the hyper-parameters φ (the scales of the noise and of other effects).
+the hyper-parameters φ (such as the standard deviation of the noise).
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ on the tests, and on the distribution of the scales of noise and effects before 
 distribution is the posterior given the readings of a pilot (the campaign that a design starts
 from). If there are no readings, it is the prior.
 
-β are the parameters (compliances, their slopes and geometric errors), φ the hyper-parameters (the
-scales of the noise and of other effects). A state is one possible machine: values of φ and β. In
+β are the parameters (compliances, their slopes and geometric errors), φ the hyper-parameters (such
+as the standard deviation of the noise). A state is one possible machine: values of φ and β. In
 every state, the size of the noise differs from circle to circle. The analysis of the tests does not
 know the true scales; its posterior of the scales is represented by several draws
 (`believed_scales`). The variance that the analysis states is the mean of the variances given these
@@ -50,8 +50,8 @@ __all__ = [
 # Number of possible states of the machine (values of parameters and hyper-parameters) that a
 # forecast averages over.
 _STATES = 64
-# Number of posterior draws of the hyper-parameters (scales of the noise and of other effects) for
-# each possible machine. The posterior variance of a parameter is computed from these draws.
+# Number of posterior draws of the hyper-parameters (such as the standard deviation of the noise)
+# for each possible machine. The posterior variance of a parameter is computed from these draws.
 _BELIEFS = 4
 # Number of posterior means of the parameters that are drawn at random for each possible machine, if
 # the forecast assumes that the hyper-parameters are known. Several means are drawn because the
@@ -251,9 +251,9 @@ def forecast_tests(
         Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
         slopes of the model, with ``size`` 1.
     known_scales
-        Whether to assume that the analysis knows the hyper-parameters (scales of the noise and of
-        other effects), and that the noise has the same size in all circles. Default: the analysis
-        estimates the hyper-parameters from its readings.
+        Whether to assume that the analysis knows the hyper-parameters (such as the standard
+        deviation of the noise), and that the noise has the same size in all circles. Default: the
+        analysis estimates the hyper-parameters from its readings.
 
     Returns
     -------
@@ -279,11 +279,11 @@ def forecast_tests(
 def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     """Return the parameters' covariances for random draws from the hyper-parameters' posterior.
 
-    The hyper-parameters are the scales of the noise and of other effects. The result has the shape
-    (K, n, p, p), for the K possible machines ``states``, n draws of the hyper-parameters for each
-    machine (see `believed_scales`), and p parameters. ``run`` is the number of tests of ``bound``
-    that have already been run. The covariances are in units of the prior standard deviations of the
-    parameters. Compliances may be negative.
+    The hyper-parameters are quantities such as the standard deviation of the noise. The result has
+    the shape (K, n, p, p), for the K possible machines ``states``, n draws of the hyper-parameters
+    for each machine (see `believed_scales`), and p parameters. ``run`` is the number of tests of
+    ``bound`` that have already been run. The covariances are in units of the prior standard
+    deviations of the parameters. Compliances may be negative.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
     scales = believed_scales(bound, phi, _BELIEFS, _SEED)
@@ -394,9 +394,9 @@ def stated_variances(
     A state is one possible machine. States in which a compliance is negative at a force of the new
     tests are left out, unless no state would remain. For every remaining state, possible results of
     an analysis (posterior means) are drawn at random. In the analysis, several sets of values
-    represent the posterior of the hyper-parameters (scales of the noise and of other effects). The
-    resulting variance of a parameter is the mean of its posterior variances over these sets, plus
-    the variance of its posterior means over these sets.
+    represent the posterior of the hyper-parameters (such as the standard deviation of the noise).
+    The resulting variance of a parameter is the mean of its posterior variances over these sets,
+    plus the variance of its posterior means over these sets.
 
     Parameters
     ----------
@@ -493,9 +493,9 @@ def _draw_posterior_means(
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given the parameters β of a state, the posterior
     mean is normally distributed with the mean m₁ + W (β − m₁) and the covariance W C. C depends on
-    the hyper-parameters (scales of the noise and of other effects), for which there are n values.
-    The posterior means for all n values belong to the same readings. They are therefore drawn with
-    the same random numbers.
+    the hyper-parameters (such as the standard deviation of the noise), for which there are n
+    values. The posterior means for all n values belong to the same readings. They are therefore
+    drawn with the same random numbers.
 
     ``is_possible``, shape (K,), is true for the states that are used. ``covariance``, shape
     (possible states, n, p, p), holds C for each of these states. ``scale``, shape (p,), are the

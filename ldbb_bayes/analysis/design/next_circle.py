@@ -9,7 +9,7 @@ user asks for. Model evidence and posterior do not depend on the reason why a ca
 The best next circle is the circle with the smallest sum of expected distances from all aims
 (`aims`). No readings of the possible circles need to be simulated or fitted for the choice. The
 distances are computed from the information of every possible circle, at a few values of the
-hyper-parameters φ (scales of the noise and of other effects) that are likely given the readings.
+hyper-parameters φ (such as the standard deviation of the noise) that are likely given the readings.
 """
 
 from __future__ import annotations

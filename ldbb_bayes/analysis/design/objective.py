@@ -1,11 +1,11 @@
 """Objective of the search for a design: a criterion averaged over the hyper-parameters.
 
-Hyper-parameters are the scales of the noise and of other effects. A candidate is a test that could
-be run, once or several times. A design consists of n_i tests of each candidate i. Let G_i be the
-derivatives of the readings of candidate i with respect to the parameters, divided by the standard
-deviation of the noise. Each test of candidate i adds the information G_iᵀG_i. The precision
-(inverse covariance) of all parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision before the
-tests of the design. The criterion Φ is the figure of merit that the design maximises.
+Hyper-parameters are quantities such as the standard deviation of the noise. A candidate is a test
+that could be run, once or several times. A design consists of n_i tests of each candidate i. Let
+G_i be the derivatives of the readings of candidate i with respect to the parameters, divided by the
+standard deviation of the noise. Each test of candidate i adds the information G_iᵀG_i. The
+precision (inverse covariance) of all parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision
+before the tests of the design. The criterion Φ is the figure of merit that the design maximises.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
 # column of ``_OPTIONAL_COLUMNS`` is in a table only if tests differ in this property.
 _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
-# Number of values of the hyper-parameters (scales of the noise and of other effects) that the
+# Number of values of the hyper-parameters (such as the standard deviation of the noise) that the
 # search for a design averages over. Larger numbers have led to the same designs.
 _SEARCH_NODES = 12
 _MAX_CANDIDATES = 5000

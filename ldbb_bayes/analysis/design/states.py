@@ -1,6 +1,6 @@
 """States of the machine before the tests of a design.
 
-A state is a value of the hyper-parameters φ (the scales of the noise and of other effects) and of
+A state is a value of the hyper-parameters φ (such as the standard deviation of the noise) and of
 the parameters β (compliances, their changes with force, and geometric errors). The pilot is the
 campaign or plan that a design starts from. States are drawn at random from the posterior given the
 pilot's readings, or from the prior if the pilot is a plan.
@@ -49,14 +49,14 @@ class States:
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
     """Return ``size`` equally likely values of the h hyper-parameters φ, shape (size, h).
 
-    φ are the scales of the noise and of other effects. Lengths are in mm. The noise factor λ of a
-    circle and the decay have no unit. The decay is the exponent of the power law by which the
-    balls' form errors decrease with the number of waves per turn. The values for ``model`` are a
-    random sample of the posterior given the readings of the pilot (the campaign that a design
-    starts from); ``seed`` is the seed of the sample. If the pilot is a plan, the values are spread
-    evenly over the prior, and their number is rounded up to a power of two. If the priors of the
-    parameters are flat, all variances are proportional to the variance of the noise. In this case,
-    only the root mean square of the values is returned, shape (1, h).
+    φ are the hyper-parameters, such as the standard deviation of the noise. Lengths are in mm. The
+    noise factor λ of a circle and the decay have no unit. The decay is the exponent of the power
+    law by which the balls' form errors decrease with the number of waves per turn. The values for
+    ``model`` are a random sample of the posterior given the readings of the pilot (the campaign
+    that a design starts from); ``seed`` is the seed of the sample. If the pilot is a plan, the
+    values are spread evenly over the prior, and their number is rounded up to a power of two. If
+    the priors of the parameters are flat, all variances are proportional to the variance of the
+    noise. In this case, only the root mean square of the values is returned, shape (1, h).
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
