@@ -46,7 +46,7 @@ _GEOMETRIC_DEGREE = 1
 _EXPONENTS = ("", "", "²", "³", "⁴")
 # The formula for a parameter's effect on the readings is fitted to computed values of the effect. A
 # numerical factor of the formula counts as a rounding error if it is at most this number times the
-# largest of these values, or times 1 if they are all smaller than 1.
+# largest of these values. If all values are below 1, this number itself is the limit.
 _ROUNDING = 1e-9
 # Decimals to which a factor of a formula is rounded before it is printed.
 _FACTOR_DECIMALS = 9

@@ -172,7 +172,7 @@ class Trend(Result):
     #: upper bound on the probability that a change is reported if there is none
     false_alarm: float
     campaigns: tuple[Visit, ...]  #: campaigns of the machine in order of time
-    #: possible step of each parameter and its present level; the keys are the names of the
+    #: for each parameter, its possible step and its present level; the keys are the names of the
     #: parameters
     parameters: Mapping[str, ParameterChange]
     #: name of the parameter that most probably changed, whether or not a change is reported

@@ -36,8 +36,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
-# The largest sample of nodes is made by picking a node at random this many times. Nodes are the
-# points at which the integrated density is known. The same node may be picked repeatedly.
+# Size of the largest sample of nodes, the points at which the integrated density is known. Nodes
+# are picked at random, and the same node can be picked repeatedly.
 _LARGEST_SAMPLE = 4608
 # Three samples of nodes (points) are used: every 24th node of the largest sample, every 8th node,
 # and all nodes. The density is evaluated at the nodes of the next larger sample until the error is

@@ -48,7 +48,8 @@ _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
 # Regular expression for the name of a column that holds one of several runs, such as "Run 1" or
 # "Reading run 1".
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
-# Regular expression for the number of a test, such as "T1". It is not the header "t" of times.
+# Regular expression for the number of a test, such as "T1", which is not a header of times like
+# "t".
 _NUMBER_OF_TEST = re.compile(r"[^\W\d_]{1,3}[-_]?\d+")
 # Roles that a column can get from its unit if its name shows no role.
 _ROLES_BY_UNIT = ("angle", "reading", "force")

@@ -277,7 +277,7 @@ def _are_records(content: Sequence[Any]) -> bool:
 
 
 def _are_rows(content: Sequence[Any]) -> bool:
-    """Return whether a list consists of rows: lists of one length, with at least two numbers."""
+    """Return whether a list consists of rows: lists of equal length with at least two numbers."""
     if len(content) < _FEWEST_ROWS or not all(isinstance(row, list) for row in content):
         return False
     widths = {len(row) for row in content}

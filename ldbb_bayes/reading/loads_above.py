@@ -97,9 +97,9 @@ def _lines_of_columns(
     """Return, for each line that describes the columns below, one text for each column.
 
     The texts are loads, names, planes or directions. The lines stand directly above the header, and
-    one of them must state loads; if none does, the list is empty. The line of loads is the first in
-    the list. If a name such as ``Run 2`` preceded a load such as ``100 N``, its number could be
-    mistaken for a part of the load. The first column has no text. ``rows`` are the rows above the
+    one of them must state loads; if none does, the list is empty. The line of loads comes first in
+    the list, so that a load follows no number of a name, as in ``Run 2 100 N``, with which it could
+    be confused. The first column has no text. ``rows`` are the rows above the
     header, and ``width`` is the number of cells of the header. ``merged_lines`` are the numbers of
     the lines with merged cells.
     """

@@ -109,7 +109,7 @@ class CampaignFamily:
 
     @property
     def _least_levels(self) -> int:
-        """Minimum number of different forces that a campaign of the family must have.
+        """Smallest permitted number of different forces in a campaign.
 
         One force is enough if the model's compliances do not depend on force, or if the campaign is
         analysed together with tests that have already been run. In all other cases, two forces are

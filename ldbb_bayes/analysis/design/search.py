@@ -48,10 +48,10 @@ _TRIED_AT_THE_END = 128
 # Candidate tests are selected by their average sensitivity over the values of the hyper-parameters.
 # To save time, only one in ``_HYPER_STEP`` values is used for this average.
 _HYPER_STEP = 4
-# Number of designs that the search starts from. The first design has the best fractions of tests,
-# rounded to whole numbers. In the other designs, the tests are drawn at random from the candidates.
-# Every third random design uses the same probability for all candidates; the others use the best
-# fractions of tests as probabilities.
+# Number of designs that the search starts from. The share of a candidate test is its number of runs
+# divided by the number of all runs. The first design has the best shares, rounded to whole numbers
+# of runs. In the other designs, the tests are drawn at random from the candidates: with equal
+# probabilities in every third of these designs, else with the best shares as probabilities.
 _STARTS = 6
 # Tolerance of the search for the best shares. The share of a candidate test is its number of runs
 # divided by the number of all runs. Its sensitivity is the derivative of the criterion with respect

@@ -31,7 +31,8 @@ _EQUALITY_TOLERANCE = 1e-9
 _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round of the optimization of shares.
 _SOLVER_ITERATIONS = 40
-# Largest number of candidate tests that one round of the optimization adds.
+# Largest number of candidate tests that join those of the previous round when a new round of the
+# optimization begins.
 _JOINING_CANDIDATES = 3
 # Number of candidate tests that take part in the first round of optimization. They are evenly
 # spread over the list of all candidate tests.

@@ -30,8 +30,8 @@ Covariate = Literal["time", "temperature"]
 _FIRST_EDITION_ORDERS = 4
 # Highest order n of the harmonics cos nθ, sin nθ of hysteresis in a plane whose circles all run in
 # one direction. In such a plane, hysteresis cannot be distinguished from bar length, geometric
-# errors and compliances. Their effects have no higher orders than this; only the compliance that
-# relates a rotation to a moment can also have an effect of order 4.
+# errors and compliances, whose effects also have orders up to this number. (Only the compliance
+# that relates a rotation to a moment can also have an effect of order 4.)
 _ONE_WAY_ORDERS = 3
 # For the part of hysteresis that is proportional to force, the prior sd in a plane whose circles
 # all run in one direction is this fraction of the prior sd in a plane with both directions.
@@ -346,9 +346,9 @@ class Drift(Term):
 
     Let u be the time [h] or the temperature [K] of a test, minus the mean of all tests of the
     campaign; ``over`` chooses time or temperature. A drift of the bar's length changes the reading
-    by u times one coefficient. A drift of the circle's centre changes the reading by u B̂ · c. B̂ is
-    the unit vector along the bar, and the vector c holds one coefficient for each coordinate of the
-    centre. ``length_um`` and ``centre_um`` are the prior sds of the coefficients, per hour or
+    by u times one coefficient. A drift of the circle's centre changes the reading by u B̂ · c. B̂
+    is the unit vector along the bar, and the vector c holds one coefficient for each coordinate of
+    the centre. ``length_um`` and ``centre_um`` are the prior sds of the coefficients, per hour or
     kelvin. For comparison, a steel bar of 150 mm grows by 1.7 µm/K.
 
     If the time is missing for at least one test, the model assumes that the tests were run in the
