@@ -38,7 +38,7 @@ __all__ = [
 CHEAPEST = "cheapest"
 # Name of the option of the command ``design`` with which users give the prices of certificates.
 _CERTIFICATES = "certificates"
-# Name of the option that states the share of machines on which all goals are to be met.
+# Name of the option for the share of machines on which all goals are to be met.
 _PROBABILITY = "probability"
 
 

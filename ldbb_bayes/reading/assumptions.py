@@ -112,7 +112,7 @@ class AssumptionLog:
         return tuple(assumptions)
 
     def lines_cited_for(self, places: Iterable[str]) -> list[CitedLine]:
-        """Return the lines that assumptions about any of the places rest on.
+        """Return the lines of files that are cited as reasons for assumptions about ``places``.
 
         A place is a file, a sheet or a test. The empty place stands for all files.
         """

@@ -60,7 +60,7 @@ def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLin
 
 
 def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
-    """Return the load of a test if all lines with a load agree and are clear; else None.
+    """Return the load of a test if all lines with a load agree and are clear; otherwise None.
 
     ``loads`` are the loads in all lines above the table of the test.
     """

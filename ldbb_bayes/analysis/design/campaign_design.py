@@ -724,7 +724,7 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 
 
 def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | None:
-    """Return the number of different forces of the tests if there are too few forces, else None.
+    """Return the number of different forces of the tests if it is too small; otherwise None.
 
     The model of ``space`` describes compliances as polynomials of force. There are too few forces
     if ``tests`` could not show that a higher degree of these polynomials is needed. The result is
