@@ -54,7 +54,7 @@ class Origin(StrEnum):
     """Where the standard uncertainty of a source comes from."""
 
     MEASURED = "measured here"  #: the readings of this campaign determine the standard uncertainty
-    #: a certificate, or a prior that the user gave, states the standard uncertainty
+    #: the standard uncertainty is that of a certificate, or of a prior that the user gave
     STATED = "stated"
     ASSUMED = "assumed"  #: the standard uncertainty is that of a default prior
 

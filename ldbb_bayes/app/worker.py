@@ -1,4 +1,4 @@
-"""Functions that the server runs in separate processes: they answer requests, fit and search.
+"""Functions, such as the fit of a model, that the server runs in separate processes.
 
 A session is one browser tab of ``ldbb-bayes app``.
 """

@@ -33,8 +33,8 @@ __all__ = ["NodesWithoutTest"]
 # If a test is left out, the values of its noise factor are replaced by random draws from the prior.
 # This is the seed of these draws.
 _SEED = 0
-# A Gaussian is fitted to the logarithm of a noise factor. This is its smallest standard deviation;
-# a smaller one is replaced by this value.
+# Smallest standard deviation of the Gaussian that is fitted to the logarithm of a noise factor. A
+# smaller standard deviation is replaced by this value.
 _LEAST_SD = 1e-6
 
 

@@ -198,9 +198,8 @@ class Kept:
     #: proportional to the effect of the kept compliance (proportional set, Table 2 of the paper);
     #: the kept compliance comes first
     sets: tuple[tuple[str, ...], ...]
-    #: for each kept compliance, the weights of the compliances that ``sets`` names. A weight is the
-    #: effect of such a compliance on the reading divided by the effect of the kept compliance; its
-    #: unit is a power of mm.
+    #: weights of the compliances in ``sets``. A weight is the effect of a compliance on the reading
+    #: divided by the effect of the kept compliance of the same set; its unit is a power of mm.
     weights: tuple[tuple[float, ...], ...]
     #: for each kept compliance, further compliances that change its estimated value, and the
     #: weights with which they do so. The effect of such a further compliance on the readings is a
@@ -438,9 +437,9 @@ class _TableOrder(NamedTuple):
     """Sort key for the order of compliances in Table 1 of the article on the model."""
 
     rotations: int  # number of rotary components of the compliance: 0, 1 or 2
-    twist: int  # position of the displacement or rotation (i of C_ijk) in the table's order
-    wrench: int  # position of the force or moment (j of C_ijk) in the table's order
-    joint: int  # position of the joint (k of C_ijk) in the table's order
+    twist: int  # position in the table of the displacement or rotation, i of C_ijk
+    wrench: int  # position in the table of the force or moment, j of C_ijk
+    joint: int  # position in the table of the joint, k of C_ijk
 
 
 def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:

@@ -156,7 +156,7 @@ class _Points:
     def of(self, tilted: Tilted, size: int) -> Array:
         """Return quasi-random points in the unit cube for w sets of constraints.
 
-        ``tilted`` states the constraints; each set constrains a standard normal vector x. There are
+        ``tilted`` holds the sets of constraints, each on a standard normal vector x. There are
         eight scrambles (randomly shifted copies of a lattice) of ``size`` points. If all sets of
         constraints use the same points, the result has the shape (dimensions, scrambles · size, 1).
         Otherwise it has the shape (dimensions, scrambles · size, w). For each set, the points are

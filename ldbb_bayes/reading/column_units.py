@@ -96,8 +96,8 @@ def unit_size(
         recording.log.keep(**{f"{role}_unit": usual})
         return UNITS[role][usual]
     recording.log.keep(**{f"{role}_unit": None})
-    # Sources that state a unit for every row come first. A source that states no unit for some rows
-    # does not contradict them.
+    # A source that states no unit for some rows does not contradict a source that states a unit for
+    # every row. Sources of the latter kind come first.
     first, *further_evidence = sorted(evidence, key=lambda entry: _NO_UNIT in entry.units)
     is_complete = _NO_UNIT not in first.units
     for other in further_evidence:

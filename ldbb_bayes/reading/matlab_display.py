@@ -209,10 +209,10 @@ def _display(sheet: Sheet, shown: _Shown) -> _Display:
 
 
 def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[Row]:
-    """Return the table of a display as rows: lines above the table, header and numbers.
+    """Return the rows of a displayed matrix: the lines above it, its header and its numbers.
 
-    A further display also gets the lines above the first display that apply to it and, if it has no
-    header, the header of the first display. ``first`` is the first display.
+    ``first`` is the first matrix in the sheet. Lines above it that apply to all matrices are added
+    to the rows of the others. A matrix without a header gets the header of the first matrix.
     """
     if display is first:
         return [*first.lines, *first.header, *first.numbers]

@@ -29,8 +29,8 @@ __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "lists_tests", "overview_lines"]
 # Largest number of rows that are examined in a sheet without a table, or above a table. A table
 # must also begin within this number of rows.
 LONGEST_OVERVIEW = 1000
-# If a sheet has at least this number of rows with numbers, the rows may be the readings of a
-# circle, and the sheet is not taken for a list of tests.
+# A sheet with at least this number of rows of numbers may hold the readings of a circle. It is not
+# read as a list of tests.
 _FEWEST_READINGS = 9
 
 

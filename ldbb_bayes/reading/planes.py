@@ -26,7 +26,7 @@ __all__ = [
 
 # The plane that each word of G-code selects.
 PLANES_OF_G_CODE = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
-# Usual name of each plane whose letters are swapped.
+# Names of planes with their letters swapped, and the usual names of these planes.
 PLANE_OF_SWAPPED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
 # Regular expression for the two letters of a plane. A mark may stand between the letters, and a
 # word for plane may follow them.

@@ -219,7 +219,7 @@ def _check_none_transposed(sheets: Sequence[Sheet]) -> None:
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add notes to the log: which sheets and rows are left out, as hidden or not wanted.
+    """Add notes to the log on sheets and rows left out because they are hidden or not wanted.
 
     Further notes are added if all numbers of a table are multiplied by a factor that the file
     states, or if a workbook is not in the format XLSX, so that its hidden rows and number formats

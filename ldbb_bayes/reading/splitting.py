@@ -535,7 +535,7 @@ def _without_placeholders(
 
 
 def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
-    """Return a dict with the statements about all tests in lines of sheets without a table.
+    """Return the statements that apply to all tests, from lines in sheets without a table.
 
     The keys are fields. Fields that differ from test to test, such as the force, are left out.
     """

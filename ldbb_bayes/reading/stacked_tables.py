@@ -251,7 +251,7 @@ def _without_fields(text: str, fields: Set[str]) -> str:
         if not _keys_of_text(segment) & fields:
             segments.append(segment.strip())
     remaining = "; ".join(segments)
-    # If segments state one of the fields only together, as in "Operator;Meier", nothing remains.
+    # Two segments may state a field together, as in "Operator;Meier". Such a line is dropped.
     if _keys_of_text(remaining) & fields or not re.search(r"[^\W\d_]", remaining):
         return ""
     return remaining

@@ -56,7 +56,7 @@ _TEXT_SHOWN = 60
 
 
 class _Evidence(NamedTuple):
-    """Value that a source states for a quantity of a test."""
+    """Value of a quantity of a test, with the line, name or column that states it."""
 
     value: float  # stated value; NaN if the number can be read in two ways
     source: str | CitedLine  # name of the source in messages, such as "line 3"

@@ -190,9 +190,9 @@ def words_of_fit(
 
 
 def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
-    """Return the remarks on a campaign, except those that the sentences on its fit repeat.
+    """Return the remarks on a campaign that do not occur among the sentences on its fit.
 
-    ``campaign_preview`` holds all remarks and states what the readings show without a fit.
+    ``campaign_preview`` holds all remarks on the campaign. They are made without a fit.
     """
     return [
         wording.remark_words(remark)

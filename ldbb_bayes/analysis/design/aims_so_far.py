@@ -54,7 +54,7 @@ _LEAST_TARGET = 1e-3
 
 @dataclass(frozen=True)
 class GoalSoFar(Result):
-    """Uncertainty of a parameter compared with its goal: now, and after the best next circle.
+    """Uncertainty of a parameter with a goal, now and after the best next circle.
 
     The goal is an upper limit of the expanded uncertainty U (k = 2). The probabilities have no
     unit; all other values are in the unit ``unit``.
@@ -81,7 +81,8 @@ class ToleranceSoFar(Result):
     """Whether a quantity is within its tolerance, and whether one more circle may decide this."""
 
     now: Conformity  #: decision from the readings so far, as `assess_conformity` returns it
-    decided_next: float  #: probability that a decision is possible after the best next circle
+    #: probability that a decision on conformity is possible after the best next circle
+    decided_next: float
 
     @property
     def decided(self) -> bool:

@@ -140,12 +140,12 @@ class _Progress:
     #: number of circles of every candidate test in the campaign that was tried last, shape
     #: (candidates,)
     counts: Array
-    #: ln(u/v) for the largest campaign of the family, where u is an uncertainty in its full
-    #: forecast, and v the same uncertainty in its quick forecast
+    #: ln(u/v) for the campaign of the family with the most circles, where u is the uncertainty of a
+    #: goal's parameter in the full forecast, and v its uncertainty in the quick forecast
     lasting_inflation: float = 0.0
     #: coefficient a of the formula ln(u/v) = ``lasting_inflation`` + a/n for a campaign of n
-    #: circles; u is an uncertainty in the full forecast, and v the same uncertainty in the quick
-    #: forecast. None before the first full forecast.
+    #: circles; u is the uncertainty of a goal's parameter in the full forecast, and v its
+    #: uncertainty in the quick forecast. None before the first full forecast.
     inflation: float | None = None
     forecasts: int = 0  #: number of campaigns for which a full forecast was made
     last_failed: int = 0  #: largest number of circles for which the full forecast missed the goals
@@ -423,10 +423,10 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return the smallest factor for a campaign's numbers of circles with which goals are met.
+    """Return the smallest factor by which to multiply numbers of circles so that goals are met.
 
-    ``counts`` are the campaign's numbers of circles of all candidate tests, which are all
-    multiplied by the factor. The products need not be whole numbers. The goals are those of
+    ``counts`` holds a campaign's number of circles of each candidate test. All these numbers are
+    multiplied by the factor; the products need not be whole numbers. The goals are those of
     ``family``. They count as met if the distance from the goals in the quick forecast is at most
     ``distance``.
     """
