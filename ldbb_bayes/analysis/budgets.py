@@ -153,7 +153,7 @@ class _ModelBudget:
 
     @property
     def bound(self) -> BoundModel:
-        """The model, applied to its campaign."""
+        """The model for the conditions of the campaign's tests."""
         return self.model.bound
 
 

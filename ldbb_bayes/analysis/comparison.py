@@ -680,9 +680,10 @@ def _models_by_slope_scale(
 ) -> dict[str, tuple[HybridModel, ...]]:
     """Return the two compared models with wider and with narrower priors of the slopes.
 
-    Slopes are changes of compliance with force. ``pair`` holds the two models by name. Both models
-    are given the priors of each scale in ``SLOPE_SCALES``. The keys of the result are labels with
-    the scale, such as "slope scale 0.3"; each value holds both models. The result is empty if
+    Slopes are changes of compliance with force. ``pair`` holds the two models by name. The
+    models are changed once for each scale in ``SLOPE_SCALES``, which is proportional to the prior
+    sds of the slopes. The keys of the result are labels with the scale, such as "slope scale 0.3";
+    each value holds both models. The result is empty if
     neither model has slopes, or if the two models differ only in this prior.
     """
     changes: dict[str, sensitivity.Change] = {}

@@ -83,12 +83,12 @@ class GumComparison(Result):
 
     @property
     def d_low(self) -> float:
-        """Distance between the lower endpoints of the GUM's and the posterior's interval."""
+        """Distance between ``gum_low`` and ``low``, the lower endpoints of the two intervals."""
         return abs(self.gum_low - self.low)
 
     @property
     def d_high(self) -> float:
-        """Distance between the upper endpoints of the GUM's and the posterior's interval."""
+        """Distance between ``gum_high`` and ``high``, the upper endpoints of the two intervals."""
         return abs(self.gum_high - self.high)
 
     @property

@@ -230,9 +230,9 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Variances by which contributions are divided to obtain shares, shape (q,).
+        """Variances of the q quantities, with zeros replaced by one, shape (q,).
 
-        A variance of zero is replaced by one.
+        The part of a variance that a source causes is divided by this value to obtain a share.
         """
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
@@ -351,11 +351,12 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
 
 
 def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
-    """Return the squared cosine of the angle between each pair of error vectors.
+    """Return the squared cosine of the angle between each pair of vectors.
 
-    ``patterns`` holds one vector, shape (p,), for each source: the errors of all p parameters that
-    the source causes together with an error of the quantity considered. The keys of the result are
-    pairs of names of sources. If a vector is zero, its squared cosines are zero.
+    ``patterns`` holds one vector, shape (p,), for each source of uncertainty of a quantity. The
+    vector holds the covariance of this quantity with each of the p parameters that is due to the
+    source, divided by the standard deviation of the parameter. The keys of the result are pairs of
+    names of sources. If a vector is zero, its squared cosines are zero.
     """
     if not patterns:
         return {}

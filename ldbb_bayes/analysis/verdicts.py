@@ -356,14 +356,15 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     """Return how well a campaign or a plan determines the parameters of a model.
 
     The verdict on each parameter is identified, prior-limited (the readings hardly narrow its
-    prior) or confounded (effects whose standard uncertainty is assumed cause most of its variance).
-    No readings are needed, so that a plan can be judged before it is run. All results come from the
-    linear Gaussian model, in which compliances may be negative. Shares of the variance are computed
-    at the posterior mean of the hyper-parameters (such as the standard deviation of the noise). For
-    a plan, the shares are computed at the posterior mean given the readings of the plan's pilot
-    (the campaign from which the plan was designed) or, without a pilot, at the prior median.
-    Standard uncertainties are averaged over the hyper-parameters. For a plan, they are the standard
-    uncertainties to expect when the plan has been run; `design` forecasts the same values.
+    prior) or confounded (most of its variance comes from effects whose standard uncertainty is
+    assumed). No readings are needed, so that a plan can be judged before it is run. All results
+    come from the linear Gaussian model, in which compliances may be negative. Shares of the
+    variance are computed at the posterior mean of the hyper-parameters (such as the standard
+    deviation of the noise). For a plan, the shares are computed at the posterior mean given the
+    readings of the plan's pilot (the campaign from which the plan was designed) or, without a
+    pilot, at the prior median. Standard uncertainties are averaged over the hyper-parameters. For a
+    plan, they are the standard uncertainties to expect when the plan has been run; `design`
+    forecasts the same values.
 
     Parameters
     ----------
@@ -495,8 +496,8 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     """Return the verdict on every parameter of a posterior.
 
     The verdict is identified, prior-limited (the readings hardly narrow the parameter's prior) or
-    confounded (effects whose standard uncertainty is assumed cause most of the parameter's
-    variance). The field ``remedy`` is None for every parameter; `identify` finds remedies for large
+    confounded (most of the parameter's variance comes from effects whose standard uncertainty is
+    assumed). The field ``remedy`` is None for every parameter; `identify` finds remedies for large
     uncertainties.
 
     If the posterior is an average over models (`average`), the variance of a parameter is the sum

@@ -227,7 +227,7 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
 def _equally_spaced_tests(
     space: Space, sliders: Mapping[str, float]
 ) -> tuple[lb.CircularTest, ...]:
-    """Return tests at equally spaced forces, with changing ball angles, radii and directions.
+    """Return tests at equally spaced forces, with all ball angles, radii and directions in turn.
 
     ``sliders`` are the values of the page's sliders: number of circles, number of forces (levels),
     lowest and highest force.

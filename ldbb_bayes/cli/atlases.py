@@ -1,6 +1,7 @@
-"""Command ``ldbb-bayes machine``: parameters that circular tests show, and patterns of parameters.
+"""Command ``ldbb-bayes machine``: lists the parameters that circular tests can determine.
 
-The pattern of a parameter is the change of the reading around the circle per unit of the parameter.
+It also shows the pattern of each parameter, which is the change of the reading around the circle
+per unit of the parameter.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Independent random draws from the posterior by rejection sampling with a fitted proposal.
 
 y are the readings; φ are the h hyper-parameters, such as the standard deviation of the noise; β are
-the p parameters: compliances, their changes with force, and geometric errors. Truncation T
-restricts β to compliances that are not negative. In names, ``inside`` means that a value of β has
+the p parameters: compliances, their changes with force, and geometric errors. T (truncation)
+is the condition that no compliance is negative. In names, ``inside`` means that a value of β has
 no negative compliance. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower
 bound).
 """

@@ -138,7 +138,7 @@ class Integral:
 
     @cached_property
     def grid_difference(self) -> float:
-        """Absolute difference between the log integrals ln ∫ f from a lattice's two grids [nat]."""
+        """Absolute difference between the values of ln ∫ f on the two grids of a lattice [nat]."""
         share = np.maximum(np.bincount(self.estimate, self.weight), _TINY)
         return abs(float(np.diff(np.log(share))[0]))
 

@@ -435,9 +435,10 @@ class HyperPosterior:
         """Rough posterior probability that no compliance is negative.
 
         The error allowed in the logarithm of the probability is 0.02 nat. The probability is
-        averaged over as few nodes (values of the hyper-parameters) as this tolerance allows. They
-        are picked from the `proposal` of the density that allows negative compliances. If even the
-        average over all nodes is not accurate enough, the error is larger.
+        averaged over as few nodes (values of the hyper-parameters) as this tolerance allows. The
+        nodes are a subset of those in ``plain.proposal``, which are computed for the density that
+        allows negative compliances. If even the average over all nodes is not accurate enough, the
+        error is larger.
         """
         return self.probability_inside(self.plain.proposal, _PROBABILITY_TOLERANCE)
 

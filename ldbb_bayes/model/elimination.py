@@ -90,11 +90,11 @@ class Update(NamedTuple):
     #: Number of borders. A border is the set of m later columns that change when a group is
     #: eliminated. Several groups may have the same border; different borders share no column.
     borders: int
-    #: Smallest i of the changed entries P_ij. i is the number, from 0, of one of the m columns that
+    #: Smallest index i of the changed entries P_ij. The index counts, from 0, the m columns that
     #: change when a group of columns is eliminated.
     first: int
-    #: One more than the largest i of the changed entries P_ij. i is the number, from 0, of one of
-    #: the m columns that change when a group of columns is eliminated.
+    #: One more than the largest index i of the changed entries P_ij. The index counts, from 0, the
+    #: m columns that change when a group of columns is eliminated.
     stop: int
     #: Rows of the workspace (the array with the entries of P) that hold the changed entries P_ij,
     #: shape (borders, stop − first, m + 1 − first), where m is the number of later columns that a

@@ -68,8 +68,8 @@ class _DenseGram(NamedTuple):
     #: ``products``; the same for all groups. For all columns in ``products``, entries above the
     #: row with this index are left out.
     first: int
-    #: For each group of columns, the indices of the k kinds of rows (rows with the same variance)
-    #: over which the scalar products of the group's columns are summed, shape (groups, k).
+    #: For each group of columns, the indices of k kinds of rows, shape (groups, k). Rows of one
+    #: kind have the same variance. ``products`` holds one sum for each of these kinds.
     kinds: NDArray[np.intp]
     #: Scalar products of columns of the design matrix, shape (groups, columns, entries of a column,
     #: k). Each product is summed separately over the rows of each of k kinds; rows of one kind have

@@ -163,9 +163,9 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
 
 
 def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
-    """Return whether a line about the axis or the sense of angles is not understood.
+    """Return whether a line states where angles begin, or their sense, in words not understood.
 
-    The axis is the one at which angles begin. The sense is clockwise or counter-clockwise.
+    Angles begin at an axis, such as +Y. Their sense is clockwise or counter-clockwise.
     """
     if any(_is_inseparable(statement) for statement in statements_of_line(text, _is_mixed)):
         return True

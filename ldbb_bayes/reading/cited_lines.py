@@ -8,7 +8,7 @@ __all__ = ["CitedLine", "cited_line", "quoted_line", "with_words"]
 
 
 class CitedLine(NamedTuple):
-    """Reason for an assumption that cites a line of a file, such as "line 3 says 'R = 100 mm'"."""
+    """Reason for an assumption; the reason cites a line, as in "line 3 says 'R = 100 mm'"."""
 
     reason: str  #: the reason in words
     line: int | str  #: line number, or a text such as "3 of notes.txt" for a line of another sheet

@@ -206,7 +206,7 @@ def check_angle_columns(sheet: Sheet, heading: Heading, cells: Sequence[Sequence
 
 
 def _free_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
-    """Return the indices of the columns that have cells, but are not used for any quantity."""
+    """Return the indices of the columns that are not empty, but are not used for any quantity."""
     in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
     return [k for k, column_cells in enumerate(cells) if column_cells and k not in in_use]
 

@@ -239,7 +239,7 @@ def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvi
 
     If the cells hold degrees, minutes and seconds, the word for degrees in the header is ignored,
     because it describes only the first of these three numbers. ``evidence`` holds the units that
-    cells state for each row.
+    are stated in cells of the table.
     """
     unit = recording.heading.units[recording.heading.roles[role]]
     names_degrees = unit == "deg" or names_sexagesimal(unit)

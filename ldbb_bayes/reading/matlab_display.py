@@ -83,8 +83,9 @@ def is_matlab_display(text: str) -> bool:
 def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
     """Return one sheet for each displayed matrix that has enough rows for a table.
 
-    Every number of a display is multiplied by the factor above it. A comment after a command, such
-    as ``% theta [rad], distance [mm]``, is the header of the table if it names every column. If a
+    If MATLAB shows a common factor above the numbers, the numbers are multiplied by it. A comment
+    after a command, such as ``% theta [rad], distance [mm]``, is the header of the table if it
+    names every column. If a
     later display has no header, the header of the first display is used. Lines above the first
     display also apply to a later display, unless the lines above the later one state the same
     field. If no display has enough rows for a table, the sheet is returned unchanged.
@@ -92,9 +93,9 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
     Parameters
     ----------
     sheet
-        The text, split into rows of cells.
+        The text of a file, split into rows of cells.
     text
-        The text.
+        The same text as one string.
 
     Raises
     ------

@@ -258,7 +258,7 @@ def _without_fields(text: str, fields: Set[str]) -> str:
 
 
 def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
-    """Return the names of the fields of a test whose values some rows of a sheet state."""
+    """Return the names of the fields of a test that some rows of a sheet state."""
     keys: set[str] = set()
     for _, text in sheet.texts(rows):
         keys |= _keys_of_text(text)
@@ -266,7 +266,7 @@ def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
 
 
 def _keys_of_text(text: str) -> set[str]:
-    """Return the names of the fields of a test whose values a line states."""
+    """Return the names of the fields of a test that a line states."""
     keys = set(statements_in([(0, text)]))
     if directions_stated([(0, text)]):
         keys.add("direction")

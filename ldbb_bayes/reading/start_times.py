@@ -38,12 +38,12 @@ _NIGHT_S = 6 * 3_600.0
 _SHORTEST_CIRCLE_S = 5.0
 # Largest number of characters of a list of names that a note shows.
 _LIST_SHOWN = 200
-# Command-line options that replace the start times of tests. They are named in a note if the files
-# state such times.
+# Options by which the user can replace the start times of tests. If the files state start times,
+# notes name these options.
 _OPTIONS_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
-# Command-line options that state the order of the tests. They are named in a note if the files
-# state no start times. Without such an option, the tests are assumed to have been run in the order
-# in which they are listed.
+# Options by which the user can state the order of the tests. If the files state no start times,
+# notes name these options. Without such an option, the tests are assumed to have been run in the
+# order in which they are listed.
 _OPTIONS_LISTED = "--order, time_s of a [[test]] in --layout, --no-drift"
 
 

@@ -140,7 +140,7 @@ def _agrees(
 
 
 def _stated(recording: Recording, pattern: re.Pattern[str]) -> _StatedAngle | None:
-    """Return the first angle that a line above the table states in the words of a pattern."""
+    """Return the first angle that a line above the table states in words that match a pattern."""
     for line, content in recording.heading.lines_above:
         match = pattern.search(content[:LONGEST_TEXT])
         if match is None:

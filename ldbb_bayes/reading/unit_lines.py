@@ -59,8 +59,8 @@ _REVISION = re.compile(_WORDS["revision"], re.IGNORECASE)
 # Largest number before a unit of angle that is taken as a factor of the unit. A larger number, as
 # in 360 deg, is the range of the angles.
 _LARGEST_ANGLE_FACTOR = 10.0
-# Regular expression for words, such as "resolution", for properties of an instrument that may be
-# stated as a fraction of a unit.
+# Regular expression for the name of a property of an instrument, such as "resolution". The value of
+# such a property may be a fraction of a unit.
 _PROPERTY = re.compile(rf"(?<!\w)(?:{_WORDS['property']})(?!\w)", re.IGNORECASE)
 # Regular expression for a line that is nothing but a label and a unit, such as "Units - mm".
 _BARE_LINE = re.compile(

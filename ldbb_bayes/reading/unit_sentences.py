@@ -50,7 +50,7 @@ _UNIT_IN_FRONT = re.compile(
 _IN_BRACKETS = re.compile(
     rf"\W*{_WORDS['readings_in']}\s*[\[(](?P<unit>[^\])]+)[\])]\s*[;,|\t]", re.IGNORECASE
 )
-# Regular expression for words for readings.
+# Regular expression for a word that stands for the readings, such as "deviations".
 _READINGS = re.compile(rf"(?<!\w){_WORDS['readings_in']}(?!\w)", re.IGNORECASE)
 # Regular expression for a decimal fraction of a unit, such as 0.0001 in or 1/1000 mm.
 _FRACTION = re.compile(

@@ -369,11 +369,11 @@ class SheetNumbers:
         return measure_circularity(self.findings.posterior)[0]
 
     def _measured_words(self, plane: str, quantity: str, force_N: float) -> str:
-        """Return a remark with a circularity quantity that is computed from one test's readings.
+        """Return a remark that states a circularity quantity computed from the readings of a test.
 
-        ``quantity`` is the name of the quantity, such as the circular deviation. The test is the
-        one in the plane whose force is nearest to ``force_N`` [N]. The remark is an empty string if
-        ``force_N`` is zero.
+        ``quantity`` is the name of the quantity, such as the circular deviation. Of the tests in
+        ``plane``, the one with the force nearest to ``force_N`` [N] is used. The remark is an empty
+        string if ``force_N`` is zero.
         """
         if force_N == 0.0:
             return ""

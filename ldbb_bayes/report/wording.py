@@ -1,9 +1,9 @@
 """Sentences about results: functions that choose templates and fill in the values.
 
 The templates of the sentences are in the files sentences.toml and sentences.j2. The program never
-draws conclusions from the text of a sentence, because all decisions are part of the results. Most
-templates have a key, which is the kind of the result, such as the kind of a remark. A degeneracy is
-a combination of parameters and other effects that the readings cannot separate. A nuisance
+draws conclusions from the text of a sentence: the results hold all decisions as values. Most
+templates have a key. The key names the kind of result that the sentence is about. A degeneracy is a
+combination of parameters and other effects that the readings cannot separate. A nuisance
 coefficient describes an effect that is modelled but not of interest.
 """
 

@@ -263,8 +263,8 @@ class _Search:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        # Smallest value of ``inflation`` (see `_Progress`) in the families that have been searched.
-        # It is used in a family that has no full forecast yet.
+        # Smallest value of the field ``inflation`` of `_Progress` in all families of campaigns that
+        # have been searched. It is used for a family that has no full forecast yet.
         self._inflation = np.inf
         #: whether all goals are reached in at least one family if the number of circles is the
         #: largest allowed

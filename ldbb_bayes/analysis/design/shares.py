@@ -78,7 +78,7 @@ def is_better(value: float, reference: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Optimum(Shown):
-    """How N tests are shared among candidates, the criterion Φ, and its sensitivities.
+    """Shares of candidates in N tests, with the criterion Φ and its sensitivities.
 
     A candidate is a test that could be run. Its share is the fraction of the N tests that are runs
     of this candidate. The criterion is the figure of merit. The sensitivity of candidate i is N

@@ -264,7 +264,7 @@ class ForceError(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a coefficient of force error, given its name.
+        """Return the unit of a coefficient of the force error, given the coefficient's name.
 
         The unit is N for the random error, and % for gain and curvature.
         """
