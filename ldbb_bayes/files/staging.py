@@ -1,4 +1,4 @@
-"""Writing of a folder with results, completely or not at all."""
+"""Functions that write a folder with results either completely or not at all."""
 
 from __future__ import annotations
 

@@ -175,7 +175,7 @@ class _MeanRatio(NamedTuple):
     taken under the density f e^q.
     """
 
-    log_mean: float  #: logarithm of the mean of the ratio
+    log_mean: float  #: logarithm of the mean of the ratio ρ of the two densities
     error: float  #: error of ``log_mean`` [nat]; infinite if the tail of the ratios is heavy
     share: Array  #: weights of the m nodes, which sum to one, shape (m,)
 

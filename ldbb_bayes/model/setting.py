@@ -65,8 +65,8 @@ class GroupOfTests(NamedTuple):
     #: Plane (such as XY), radius [mm] or number of the set-up that the tests of the group have in
     #: common.
     value: Any
-    #: Text at the end of the names of coefficients that belong to the group, such as ``_XY`` for a
-    #: plane; empty if the group contains all tests of the campaign.
+    #: Text at the end of the names of coefficients that apply only to this group of tests, such as
+    #: ``_XY`` for the tests in one plane; empty if the group contains all tests of the campaign.
     suffix: str
     #: Whether each test of the campaign belongs to the group, shape (tests,).
     tests: NDArray[np.bool_]

@@ -19,7 +19,7 @@ _GAP = re.compile(r"\s{2,}|\t")
 # Largest number of rows above the numbers in which a header is looked for. A row of units and a row
 # of dashes may stand between the header and the numbers.
 _HEADER_ROWS = 4
-# Fewest successive rows of numbers that are a table.
+# Successive rows of numbers are read as a table if there are at least this many.
 _FEWEST_ROWS = 2
 
 

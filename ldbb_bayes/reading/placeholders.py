@@ -40,8 +40,8 @@ _LARGEST_NUMBER = 1e10
 # distance from their median must exceed this factor times the largest distance of the other numbers
 # from their median.
 _FAR = 5.0
-# Factor that is used instead of ``_FAR`` for a number that appears several times in the column,
-# because placeholders often appear several times.
+# A number that appears several times in a column is more likely to be a placeholder. For such a
+# number, this smaller factor replaces ``_FAR``.
 _FAR_IF_REPEATED = 1.5
 # A column is searched for placeholders only if at least this many of its numbers do not have the
 # form of a placeholder.
