@@ -155,5 +155,5 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
 
 
 def _is_assumed_lobe(assumed: Uncertainty) -> bool:
-    """Return whether ``assumed`` is the form uncertainty of a ball that has no certificate."""
+    """Return whether ``assumed`` is the form uncertainty of a ball without certificate or grade."""
     return Term.owner(assumed.name) is BallForm and not assumed.stated
