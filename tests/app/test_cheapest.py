@@ -177,7 +177,7 @@ WRONG: list[tuple[dict[str, str], str, str]] = [
     ({"price_per_hour": "0"}, "price_per_hour", "must be above 0"),
     ({"hours": "0"}, "hours", "must be above 0"),
     ({"certificates": "bar"}, "certificates", "must be NAME=PRICE"),
-    ({"certificates": "bar=x"}, "certificates", "must hold numbers"),
+    ({"certificates": "bar=x"}, "certificates", "must hold the price of each certificate"),
     ({"certificates": "bar=-1"}, "certificates", "must be a number of at least 0"),
     ({"certificates": "balls=5"}, "certificates", "must state the grade"),
     ({"certificates": "balls G7=5"}, "certificates", "must be one of G3"),
