@@ -81,7 +81,7 @@ class Validation(Result):
 
     @property
     def replicates(self) -> int:
-        """Number of replicates (simulated campaigns) that have ranks."""
+        """Number of replicates (simulated campaigns) for which ranks were computed."""
         return len(self.ranks)
 
     @cached_property

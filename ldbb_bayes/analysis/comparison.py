@@ -251,9 +251,10 @@ class Comparison(Result):
     #: log Bayes factor of the second model over the first under each assumption about the random
     #: differences between circles. The first entry is for the assumption that the models make. The
     #: last entry is for models without nuisance terms, in which circles differ at random by white
-    #: noise alone. If ``explanations`` is not None, the second entry is the average over the
-    #: alternative explanations, and the third entry is the comparison without alternative
-    #: explanations.
+    #: noise alone. If ``explanations`` is not None, there are other effects, such as a nonlinear
+    #: mount, that change the readings as slopes do (alternative explanations). The second entry is
+    #: then an average over models with such effects, and the third entry is for models without
+    #: them.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if no model has slopes, or if only evidences were computed

@@ -144,10 +144,10 @@ def _cheapest(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
     """Return the first sufficient remedy for parameter i, or the best remedy if none is sufficient.
 
     A remedy is a certificate or a change of the plan. A remedy is sufficient if it removes at least
-    half of the variance. The best remedy is the one with the smallest remaining standard
-    uncertainty. ``helpful`` are the remedies that reduce the standard uncertainty noticeably, the
-    cheapest first. Return None if ``helpful`` is empty. ``sd`` is the standard uncertainty of the
-    parameter without any remedy.
+    half of the parameter's variance. The best remedy is the one with the smallest remaining
+    standard uncertainty. ``helpful`` are the remedies that reduce the standard uncertainty
+    noticeably, the cheapest first. Return None if ``helpful`` is empty. ``sd`` is the standard
+    uncertainty of the parameter without any remedy.
     """
     if not helpful:
         return None

@@ -163,7 +163,7 @@ class CalibrationCertificate(Shown):
             Kind of object: ``bar``, ``force`` (force device) or ``ball``.
         bar_length_mm
             Nominal length of the bar [mm]. This length is used to choose a bar if the certificate
-            states several bars.
+            describes several bars.
 
         Returns
         -------
@@ -192,8 +192,8 @@ class CalibrationCertificate(Shown):
           of a bar that is too long are too small.
         - An actual length is subtracted from the nominal length.
 
-        If the certificate states several bars, the bar of the nominal length ``length_mm`` is used.
-        Raise an `InputError` if no uncertainty is stated, or if the certificate still states
+        If the certificate describes several bars, the bar of the nominal length ``length_mm`` is
+        used. Raise an `InputError` if no uncertainty is stated, or if the certificate still states
         several errors after the bar has been chosen.
         """
         lengths = self._quantities_by_role("m")
@@ -209,7 +209,7 @@ class CalibrationCertificate(Shown):
         An error of indication is preferred. If there is none, a deviation from the nominal length
         is used, and then a length that is stated together with its nominal value. ``lengths`` holds
         lists of quantities in units of length; the keys say what the quantities are, such as
-        ``deviation``. If the certificate states several bars, the bar with the nominal length
+        ``deviation``. If the certificate describes several bars, the bar with the nominal length
         ``length_mm`` is used. Raise an `InputError` if no quantity states an error, or if more than
         one remains.
         """

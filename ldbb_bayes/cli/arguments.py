@@ -174,7 +174,7 @@ def _fields_from_dccs(options: dict[str, Any], bar_length_mm: float | None) -> d
     """Return the fields of `Instrument` that digital calibration certificates (DCC) state.
 
     The paths of the certificates are removed from ``options``. ``bar_length_mm`` is the nominal
-    length of the bar [mm], which is used to choose a bar if a certificate states several bars.
+    length of the bar [mm], which is used to choose a bar if a certificate describes several bars.
     """
     fields: dict[str, Any] = {}
     for kind in ("bar", "force"):

@@ -76,8 +76,8 @@ class Option:
     the command calls. This function then uses its own default.
     """
 
-    #: type as which Typer, the library that reads the command line, reads the value of the option;
-    #: or a `Kind`, which also converts the value
+    #: Python type to which Typer, the library that reads the command line, converts the typed
+    #: value; or a `Kind`, which has its own function for the conversion
     kind: Any
     help: str  #: help text of the option
     default: Any  #: value used if the option is not typed; for None, no value is passed on

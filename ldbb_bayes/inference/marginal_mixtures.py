@@ -157,9 +157,9 @@ def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> Ma
     high = np.full(sd.shape, np.inf)
     truncation = model.bound.truncation
     if truncation.active:
-        # ``rate``, shape (w, rows, p), holds the change of each element of A β (a compliance that
-        # must not be negative) per unit of a parameter. All parameters change together, in
-        # proportion to the column of this parameter in the covariance matrix.
+        # The elements of A β are compliances that must not be negative. ``rate``, shape (w, rows,
+        # p), holds the change of each element of A β per unit change of a parameter. The other
+        # parameters change with this parameter in proportion to their covariances with it.
         compliances = of_model @ truncation.rows.T
         covariance = conditional.spread(truncation.rows) @ np.swapaxes(spread, 1, 2)
         rate = covariance / sd[:, None] ** 2

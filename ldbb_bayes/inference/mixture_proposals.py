@@ -30,8 +30,8 @@ _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
 # freedom) are not fitted. They would improve the fit little, and too few points would be drawn in
 # the tails of the integrated density.
 _FEW_DIMENSIONS = 5
-# Number of values in ``_FREEDOMS`` that are tried in few dimensions (see ``_FEW_DIMENSIONS``): the
-# first ones, which give the heaviest tails.
+# If there are at most ``_FEW_DIMENSIONS`` dimensions, only this number of values from the beginning
+# of ``_FREEDOMS`` is tried: those that give the heaviest tails.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0

@@ -47,7 +47,7 @@ class GaussianFactor:
     """
 
     axis: int  #: index, among all h coordinates, of the coordinate that the density describes
-    #: change of the mean of this coordinate per unit of each other coordinate, shape (h − 1,)
+    #: change of the coordinate's mean per unit of each of the other coordinates, shape (h − 1,)
     slopes: Array
     intercept: float  #: mean of the coordinate where all other coordinates are zero
     sd: float  #: standard deviation of the coordinate about its mean

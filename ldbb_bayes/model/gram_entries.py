@@ -40,11 +40,11 @@ _COLUMNS_AT_ONCE = 4
 
 
 class EntryBlock(NamedTuple):
-    """Consecutive entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r that belong to several groups of columns.
+    """Block of stored entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r, for several groups of columns of P.
 
-    A is the design matrix, D the noise covariance, and r are the readings. Each group has s columns
-    of P, and n entries are stored for each column. The first s entries of a column are in the rows
-    of the s columns of the same group; entries above the diagonal of P are not needed.
+    A is the design matrix, D the noise covariance, and r are the readings. Each group consists of s
+    columns, and n entries are stored for each column. The first s of these n entries form the
+    square part of P on the diagonal, of which only the lower triangle is needed.
     """
 
     #: Slice that selects the entries of this block from the array of all stored entries of P. A

@@ -68,7 +68,7 @@ class GroupOfTests(NamedTuple):
     #: Text at the end of the names of coefficients that apply only to this group of tests, such as
     #: ``_XY`` for the tests in one plane; empty if the group contains all tests of the campaign.
     suffix: str
-    #: Whether each test of the campaign belongs to the group, shape (tests,).
+    #: For each test of the campaign, whether it belongs to this group of tests, shape (tests,).
     tests: NDArray[np.bool_]
 
 

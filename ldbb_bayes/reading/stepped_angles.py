@@ -36,7 +36,8 @@ _STEP = re.compile(
     re.IGNORECASE,
 )
 _NAMES_ANGLE = re.compile("angle|winkel|angular", re.IGNORECASE)
-# The stated end agrees with the number of readings if it differs by less than this share of a step.
+# The end angle that a file states must be a whole number of steps after the start. A deviation of
+# less than this share of a step is allowed.
 _EVEN_SHARE = 0.01
 
 

@@ -45,8 +45,8 @@ _UNIT_IN_FRONT = re.compile(
     rf"(?P<unit>(?:\d[\d.,/]*\s?)?[^\W\d_]{{2,}})\s+(?:{_WORDS['behind_unit']})(?!\w)",
     re.IGNORECASE,
 )
-# Regular expression for a unit in brackets after a word for readings, at the beginning of a line
-# that goes on.
+# Regular expression for a line that begins with a word for readings and a unit in brackets,
+# followed by a separator and further text, as in ``Readings [mm]; …``.
 _IN_BRACKETS = re.compile(
     rf"\W*{_WORDS['readings_in']}\s*[\[(](?P<unit>[^\])]+)[\])]\s*[;,|\t]", re.IGNORECASE
 )

@@ -1,4 +1,4 @@
-"""Notes on conventions that files do not state, and on texts in files that are not used.
+"""Notes on conventions that files do not state, and on texts that are read but not used.
 
 If nothing states the sign of readings, the convention of angles or the direction of travel, the
 convention of this package is assumed. The notes show these assumptions, so that the user can

@@ -1,7 +1,4 @@
-"""Figure of the stiffness by direction, drawn as a rose.
-
-A rose is a polar curve that shows the compliance along the bar in every direction of a plane.
-"""
+"""Polar plot of the compliance along the bar in every direction of a plane (stiffness rose)."""
 
 from __future__ import annotations
 
