@@ -26,7 +26,7 @@ __all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign", "import_wi
 class MachineType(NamedTuple):
     """A type of machine tool: its name, its topology, and the axes that move workpiece and tool."""
 
-    #: Name of the type of machine tool in words.
+    #: Type of the machine tool in words.
     name: str
     #: Topology of the machine: its axes from workpiece to tool, such as wCAFYXZSt.
     topology: str

@@ -398,9 +398,9 @@ class _Search:
     def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
         """Store by how much the uncertainties of a full forecast exceed those of a quick forecast.
 
-        The ratio of the two is computed from both forecasts of ``campaign``. The coefficient in the
-        formula for this ratio is stored as ``progress.inflation``. ``counts`` is the campaign's
-        number of circles of every candidate test.
+        The ratio of the uncertainties is computed from both forecasts of ``campaign``. The
+        coefficient in the formula for this ratio is stored as ``progress.inflation``. ``counts``
+        holds, for each candidate test, how many of the campaign's circles are runs of this test.
         """
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
         progress.inflation = max(added, 0.0) * len(campaign.tests)
