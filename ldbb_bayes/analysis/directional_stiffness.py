@@ -148,7 +148,7 @@ class PlaneStiffness(Result):
     ratio: StatedValue  #: greatest stiffness divided by least stiffness, k_max / k_min
     softest: AxialDirection  #: direction of the least stiffness
     stiffest: AxialDirection  #: direction of the greatest stiffness
-    #: direction of the softer principal axis of the compliance tensor in the circle's centre
+    #: direction of the softer principal axis of the compliance tensor at the circle's centre
     principal_axis: AxialDirection
     #: name of the cross compliance (deflection along one axis of the plane per unit of force along
     #: the other), such as C_XYX; empty if the model has no cross compliance in this plane

@@ -511,9 +511,9 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
 def unknown_length(lines: Lines) -> CitedLine | None:
     """Return a note on the first line with a length that may be the radius of the circle.
 
-    Examples are ``Reach: 100 mm``, ``R100``, a line with a number that names a circle or a bar, and
-    G-code for an arc. The note is empty if there is no such line, or if a line clearly states the
-    radius.
+    Examples are ``Reach: 100 mm``, ``R100``, G-code for an arc, and a line that contains a number
+    and a word for a circle or a bar. The note is empty if there is no such line, or if a line
+    clearly states the radius.
     """
     statements = statements_in(lines)
     if "radius_mm" in statements or "programmed_radius_mm" in statements:

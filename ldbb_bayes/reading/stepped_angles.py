@@ -49,10 +49,10 @@ class _StatedAngle(NamedTuple):
 
 
 def may_be_stepped(recording: Recording) -> bool:
-    """Return whether lines above may state the angles of a test, because no column does.
+    """Return whether no column states the angles of a test, so that lines above may state them.
 
-    There is then no column of angles, or its numbers have no unit and are 1, 2, 3 and so on, or
-    0, 1, 2. Such numbers may be those of points.
+    This is the case if there is no column of angles. It is also the case if the numbers in this
+    column have no unit and count the readings: 1, 2, 3 and so on, or 0, 1, 2 and so on.
     """
     numbers = recording.numbers.get("angle")
     if numbers is None:

@@ -83,8 +83,8 @@ class UncertaintyAim:
         β are the p parameters and w their weights ``weights``. ``covariance``, shape (K, ..., p,
         p), are covariances of the p parameters, in units of their prior standard deviations, at K
         values of the hyper-parameters. If there are further dimensions (...), they stand for
-        possible circles. The uncertainties are computed from the covariances and multiplied by
-        ``inflation``.
+        possible circles. The uncertainties are computed from the covariances, and are multiplied
+        by ``inflation`` because the hyper-parameters are not known exactly.
         """
         variance = covariance @ self.weights @ self.weights
         return np.asarray(self.inflation * np.sqrt(np.maximum(variance, 0.0)))

@@ -265,9 +265,10 @@ class BallForm(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the assumed amplitudes of the balls' form errors, with their uncertainties.
 
-        ``campaign`` holds the certificates and grades of the balls. The amplitude and its standard
-        uncertainty are taken from a ball's certificate if it states the harmonic of this order;
-        otherwise the amplitude is zero. If a certificate or grade states the deviation from
+        There is one amplitude for each ball and order of a harmonic. ``campaign`` holds the
+        certificates and grades of the balls. If a ball's certificate states the harmonic, the
+        amplitude and its standard uncertainty are taken from there; otherwise the amplitude is
+        zero. If a certificate or grade states the deviation from
         sphericity, the orders are 2 to 12. Otherwise they are 2, 3 and the orders of all harmonics
         in the certificate. The contribution of the hyper-parameter τ to the prior sds is not
         included. If the field ``law`` is ``1/n``, nothing is yielded.
