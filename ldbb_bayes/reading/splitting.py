@@ -43,7 +43,11 @@ from ldbb_bayes.reading.placeholders import placeholders_in
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.recording import Recording, RowUnits
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.statistics_rows import label_of_statistics, rows_of_statistics
+from ldbb_bayes.reading.statistics_rows import (
+    label_of_statistics,
+    rows_of_statistics,
+    statistics_among,
+)
 from ldbb_bayes.reading.travel_direction import with_sides_in_full
 from ldbb_bayes.reading.unit_columns import unit_columns
 from ldbb_bayes.reading.unit_lines import UNIT_KEYS
@@ -574,6 +578,7 @@ def _read_columns(
     check_angle_columns(sheet, heading, cells)
     heading = name_plane_column(sheet, heading, cells, stated_plane, log)
     check_directions(sheet, heading, cells, layout)
+    _check_no_statistics(sheet, heading, lines, cells)
     numbering = _two_numbering_columns(heading, cells)
     if numbering and "test" not in layout.columns:
         heading = _without_test_column(heading)
@@ -597,6 +602,25 @@ def _read_columns(
     return _SheetColumns(
         sheet, heading, lines, cells, clock_column, decimal, columns_of_units, numbering
     )
+
+
+def _check_no_statistics(
+    sheet: Sheet, heading: Heading, lines: Sequence[int], cells: Sequence[Sequence[str]]
+) -> None:
+    """Raise an `InputError` if a column without a role says that some rows hold statistics.
+
+    An example is a column ``stat`` with the cells "raw" and "mean". ``lines`` are the line numbers
+    of the rows, and ``cells`` the cells of each column.
+    """
+    for column in unused_columns(heading):
+        rows = statistics_among(cells[column])
+        if rows:
+            name = heading.headers[column][:LONGEST_NAME]
+            listed = shown_list([str(lines[row]) for row in rows], LONGEST_NAME)
+            raise InputError(
+                f"{sheet.place}: rows must hold readings, got {cells[column][rows[0]]!r} in column"
+                f" {name!r}. Remove the rows of statistics: {listed}."
+            )
 
 
 def _check_formulas(

@@ -9,10 +9,23 @@ from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.words import LONGEST_NAME, WORDS, comparable
 
-__all__ = ["label_of_statistics", "rows_of_statistics"]
+__all__ = ["label_of_statistics", "rows_of_statistics", "statistics_among"]
 
 # Words of which the label of a row of statistics consists.
 _WORDS = frozenset(WORDS["statistics"]["words"].split())
+# Words which mean a row of statistics if a cell consists of such a word alone.
+_SURE_WORDS = frozenset(WORDS["statistics"]["sure"].split())
+
+
+def statistics_among(cells: Sequence[str]) -> list[int]:
+    """Return the indices of the cells of a column that name a statistic, such as "mean".
+
+    The list is empty if all cells of the column name a statistic, because no row then stands out.
+    """
+    statistics = [k for k, cell in enumerate(cells) if comparable(cell) in _SURE_WORDS]
+    if len(statistics) == len(cells):
+        return []
+    return statistics
 
 
 def label_of_statistics(row: Row) -> str:

@@ -27,6 +27,7 @@ def sentence_cases() -> dict[str, FieldCase]:
         **sheet_cases(),
         **count_cases(),
         **language_cases(),
+        **statistics_cases(),
     }
 
 
@@ -271,3 +272,28 @@ def language_cases() -> dict[str, FieldCase]:
             told="angle: from +X, CW",
         )
     return cases
+
+
+def raw_and_statistics(kinds: tuple[str, ...]) -> dict[str, bytes]:
+    """Return a file for each circle with a column that says what each row holds."""
+    files = {}
+    for circle in TRUTH:
+        lines = ["stat;Angle [deg];Reading [um]"]
+        for k in range(len(circle.angle_deg)):
+            lines.append(";".join(["raw", *(str(cell) for cell in field.plain(circle, k))]))
+        lines += [f"{kind};0;3.25" for kind in kinds]
+        files[f"{circle.force_N:g}N.csv"] = "\n".join([*lines, ""]).encode()
+    return files
+
+
+def statistics_cases() -> dict[str, FieldCase]:
+    """Return tables with rows of statistics that have an angle."""
+    return {
+        "statistics_with_angle": FieldCase(
+            "rows of statistics",
+            "a column 'stat' with the cells raw, mean and sd",
+            raw_and_statistics(("mean", "sd")),
+            refusal="Remove the rows of statistics: 74, 75",
+            mended=raw_and_statistics(()),
+        )
+    }
