@@ -24,6 +24,7 @@ from ldbb_bayes.reading.words import (
     comparable,
     scaled_unit,
     size_of_unit,
+    unit_in_shares,
 )
 from ldbb_bayes.results import Array
 
@@ -119,7 +120,7 @@ def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> No
     if evidence.source == _header_source(recording):
         return
     subject = f"unit of the {role}"
-    value = _listed(evidence.units)
+    value = _listed([unit_in_shares(unit) or unit for unit in evidence.units])
     if value == SECONDS_UNIT:
         value += ", degrees and minutes included"
     recording.note(subject, value, evidence.source, _option(role))

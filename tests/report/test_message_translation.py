@@ -154,7 +154,7 @@ def test_notes_and_refusals_of_a_field_file_have_german_words(
 
     def add(log: AssumptionLog, place: str, *note: Any) -> None:
         subject, value, reason, option = note
-        texts.update({subject, reason, option} - SUBJECTS.keys())
+        texts.update({subject, str(reason), option} - SUBJECTS.keys())
         if not is_own_text(subject):
             texts.add(value)
 
