@@ -31,8 +31,9 @@ _MOST_ANGLES = 240
 # Two angles of readings [rad] count as equal if they are equal after rounding to this number of
 # decimals.
 _ANGLE_DECIMALS = 9
-# A parameter is named in the description of a degeneracy only if its effect on the readings is
-# greater than this share of the largest effect of any coefficient in the degeneracy.
+# A degeneracy is a combination of coefficients that the readings cannot distinguish. Its
+# description names a parameter only if the parameter's effect on the readings, divided by the
+# largest effect of a coefficient in the combination, is greater than this number.
 _NAMED_SHARE = 0.02
 # An effect on the readings counts as a rounding error if it is below this fraction of the largest
 # effect that one coefficient of a combination has alone. The effect of each coefficient, and that

@@ -28,8 +28,8 @@ __all__ = ["refusal", "understand"]
 _MOST_POINTS = 360
 # Radius at which the lowest reading is drawn in a polar plot [units of the SVG drawing].
 _INNER_RADIUS = 22.0
-# Radius at which the highest reading is drawn in a polar plot, minus the radius at which the lowest
-# reading is drawn [units of the SVG drawing]. The highest reading is thus drawn at the radius 100.
+# Radial distance between the lowest and the highest reading in a polar plot [units of the SVG
+# drawing].
 _WIDTH = 78.0
 # Approximate number of labelled rings of a polar plot between the lowest and the highest reading.
 _RINGS = 4

@@ -200,10 +200,11 @@ def _analyse(
     settings: dict[str, Any],
     executor: Executor | None,
 ) -> tuple[xr.DataTree, _Analyses]:
-    """Return a fit of compliance linear in force, and further analyses.
+    """Return the fit of a model, and further analyses.
 
-    The analyses are a comparison of linear with constant compliance, an average over these two
-    models, and the choice of the next tests, which is computed in the background.
+    In the fitted model, compliance changes linearly with force. The further analyses are a
+    comparison with a model of constant compliance, an average over these two models, and the choice
+    of the next tests, which is computed in the background.
 
     Parameters
     ----------

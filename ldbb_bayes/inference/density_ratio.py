@@ -135,8 +135,8 @@ class _Sample:
     def leverage(self) -> Array:
         """Leverages of the m nodes in the fit of the polynomial, shape (m,).
 
-        The leverage of a node is the change of the fitted polynomial at the node, per unit change
-        of the value at this node to which the polynomial is fitted.
+        The polynomial is fitted to one value at each node. The leverage of a node is the change of
+        the polynomial at the node if the value at this node increases by one.
         """
         leverage = (self._decomposition.left**2).sum(axis=1)
         return np.asarray(np.minimum(leverage, 1.0 - np.finfo(float).eps))

@@ -116,13 +116,13 @@ def power_sensitivity(
 
 
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
-    """Return the weights of posterior draws that represent a change of one factor of the posterior.
+    """Return weights for posterior draws, with which they follow a changed posterior.
 
-    The draws come from the posterior density, which is a product of factors such as prior and
-    likelihood. ``log_density``, shape (chains, draws), is the logarithm of one factor at the draws.
-    With the weights, the draws represent the density in which this factor is raised to ``power``.
-    The result has one column for each draw and one row for each of ``parameters`` parameters; all
-    rows are equal, because the weights are the same for all parameters.
+    The posterior density is a product of factors such as prior and likelihood. In the changed
+    posterior, one factor is raised to ``power``. ``log_density``, shape (chains, draws), is the
+    logarithm of this factor at the draws. The result has one column for each draw and one row for
+    each of ``parameters`` parameters; all rows are equal, because the weights are the same for all
+    parameters.
     """
     log_weight = (power - 1.0) * (log_density - log_density.mean())
     return np.broadcast_to(np.exp(log_weight).ravel(), (parameters, log_weight.size))

@@ -189,9 +189,10 @@ class Integral:
 
     @cached_property
     def pareto_k(self) -> float:
-        """Pareto shape k̂ of the tail of the weights (Vehtari et al. 2024); −inf for a lattice.
+        """Shape k̂ of the Pareto distribution fitted to the largest weights (Vehtari et al. 2024).
 
-        If k̂ exceeds 0.6, neither the integral nor its error can be trusted.
+        If k̂ exceeds 0.6, neither the integral nor its error can be trusted. If the points are a
+        lattice and not random, nothing is fitted, and k̂ is −inf.
         """
         if self.proposal is None:
             return -np.inf

@@ -1,4 +1,6 @@
-"""Contents of a posterior: its groups of arrays, and the record of campaign, model and sampler.
+"""Functions that return the contents of a posterior: its arrays, and a record of how it was made.
+
+The record describes the campaign, the model and the sampler.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, such as the standard deviation of the noise.

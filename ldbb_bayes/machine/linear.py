@@ -194,9 +194,9 @@ class Kept:
     #: kept as the representative of its proportional set, that is, of the compliances whose effects
     #: on the readings are proportional to each other.
     names: tuple[ComplianceName, ...]
-    #: for each kept compliance, the names of the compliances whose effects on the readings are
-    #: proportional to the effect of the kept compliance (proportional set, Table 2 of the paper);
-    #: the kept compliance comes first
+    #: for each kept compliance, the names of the compliances in its proportional set (Table 2 of
+    #: the paper). All compliances in a set have proportional effects on the readings. The kept
+    #: compliance comes first.
     sets: tuple[tuple[str, ...], ...]
     #: weights of the compliances in ``sets``. A weight is the effect of a compliance on the reading
     #: divided by the effect of the kept compliance of the same set; its unit is a power of mm.

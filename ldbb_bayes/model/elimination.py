@@ -111,8 +111,9 @@ class Front(NamedTuple):
     """
 
     #: Rows of the workspace that hold the entries of all columns of these groups. The workspace is
-    #: the array in which the entries of P are overwritten by those of its Cholesky factor L. A
-    #: group of s columns that changes m later columns has s (s + m + 1) entries.
+    #: an array; it first holds the entries of the precision matrix P, which are then overwritten by
+    #: those of its Cholesky factor L. A group of s columns that changes m later columns has
+    #: s (s + m + 1) entries.
     entries: slice
     #: Shape of the array of entries: number of groups, number s of columns in a group, and number
     #: s + m + 1 of entries in each column. Of these entries, s belong to the columns of the group,

@@ -47,8 +47,9 @@ class EntryBlock(NamedTuple):
     square part of P on the diagonal, of which only the lower triangle is needed.
     """
 
-    #: Slice that selects the entries of this block from the array of all stored entries of P. A
-    #: block consists of several groups of s columns, with n entries for each column.
+    #: Slice that selects the entries of this block from the array of all stored entries of the
+    #: precision matrix P. A block consists of several groups of s columns of P, with n entries for
+    #: each column.
     entries: slice
     #: Number of groups in this block, number s of columns in a group, and number n of stored
     #: entries in a column.

@@ -334,8 +334,8 @@ class StructuredGaussian:
             Values of the h hyper-parameters, shape (values, h); lengths in mm.
         beta
             Values of the p parameters of interest β, shape (values, p), or (p,) if they are the
-            same for all values of φ. If it is None, the log density does not depend on β, and the
-            quantity ``shift`` is None.
+            same for all values of φ. If ``beta`` is None, only those parts of the log density are
+            computed that do not depend on β, and the field ``shift`` of a batch is None.
         batch_size
             Largest number of values of φ in a batch.
         """

@@ -304,10 +304,10 @@ def names_columns(cells: Sequence[str]) -> bool:
 
 
 def heads_loads(cells: Sequence[str]) -> bool:
-    """Return whether a row is a header that names the columns of readings only by numbers.
+    """Return whether a row is a header in which numbers stand above the columns of readings.
 
-    An example is ``Angle,100,300,600``, where the numbers are loads. A first cell such as ``T1`` is
-    the number of a test, not a header.
+    An example is ``Angle,100,300,600``, where the numbers are loads. A row whose first cell is the
+    number of a test, such as ``T1``, is not such a header.
     """
     if _NUMBER_OF_TEST.fullmatch(cells[0]):
         return False

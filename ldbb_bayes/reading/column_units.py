@@ -42,7 +42,7 @@ _UNIT_SHOWN = 40
 
 
 class _UnitEvidence(NamedTuple):
-    """Units that one source in a file states for a column."""
+    """Units of a column, as one place in the file states them, such as a line or the cells."""
 
     units: Sequence[str]  # unit of each row, or one unit for all rows; unknown units as written
     source: str | CitedLine  # where the unit is stated, for messages, such as "line 3"

@@ -1,4 +1,7 @@
-"""Names, for error messages, of formats such as XML whose files hold no table of readings."""
+"""Recognition of file formats, such as XML, that cannot be imported.
+
+Error messages about files without a table of readings name these formats.
+"""
 
 from __future__ import annotations
 

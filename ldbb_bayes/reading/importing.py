@@ -371,10 +371,10 @@ def _measured_arc(recording: Recording) -> MeasuredArc:
 
 
 def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
-    """Return the circular tests that consist of the measured arcs, in the same order.
+    """Return a circular test for each measured arc, in the same order.
 
-    Two tests of different sheets may have the same name. If the sheet of the later test holds
-    several tests, the name of this sheet is put in front of the name of the later test.
+    If a test has the same name as an earlier one, and its sheet holds several tests, the name of
+    the sheet is put in front of the name of the test.
     """
     tests: list[CircularTest] = []
     for arc in arcs:

@@ -210,7 +210,10 @@ def _numbers_of(value: Any) -> list[str]:
 
 
 def _list_in(content: Mapping[str, Any]) -> list[Any]:
-    """Return the cells of a column that is written as a dict; an empty list for another dict."""
+    """Return the cells of a column that is written as a dict.
+
+    If the dict is not such a column, the list is empty.
+    """
     if content and all(key.isdigit() for key in content):
         return list(content.values())
     for key, cells in content.items():

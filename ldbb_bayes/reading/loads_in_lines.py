@@ -41,7 +41,7 @@ def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLin
     """Yield the load of each line that states a number with a unit of force or pressure.
 
     The load is NaN if the line states several loads, or one that can be read in two ways. Lines
-    about another quantity, such as a maximum or a preload, are left out.
+    about forces that are not the load of a test, such as a preload, are left out.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ _DONE = re.compile(_WORDS["done"], re.IGNORECASE)
 # readings.
 _DEFLECTION = re.compile(_WORDS["deflection"], re.IGNORECASE)
 _IN_READINGS = re.compile(_WORDS["in_readings"], re.IGNORECASE)
-# Regular expression for words for raw readings.
+# Regular expression for words, such as "raw", which say that readings are uncorrected.
 _RAW = re.compile(_WORDS["raw"], re.IGNORECASE)
 # Regular expression for words, such as "the" and "readings", which do not change the meaning of a
 # statement about the mount.

@@ -86,7 +86,8 @@ class _Programme:
     unit_mm: float
     #: whether centres are counted from the zero point of the programme, not from the arc's start
     has_absolute_centres: bool
-    #: whether the word F states a speed, and not a feed per turn or an inverse time
+    #: whether the word F of the G-code states a feed rate, and not a feed per revolution or an
+    #: inverse time
     has_feeds: bool
     #: end of the last motion; the keys are axes; empty if it is not known
     position: dict[str, float] = field(default_factory=dict)

@@ -55,7 +55,7 @@ def option_for(key: str) -> str:
 
 
 class RowUnits(NamedTuple):
-    """Units that one source in a file states, row by row, for the numbers in a column."""
+    """Units of the numbers in a column, row by row, as one place in the file states them."""
 
     units: Sequence[str]  #: unit in each row as written in the file; empty if a row has none
     source: str  #: name of the source in messages, such as "a column of units"

@@ -80,8 +80,8 @@ class Sheet:
     def text_of(self, cells: Iterable[str]) -> str:
         """Return the cells of a row as one line of text.
 
-        The separator of a text file is put between its cells. Cells of a workbook that are not
-        empty are separated by semicolons.
+        In a text file, the cells are joined by the separator of the file. In a workbook, empty
+        cells are left out, and the others are joined by semicolons.
         """
         if self.separator:
             return self.separator.join(cells)

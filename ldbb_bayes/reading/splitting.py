@@ -134,8 +134,8 @@ class _SheetColumns:
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
         """Return the cells of a column in the given rows, with the units after their numbers.
 
-        In a column of units, a cell such as "0.1 µm" is a unit with a factor, and is therefore
-        returned in full. ``column`` and ``rows`` are the indices of the column and of the rows.
+        An example is "0.1 µm", the unit of a reading with a factor, in a column of units.
+        ``column`` and ``rows`` are the indices of the column and of the rows.
         """
         texts = []
         for row in rows:

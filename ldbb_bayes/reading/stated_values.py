@@ -395,12 +395,12 @@ def _contradiction_of(senses: set[str]) -> str:
 def direction_of(recording: Recording) -> str | None:
     """Return the direction of travel of a test, CW or CCW; None if nothing states it.
 
-    The first source that states a direction is used. The order is: the user, the column of
-    directions, lines above and below the table and names of files, G-code in lines above the table,
-    sheets without a table. Raise an `InputError` if this source states both directions, or if the
-    column has a word that means neither of them. G-code and sheets without a table are not used if
-    they state both directions. ``recording`` holds the rows of the test in its file, and all
-    statements about the test.
+    The sources of the direction are tried in this order: the user, the column of directions, lines
+    above and below the table and names of files, G-code in lines above the table, sheets without a
+    table. The first source that states a direction is used. G-code and sheets without a table that
+    state both directions are ignored. If another source states both directions, or if the column
+    has a word that means neither of them, an `InputError` is raised. ``recording`` holds the rows
+    of the test in its file, and all statements about the test.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

@@ -71,7 +71,7 @@ _ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
 _TRAVEL = re.compile(_WORDS["travel"], re.IGNORECASE)
 # Regular expression for words, such as anticlockwise, that mean counter-clockwise.
 _COUNTER = re.compile(_WORDS["counter"], re.IGNORECASE)
-# Regular expression for words for loads, such as "force".
+# Regular expression for words that mean a load, such as "force" and "pressure".
 _LOADS = re.compile(_WORDS["loads"], re.IGNORECASE)
 # Regular expression for a direction with an answer or a box, as in "CW: yes" and "CCW [x]".
 _ANSWERED = re.compile(

@@ -722,7 +722,7 @@ def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
 
 
 def machine_sentences(machine: Any) -> tuple[str, ...]:
-    """Return sentences on a machine's joints and on the parameters that circular tests can show.
+    """Return sentences on a machine's joints and on what circular tests can determine.
 
     The sentences also state how many compliances the readings can separate, and which parameters
     have no effect on the readings.

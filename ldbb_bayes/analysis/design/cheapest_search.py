@@ -305,9 +305,10 @@ class _Search:
 
         u is the standard uncertainty of a goal's parameter after the campaign, and u* the largest
         that the goal permits. The full forecast, stored in ``campaign``, gives ln(u/u*) of every
-        goal for many possible machines. The largest value is taken on each machine, and then the
-        quantile of these values at the required probability. The quick forecast gives a single
-        value, computed from ``counts``, the campaign's number of circles of every candidate test.
+        goal for many possible machines. For each machine, the largest ln(u/u*) of all goals is
+        taken; the result of the full forecast is the quantile of these numbers at the required
+        probability. The quick forecast gives a single number. It is computed from ``counts``, the
+        number of circles that the campaign has of every candidate test.
         """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)

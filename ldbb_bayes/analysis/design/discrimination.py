@@ -46,12 +46,14 @@ class Discrimination(Result):
     #: to follow their posterior given these tests. If not, they are assumed to follow their prior,
     #: with standard deviations multiplied by ``size``.
     augmented: bool
-    #: minimum absolute value of the log Bayes factor of slopes over no slopes at which evidence is
-    #: decisive [nat]
+    #: smallest absolute value of the log Bayes factor at which evidence is decisive [nat]. The
+    #: Bayes factor compares the model with slopes to the model without slopes.
     threshold: float
-    #: expected log Bayes factor of slopes over no slopes, if the machine has slopes [nat]
+    #: expected log Bayes factor of the model with slopes over the model without slopes [nat], if
+    #: the machine has slopes
     expected_with: float
-    #: expected log Bayes factor of slopes over no slopes, if the machine has no slopes [nat]
+    #: expected log Bayes factor of the model with slopes over the model without slopes [nat], if
+    #: the machine has no slopes
     expected_without: float
     decisive_with: float  #: probability of decisive evidence for slopes if slopes exist
     decisive_without: float  #: probability of decisive evidence against slopes if none exist
@@ -174,11 +176,12 @@ class _LogBayesFactorDistribution:
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
         """Return the probability that the log Bayes factor exceeds ``level`` [nat].
 
-        Before the tests, the posterior mean of the slopes is random, with s independent normal
+        The Bayes factor compares the models with and without slopes. It depends on the posterior
+        mean of the slopes, which is unknown before the tests: it has s independent normal
         components. ``mean``, shape (K, 1 or 2, s), and ``variance``, shape (K, s), are the means
-        and variances of these components, for K values of the hyper-parameters, over which the
-        probability is averaged. If ``mean`` holds two values for each component, one value is used
-        for half of the quasi-random samples, and the other value for the other half.
+        and variances of these components for K values of the hyper-parameters. The probability is
+        averaged over these values. If ``mean`` holds two values for each component, each value is
+        used for half of the quasi-random samples.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)

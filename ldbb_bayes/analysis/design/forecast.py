@@ -150,8 +150,9 @@ def forecast_plan(
         Plan. Before it is run, the machine is known only from the readings of the plan's pilot (the
         campaign that the plan starts from) or, if there are none, from the prior.
     slopes : Slopes, optional
-        Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
-        slopes of the model, with ``size`` 1.
+        Slopes (changes of compliance with force) for which the evidence is forecast, and their
+        assumed size. Default: all slopes of the model, with a root mean square of one prior
+        standard deviation.
     machines : int, optional
         Number of possible machines that the forecast averages over. A smaller number is faster and
         less exact. Default: 64.
@@ -248,8 +249,9 @@ def forecast_tests(
     run
         Number of tests that have already been run.
     slopes
-        Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
-        slopes of the model, with ``size`` 1.
+        Slopes (changes of compliance with force) for which the evidence is forecast, and their
+        assumed size. Default: all slopes of the model, with a root mean square of one prior
+        standard deviation.
     known_scales
         Whether to assume that the analysis knows the hyper-parameters (such as the standard
         deviation of the noise), and that the noise has the same size in all circles. Default: the

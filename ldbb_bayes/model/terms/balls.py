@@ -338,12 +338,12 @@ class BallForm(Term):
 
 
 def _forms(setting: Setting) -> list[_Form]:
-    """Return the form errors of the balls that the model of a campaign contains.
+    """Return the ball form errors in the model of a campaign.
 
-    ``setting`` describes the test conditions. If clockings (angles by which a ball is turned in its
-    socket) differ between tests, there is one form error for each ball, as a function of the angle
-    on this ball. Otherwise there is only the sum of the form errors of both balls, as a function of
-    the angle on the work ball.
+    A ball may be turned in its socket between tests. If so, the model has a form error for each
+    ball, as a function of the angle on this ball. Otherwise it has only the sum of the form errors
+    of both balls, as a function of the angle on the work ball. ``setting`` describes the test
+    conditions.
     """
     work = setting.instrument.work
     tool = setting.instrument.tool

@@ -33,8 +33,8 @@ _FIRST_EDITION_ORDERS = 4
 # errors and compliances, whose effects also have orders up to this number. (Only the compliance
 # that relates a rotation to a moment can also have an effect of order 4.)
 _ONE_WAY_ORDERS = 3
-# For the part of hysteresis that is proportional to force, the prior sd in a plane whose circles
-# all run in one direction is this fraction of the prior sd in a plane with both directions.
+# If all circles of a plane run in one direction, the prior sd of the part of hysteresis that is
+# proportional to force is multiplied by this number.
 _ONE_WAY_SHARE = 0.6
 
 
@@ -238,11 +238,11 @@ class Hysteresis(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameter of hysteresis: the scale η of the part that does not depend on force.
+        """The scale η of the part of hysteresis that does not depend on force, a hyper-parameter.
 
-        The result is an empty tuple if the field ``law`` is ``fixed``; the field ``constant_um`` is
-        then used instead. The model of a campaign has η only if circles run in both directions in
-        at least one plane.
+        If the field ``law`` is ``fixed``, the result is an empty tuple, and the field
+        ``constant_um`` is used instead of η. The model of a campaign has η only if circles run in
+        both directions in at least one plane.
         """
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
@@ -375,13 +375,13 @@ class Drift(Term):
     remedy = "Run the forces in an order that has nothing to do with time."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the drift of bar length and circle centre for a campaign's tests.
+        """Return the effects of drift on the readings of a campaign.
 
-        ``setting`` describes the test conditions. A column holds the change of the reading per unit
-        of one coefficient. The result is an empty tuple if the user has declared that nothing
-        drifts. For a drift with time, the result is also empty if the times of the tests are
-        unknown or all equal. For a drift with temperature, raise an `InputError` if a test has no
-        temperature.
+        The bar length and the circle centre drift. Each column of the result holds the change of
+        the readings per unit of one drift coefficient. ``setting`` describes the test conditions.
+        The result is an empty tuple if the user has declared that nothing drifts. For a drift with
+        time, the result is also empty if the times of the tests are unknown or all equal. For a
+        drift with temperature, raise an `InputError` if a test has no temperature.
         """
         if not setting.drifts:
             return ()

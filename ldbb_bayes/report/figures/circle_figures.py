@@ -95,7 +95,7 @@ class _Traces:
 
     @property
     def has_nominal_circle(self) -> bool:
-        """Whether the circle of zero readings lies in the panel."""
+        """Whether the circle on which readings of zero are drawn lies in the panel."""
         return 0.0 < self.zero_radius <= self.outer_radius
 
     @property
