@@ -129,8 +129,8 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
     """Return a model term with default settings instead of the user's settings.
 
     The defaults are those of the preset from which the model was made; a preset is a ready-made
-    model, such as `HybridModel.first`. If the preset does not have the term, they are the defaults
-    of the term's class. Settings that are strings, such as the covariate of a drift, are kept,
+    model, such as ``HybridModel.first``. If the preset does not have the term, they are the
+    defaults of the term's class. Settings that are strings, such as the covariate of a drift, are kept,
     because they state which effect is modelled, and not how large the effect is.
     """
     usual = edition_terms(bound).get(type(term), type(term)())
@@ -178,16 +178,16 @@ def edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
     """Return the nuisance terms of a model, with the settings that they have by default.
 
     A nuisance is an effect that is modelled but not of interest. The terms are those of the
-    ready-made model, such as `HybridModel.first`, from which the model ``bound`` was made. Changes
-    that the user has made since are ignored. The keys are the classes of the terms.
+    ready-made model, such as ``HybridModel.first``, from which the model ``bound`` was made.
+    Changes that the user has made since are ignored. The keys are the classes of the terms.
     """
     return {type(term): term for term in _edition(bound).nuisances}
 
 
 def _edition(bound: BoundModel) -> HybridModel:
-    """Return the ready-made model, such as `HybridModel.first`, from which a model was made.
+    """Return the ready-made model, such as ``HybridModel.first``, from which a model was made.
 
-    The ready-made model ``paper`` has no nuisances; `HybridModel.first` is returned in its place.
+    The ready-made model ``paper`` has no nuisances; ``HybridModel.first`` is returned in its place.
     """
     return _edition_of(bound.model.preset, bound.model.degree)
 

@@ -262,7 +262,7 @@ class Identifiability(Result):
     #: for each of ``degeneracies``, what would resolve the degeneracy: kinds of further tests, or a
     #: calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: class names of the terms that belong to the ready-made model, such as `HybridModel.first`,
+    #: class names of the terms that belong to the ready-made model, such as ``HybridModel.first``,
     #: but that the user has left out. Their effects are not included in the credible intervals of
     #: the parameters.
     not_modelled: tuple[str, ...]
@@ -709,8 +709,8 @@ def variance_share_removed(information: Information, names: Sequence[str]) -> Ar
 def not_modelled(bound: BoundModel) -> tuple[str, ...]:
     """Return the class names of the terms of the ready-made model that the user has left out.
 
-    ``bound`` was made from a ready-made model such as `HybridModel.first`. The result is empty for
-    the ready-made model ``paper``, which has no terms.
+    ``bound`` was made from a ready-made model such as ``HybridModel.first``. The result is empty
+    for the ready-made model ``paper``, which has no terms.
     """
     if bound.model.preset == "paper":
         return ()
