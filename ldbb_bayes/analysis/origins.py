@@ -130,8 +130,8 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 
     The defaults are those of the preset from which the model was made; a preset is a ready-made
     model, such as ``HybridModel.first``. If the preset does not have the term, they are the
-    defaults of the term's class. Settings that are strings, such as the covariate of a drift, are kept,
-    because they state which effect is modelled, and not how large the effect is.
+    defaults of the term's class. Settings that are strings, such as the covariate of a drift, are
+    kept, because they state which effect is modelled, and not how large the effect is.
     """
     usual = edition_terms(bound).get(type(term), type(term)())
     kinds_of_effect = {name: value for name, value in vars(term).items() if isinstance(value, str)}
