@@ -74,7 +74,7 @@ class Dependence:
 
     @property
     def leading(self) -> int:
-        """Number k: means and widths of coordinates depend on the first k coordinates only."""
+        """Number of leading coordinates on which the means and widths of coordinates depend."""
         return len(self.mean) // 2
 
     def remove(self, u: Array) -> IndependentPoints:

@@ -82,8 +82,8 @@ class SplitT:
     #: degrees of freedom of the distribution of each of the h elements of z, shape (2, h); the
     #: first row is for negative values of the element, the second row for positive values
     freedom: Array
-    #: how the mean and the width of an element of z depend on elements with a smaller index; None
-    #: if the elements are independent
+    #: how the mean and the width of an element of the random vector z depend on elements with a
+    #: smaller index; None if the elements are independent
     dependence: Dependence | None = None
 
     def log_density(self, points: Array) -> Array:

@@ -216,7 +216,12 @@ class NormalScores:
         return total
 
     def to_free(self, integral: Integral) -> Integral:
-        """Convert the nodes of an integral from normal scores to unbounded coordinates."""
+        """Convert the nodes of an integral from normal scores to unbounded coordinates.
+
+        Nodes are weighted values of the hyper-parameters. Normal scores are coordinates in which
+        most of the priors are standard normal; unbounded coordinates are mostly ln(value − lower
+        bound).
+        """
         log_jacobian = self.log_jacobian(integral.free)
         proposal: ProposalDensity | None = None
         if integral.proposal is not None:

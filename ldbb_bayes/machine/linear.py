@@ -380,8 +380,8 @@ def _not_negative(
         Weight of each compliance in the sum that each kept compliance represents, shape (number of
         kept compliances, m).
     """
-    # Divide the weights by typical magnitudes of the forces and moments, so that the elements of
-    # the matrices become comparable.
+    # Divide the weights of the compliances by typical magnitudes of the forces and moments, so that
+    # the elements of the matrices of weights become comparable.
     unit = dict.fromkeys(COMPONENTS, 1.0)
     for i, name in enumerate(names):
         if name.twist == name.wrench:
@@ -437,9 +437,12 @@ class _TableOrder(NamedTuple):
     """Sort key for the order of compliances in Table 1 of the article on the model."""
 
     rotations: int  # number of rotary components of the compliance: 0, 1 or 2
-    twist: int  # position in the table of the displacement or rotation, i of C_ijk
-    wrench: int  # position in the table of the force or moment, j of C_ijk
-    joint: int  # position in the table of the joint, k of C_ijk
+    # rank of the displacement or rotation i of the compliance C_ijk in the order of the table
+    twist: int
+    # rank of the force or moment j of the compliance C_ijk in the order of the table
+    wrench: int
+    # rank of the joint k of the compliance C_ijk in the order of the table
+    joint: int
 
 
 def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:

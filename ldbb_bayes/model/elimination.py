@@ -90,11 +90,11 @@ class Update(NamedTuple):
     #: Number of borders. A border is the set of m later columns that change when a group is
     #: eliminated. Several groups may have the same border; different borders share no column.
     borders: int
-    #: Smallest index i of the changed entries P_ij. The index counts, from 0, the m columns that
-    #: change when a group of columns is eliminated.
+    #: Smallest row index i of the entries P_ij that change when a group of columns is eliminated
+    #: from the matrix P. The index counts only the m columns that change, from 0.
     first: int
-    #: One more than the largest index i of the changed entries P_ij. The index counts, from 0, the
-    #: m columns that change when a group of columns is eliminated.
+    #: One more than the largest row index i of the entries P_ij that change when a group of columns
+    #: is eliminated from the matrix P. The index counts only the m columns that change, from 0.
     stop: int
     #: Rows of the workspace (the array with the entries of P) that hold the changed entries P_ij,
     #: shape (borders, stop − first, m + 1 − first), where m is the number of later columns that a
@@ -115,10 +115,11 @@ class Front(NamedTuple):
     #: those of its Cholesky factor L. A group of s columns that changes m later columns has
     #: s (s + m + 1) entries.
     entries: slice
-    #: Shape of the array of entries: number of groups, number s of columns in a group, and number
-    #: s + m + 1 of entries in each column. Of these entries, s belong to the columns of the group,
-    #: m to the later columns that change when the group is eliminated, and one to the right-hand
-    #: side.
+    #: Shape of the array with the entries of the Cholesky factor L that belong to these groups of
+    #: columns: number of groups, number s of columns in a group, and number s + m + 1 of entries in
+    #: each column. Of these entries, s are in the rows of the group's columns, and m in the rows of
+    #: the later columns that change when the group is eliminated from the matrix. The last entry is
+    #: in the row of the right-hand side.
     shape: tuple[int, int, int]
     #: Signs (+1 or −1) of the pivots of the s columns of each group, shape (groups, s); None if all
     #: are positive. A pivot is negative if the prior variance of its coefficient is negative, see

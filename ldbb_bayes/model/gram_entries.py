@@ -72,9 +72,9 @@ class _DenseGram(NamedTuple):
     #: For each group of columns, the indices of k kinds of rows, shape (groups, k). Rows of one
     #: kind have the same variance. ``products`` holds one sum for each of these kinds.
     kinds: NDArray[np.intp]
-    #: Scalar products of columns of the design matrix, shape (groups, columns, entries of a column,
-    #: k). Each product is summed separately over the rows of each of k kinds; rows of one kind have
-    #: the same variance.
+    #: Scalar products of columns of the design matrix with later columns or with the readings,
+    #: shape (groups, columns, entries of each column, k). Each product is a sum over the rows of
+    #: one of k kinds; rows of one kind have the same variance.
     products: Array
 
     def assemble(self, weight: Array, entries: Array) -> None:

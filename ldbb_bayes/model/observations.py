@@ -99,9 +99,10 @@ class Observations(NamedTuple):
 class _Nuisances(NamedTuple):
     """Nuisances (effects modelled but not of interest), sorted by their role in the equations.
 
-    The observation equations are z − H β = A x + N(0, D), where x are the coefficients of
-    nuisances, and D is diagonal. The coefficients of ``shared`` columns of A are the same in all
-    tests; the coefficients of ``private`` columns have a separate value in every test.
+    The observation equations are z − H β = A x + N(0, D). z are the readings, H β is the effect of
+    the parameters of interest β, x are the coefficients of nuisances, and the noise covariance D is
+    diagonal. The coefficients of ``shared`` columns of A are the same in all tests; the
+    coefficients of ``private`` columns have a separate value in every test.
     """
 
     #: Noise of the Fourier coefficients of each test, independent between tests. The readings of

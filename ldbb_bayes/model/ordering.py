@@ -223,10 +223,11 @@ def _merge(single: list[_Node]) -> list[_Node]:
     while merged:
         merged = False
         count = Counter(node.shape for node in nodes.values())
-        # Nodes (sets of columns) with the same shape are called copies of each other: they have
-        # equal numbers of columns, and change equal numbers of later columns. If a node is merged
-        # into its parent, its copies are assumed to be merged into copies of the parent. The merged
-        # node then has as many copies as the parent had.
+        # A node is a set of columns of a matrix that are eliminated together; its parent is the
+        # node of the first later column that this elimination changes. Nodes are called copies of
+        # each other if they have equal numbers of columns and change equal numbers of later
+        # columns. If a node is merged into its parent, its copies are assumed to be merged into
+        # copies of the parent. The merged node then has as many copies as the parent had.
         copies = {k: count[node.shape] for k, node in nodes.items()}
         for k in sorted(nodes):
             node = nodes[k]

@@ -151,7 +151,8 @@ class _Points:
     """Quasi-random points: eight copies of one lattice, each with a random shift (scramble)."""
 
     seed: int
-    shared: bool  #: whether all w probabilities are computed from the same points
+    #: whether the probabilities for all sets of constraints are computed from the same points
+    shared: bool
 
     def of(self, tilted: Tilted, size: int) -> Array:
         """Return quasi-random points in the unit cube for w sets of constraints.

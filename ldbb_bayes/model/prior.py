@@ -385,8 +385,9 @@ class Prior(Shown):
     ) -> Array:
         """Return the prior sd of the slope of each named compliance, shape (compliances,).
 
-        A prior sd that the user gave for a slope is used; otherwise the sd is
-        slope_scale · size / (force range)^degree. The sds are in mm, N and rad.
+        A slope is the change of a compliance with force. A prior sd that the user gave for a slope
+        is used; otherwise the sd is ``slope_scale`` · size / (force range)^degree, where
+        ``slope_scale`` is a field of the prior. The sds are in mm, N and rad.
 
         Parameters
         ----------

@@ -165,8 +165,9 @@ class Tilted(NamedTuple):
     #: Coefficients of the d elements of x in the k further constraints, dependent_mean + dependent
     #: · x ≥ 0, shape (k, d, w) for w sets of constraints.
     dependent: Array
-    #: Constant terms of the k further constraints, dependent_mean + dependent · x ≥ 0, shape (k, w)
-    #: for w sets of constraints.
+    #: Constant terms of the k constraints that depend linearly on the others. These k constraints
+    #: are dependent_mean + dependent · x ≥ 0; the constant terms have the shape (k, w) for w sets
+    #: of constraints.
     dependent_mean: Array
     #: Index of the last element of the vector x on which each of the k dependent constraints
     #: depends, shape (k, w) for w sets of constraints.
