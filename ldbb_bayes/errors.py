@@ -103,9 +103,10 @@ class _Similarity(NamedTuple):
     Larger values mean more similar names.
     """
 
-    ratio: float  # share of matching letters, from 0 to 1
+    ratio: float  # share of the letters of two names that match, from 0 to 1
     same_letters: bool  # whether both names consist of the same letters in any order
-    first_match_size: int  # length [letters] of the first part that both names share
+    # number of letters of the first sequence of letters that occurs in both names
+    first_match_size: int
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -204,7 +204,7 @@ class _TextLayout:
         self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
 
     def text(self) -> str:
-        """Return the table with all its columns, as lines that fit the width if possible."""
+        """Return the table with all its columns as text, in lines of the given width if possible."""
         if self._is_too_wide():
             self._fit()
         return "\n".join(self._lines(sorted(self._beneath)))
@@ -416,8 +416,8 @@ class _RowsInstead(NamedTuple):
 
     #: names of the rows that are not displayed; only `ReadableFrame.details` displays them
     replaced: tuple[str, ...]
-    #: rows that are displayed instead; the keys are the names of these rows. Each value is a
-    #: dictionary of cells whose keys are the names of the columns.
+    #: rows that are displayed in place of the rows ``replaced``; the keys are the names of the
+    #: displayed rows. Each value is a dictionary of cells whose keys are the names of the columns.
     displayed: Mapping[str, Mapping[str, Any]]
     #: index of a row of the data frame; the rows in ``displayed`` are inserted above this row
     position: int
@@ -546,7 +546,7 @@ def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
     factor = 1.0
     row = dict(zip(names, values, strict=True))
     unit = row.get("unit")
-    with suppress(InputError):  # the row has no unit, or a unit that is displayed unchanged
+    with suppress(InputError):  # A row without an internal unit is displayed unchanged.
         factor, unit = display_unit(str(unit))
     decimals = _decimals_of(row, factor)
     cells: list[Any] = []

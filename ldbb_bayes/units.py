@@ -130,7 +130,8 @@ _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
 # If the lower limit of a compliance's credible interval is below this fraction of the compliance's
 # median, the compliance may be near zero. Its stiffness then has a lower limit, but no upper limit.
 _NEAR_ZERO_SHARE = 0.2
-# Items are ranked by a sort key. Keys below this fraction of the largest key are treated as zero.
+# The function `ranked` sorts items by a number. Numbers below this fraction of the largest number
+# are treated as zero, so that rounding errors do not affect the order.
 _ZERO_SHARE = 1e-12
 # A credible interval is treated as skewed if the distance between the mean and the middle of the
 # interval is above this fraction of half the interval's width.

@@ -104,7 +104,7 @@ class CampaignContent(NamedTuple):
     """
 
     tests: tuple[CircularTest, ...]
-    fields: dict[str, Any]  # values of all other fields; the keys are the names of the fields
+    fields: dict[str, Any]  # values of fields of `Campaign` other than the tests, by field name
 
 
 def read_campaign_toml(path: Path) -> CampaignContent:
@@ -258,9 +258,10 @@ def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
 
 
 def _planned_test(place: str, entry: _PlannedTest) -> CircularTest:
-    """Return the test without readings that a table [[test]] or [[foreseen]] describes.
+    """Return the test without readings that a table of campaign.toml describes.
 
-    ``place`` names the table in error messages; ``entry`` is the validated content of the table.
+    The table is [[test]] or [[foreseen]]. ``place`` names the table in error messages;
+    ``entry`` is the validated content of the table.
     """
     stated = _stated_values(entry)
     plan = {key: stated.pop(key) for key in _PLAN_KEYS if key in stated}

@@ -81,7 +81,9 @@ class Option:
     kind: Any
     help: str  #: help text of the option
     default: Any  #: value used if the option is not typed; for None, no value is passed on
-    to: str  #: keyword argument that gets the value; if empty, the argument has the option's name
+    #: name of the keyword argument to which the option's value is passed; if empty, the argument
+    #: has the same name as the option
+    to: str
     #: further arguments of `typer.Option`; the key ``name`` gives the flag of the option, if the
     #: flag does not follow from the name of the option
     settings: Mapping[str, Any]
@@ -304,7 +306,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
         except BrokenPipeError:
             # The program that reads stdout has closed it. Output that is flushed at exit is
             # therefore discarded.
-            sys.stdout = open(os.devnull, "w")  # noqa: SIM115, it stays open to the end
+            sys.stdout = open(os.devnull, "w")  # noqa: SIM115, it stays open until the program ends
         except (OSError, ArithmeticError, ValueError) as error:
             reason = plain_reason(error)
             if reason is None:

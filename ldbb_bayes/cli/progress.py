@@ -143,7 +143,7 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
         weight_before[name] = sum(weights[step] for step in weight_before)
 
     def begin(step: str) -> Tell | None:
-        """Report that a step begins, and return the function that reports the step's progress."""
+        """Report that a step of a computation begins; return a function to report its progress."""
         if update is None:
             return None
 

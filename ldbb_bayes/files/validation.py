@@ -60,7 +60,7 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
     first = (unknown_keys or errors)[0]
     location = _locate(model, content, first["loc"])
     cause = first.get("ctx", {}).get("error")
-    if not location.keys:  # The error concerns the content as a whole.
+    if not location.keys:  # The file as a whole is wrong, not one of its entries.
         reason = _describe_invalid("content", first)
         if isinstance(cause, InputError):
             reason = str(cause)
@@ -88,7 +88,7 @@ class _Location(NamedTuple):
 
     # keys that lead from the outermost table to the entry; entries of lists are numbered from 1
     keys: list[str]
-    owner: Any  # pydantic class of the table that contains the last of the ``keys``
+    owner: Any  # class of the library pydantic that describes the table with the wrong entry
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
@@ -107,7 +107,7 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     owner = model
     for key in loc:
         if not isinstance(content, dict | list):
-            break  # all further items of ``loc`` are types, not keys
+            break  # pydantic appends names of types to the keys that lead to the error
         keys.append(str(key + 1) if isinstance(key, int) else key)
         entries = dict(enumerate(content)) if isinstance(content, list) else content
         content = entries.get(key)
@@ -200,7 +200,7 @@ def _input_error(
     place = subject
     if kwargs.get("name"):
         place = f"{subject} {kwargs['name']!r}"
-    if not first["loc"]:  # The error concerns the arguments as a whole.
+    if not first["loc"]:  # The arguments together are wrong, not one of them.
         return InputError(f"{place}: {_describe_invalid('arguments', first)}")
     key = first["loc"][0]
     dataclass_fields = vars(cls)["__dataclass_fields__"]

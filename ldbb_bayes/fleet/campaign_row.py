@@ -282,7 +282,7 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     numbers: dict[str, dict[str, Any]] = {}
     for row in table.to_dict(orient="records"):
         if row["quantity"] in fitted.draws.bound.names:
-            continue  # the quantity is a cross compliance, which is among the parameters
+            continue  # The row of the campaign already holds the compliances.
         name = str(row["quantity"]).replace("−", "minus").replace(" ", "_")
         if row["plane"] in planes:
             name = name_in_plane(name, row["plane"], planes)

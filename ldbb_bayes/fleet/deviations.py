@@ -27,15 +27,15 @@ __all__ = ["Estimates", "deviating", "estimate_separately", "whitened"]
 
 
 def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
-    """Return a matrix from which integrals over the deviations w of campaigns or machines follow.
+    """Return the matrices Lᵀ and L⁻¹ s (Λ_c, η_c), side by side in one array.
 
-    w are the deviations of a campaign's or machine's c parameters from their common level, with the
-    standard deviations s; in the formulae s stands for diag s. A likelihood has the precision
+    From these matrices, other functions compute integrals over w. w are the deviations of the c
+    parameters of a campaign or machine from their common level, with the standard deviations s; in
+    the formulae s stands for diag s. The likelihood of a campaign or machine has the precision
     matrix Λ (inverse covariance) and the shift η, which is Λ times the estimate. Λ_c are the rows
-    of Λ that belong to the parameters, Λ_cc is the submatrix of Λ whose rows and columns belong to
-    the parameters, and η_c are the elements of η that belong to the parameters. The precision
-    matrix of w / s is I + s Λ_cc s = L Lᵀ, where L is the Cholesky factor. The result consists of
-    the two matrices Lᵀ and L⁻¹ s (Λ_c, η_c) side by side.
+    of Λ that belong to the parameters. Λ_cc are the columns of Λ_c that belong to the parameters.
+    η_c are the elements of η that belong to the parameters. The precision matrix of w / s is
+    I + s Λ_cc s. L is its lower Cholesky factor: I + s Λ_cc s = L Lᵀ.
 
     Parameters
     ----------

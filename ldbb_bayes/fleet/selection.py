@@ -62,9 +62,9 @@ class Caveat(Result):
     kind: CaveatKind
     #: names of the campaigns, machines or parameters that the limitation concerns
     names: tuple[str, ...] = ()
-    #: numbers that appear in the sentence that describes the limitation, such as a force in N
+    #: numbers for the sentence in which a report describes the limitation, such as a force in N
     values: tuple[float, ...] = ()
-    #: text, such as a date, that is quoted in the sentence that describes the limitation
+    #: text for the sentence in which a report describes the limitation, such as a date
     text: str = ""
 
 

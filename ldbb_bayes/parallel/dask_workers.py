@@ -48,7 +48,8 @@ _WORKER_ENVIRONMENT: dict[str, Any] = {
     # matrices then take more than twice as long.
     "MALLOC_TRIM_THRESHOLD_": 1 << 26,
     "MALLOC_MMAP_THRESHOLD_": 1 << 25,
-    # This level silences messages about closed connections, which are of no use to the user.
+    # With this logging level, Dask does not report closed connections, which are of no use to the
+    # user.
     "DASK_LOGGING__DISTRIBUTED": "critical",
     **ONE_THREAD,
 }
@@ -167,7 +168,7 @@ class _DaskExecutor(Executor):
             return dask_future.result()
         except BaseException as error:
             if dask_future.status == "error":
-                raise  # the job itself raised the error
+                raise  # The error is the fault of the job, not of Dask.
             raise BrokenExecutor(str(error)) from error
 
 

@@ -53,8 +53,8 @@ class _Attempt(Generic[T]):
     """
 
     index: int  # index of the job, from 0
-    job: T  # the job: the argument of the function that is called
-    is_last: bool  # whether this is the second attempt
+    job: T  # argument with which the user's function is called to do the job
+    is_last: bool  # whether this is the second and last attempt to run the job
 
 
 def done(
@@ -168,7 +168,7 @@ def _submit(call: Callable[[], R], executor: Executor | None) -> Future[R]:
     future: Future[R] = Future()
     try:
         future.set_result(call())
-    except Exception as error:  # noqa: BLE001 - `done` raises it again
+    except Exception as error:  # noqa: BLE001 - `done` raises the error again
         future.set_exception(error)
     return future
 

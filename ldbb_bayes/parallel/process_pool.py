@@ -102,7 +102,7 @@ def ignore_interruption() -> None:
 class _Answer(NamedTuple):
     """Outcome of a job in a worker process: its result, or the exception that it raised."""
 
-    succeeded: bool  # whether the job raised no exception
+    succeeded: bool  # true if the job ended without an exception
     content: Any  # result of the job, or the exception
 
 
@@ -214,7 +214,7 @@ def _run_next_job(connection: Connection) -> _Answer | None:
         return _Answer(True, call())
     except EOFError:
         return None
-    except Exception as error:  # noqa: BLE001 - the process that started this one raises it again
+    except Exception as error:  # noqa: BLE001 - the process that started the worker raises it again
         error.add_note("".join(traceback.format_exception(error)))
         return _Answer(False, error)
 
