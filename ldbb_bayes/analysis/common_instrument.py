@@ -66,7 +66,7 @@ class _Campaign(NamedTuple):
     information: Information
     #: names of the parameters, and of the nuisance coefficients that act in several tests
     names: list[str]
-    mean: Array  #: posterior means of the coefficients in ``names``
+    mean: Array  #: posterior mean of each coefficient that ``names`` lists
 
 
 def joint_difference(

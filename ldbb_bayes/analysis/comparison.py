@@ -413,9 +413,10 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 class _ComparisonPlan:
     """The models that are compared by evidence, and the further results to compute for them.
 
-    ``by_slope_scale``, ``unchanged`` and ``by_assumption`` are dictionaries. Each key names a prior
-    of the slopes or an assumption, and each value holds the first two models with this prior or
-    assumption.
+    The first two of the compared models are also compared under other priors of the slopes (changes
+    of compliance with force) and under other assumptions. In the dictionaries ``by_slope_scale``,
+    ``unchanged`` and ``by_assumption``, each key names a prior or an assumption, and each value
+    holds the first two models with this prior or assumption.
     """
 
     #: the first two models to compare; the keys are the names that the caller gave
@@ -430,8 +431,9 @@ class _ComparisonPlan:
     #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
     #: models differ only in this prior
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
-    #: the first two models as the caller gave them. The key describes the assumption that these
-    #: models make about the random differences between circles.
+    #: the first two of the compared models, without any change. The dictionary has a single key, a
+    #: label which says that the models keep their assumption about the random differences between
+    #: circles.
     unchanged: dict[str, tuple[HybridModel, ...]]
     #: the first two models, changed to make another assumption about the random differences between
     #: circles; there is one entry for each such assumption
@@ -681,11 +683,11 @@ def _models_by_slope_scale(
 ) -> dict[str, tuple[HybridModel, ...]]:
     """Return the two compared models with wider and with narrower priors of the slopes.
 
-    Slopes are changes of compliance with force. ``pair`` holds the two models by name. The
-    models are changed once for each scale in ``SLOPE_SCALES``, which is proportional to the prior
-    sds of the slopes. The keys of the result are labels with the scale, such as "slope scale 0.3";
-    each value holds both models. The result is empty if
-    neither model has slopes, or if the two models differ only in this prior.
+    Slopes are changes of compliance with force. ``pair`` holds the two models by name. The models
+    are changed once for each scale in ``SLOPE_SCALES``; the prior sds of the slopes are
+    proportional to the scale. The keys of the result are labels with the scale, such as
+    "slope scale 0.3"; each value holds both models. The result is empty if neither model has
+    slopes, or if the two models differ only in this prior.
     """
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):

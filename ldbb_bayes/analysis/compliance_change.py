@@ -37,7 +37,7 @@ class DrawnValue(Result):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lower and upper end of the credible interval."""
+        """Lower and upper end of the credible interval of the quantity."""
         return self.ci_low, self.ci_high
 
 

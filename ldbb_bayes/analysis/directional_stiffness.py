@@ -92,7 +92,7 @@ class StatedValue(Result):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lower and upper end of the credible interval."""
+        """Lower and upper end of the credible interval of the quantity."""
         return self.ci_low, self.ci_high
 
 
@@ -115,8 +115,8 @@ class AxialDirection(Result):
     #: absolute value of the mean of exp(2iθ) over posterior draws of the direction θ: 1 if all
     #: draws agree, 0 if every direction is equally likely
     concentration: float
-    #: whether the credible interval is narrower than 90°. If not, the readings do not determine the
-    #: direction, and the mean direction must not be used.
+    #: whether the credible interval of the direction is narrower than 90°. If not, the readings do
+    #: not determine the direction, and the mean direction must not be used.
     is_determined: bool
 
 

@@ -26,16 +26,20 @@ class CurveExtremes:
     about the mean curve, and the smallest values are too small.
     """
 
-    largest: Array  #: draws of the largest value, shape (draws,), in the unit of the curve
-    smallest: Array  #: draws of the smallest value, shape (draws,), in the unit of the curve
-    #: index of the point where the curve is largest, for each draw, shape (draws,)
+    #: posterior draws of the largest value of the curve, shape (draws,), in the unit of the curve
+    largest: Array
+    #: posterior draws of the smallest value of the curve, shape (draws,), in the unit of the curve
+    smallest: Array
+    #: index of the point of the curve with the largest value, for each posterior draw of the curve,
+    #: shape (draws,)
     index_of_largest: Array
-    #: index of the point where the curve is smallest, for each draw, shape (draws,)
+    #: index of the point of the curve with the smallest value, for each posterior draw of the
+    #: curve, shape (draws,)
     index_of_smallest: Array
 
     @property
     def width(self) -> Array:
-        """Draws of the difference between the largest and the smallest value, shape (draws,)."""
+        """Largest minus smallest value of the curve, for each posterior draw, shape (draws,)."""
         return np.maximum(self.largest - self.smallest, 0.0)
 
 

@@ -75,7 +75,9 @@ class GumComparison(Result):
     sd: float  #: standard deviation of the posterior distribution
     low: float  #: lower endpoint of the equal-tailed interval of the posterior distribution
     high: float  #: upper endpoint of the equal-tailed interval of the posterior distribution
-    error: float  #: numerical error of ``low`` and ``high``: twice the larger standard error
+    #: numerical error of ``low`` and ``high``, which are computed from random draws: twice the
+    #: larger of the standard errors of these two endpoints
+    error: float
     tolerance: float  #: numerical tolerance δ; it follows from ``GumValidation.digits`` and ``sd``
     #: largest number of significant digits of ``sd``, from 0 to 2, for which the two intervals
     #: agree within the numerical tolerance

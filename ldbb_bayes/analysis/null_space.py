@@ -124,8 +124,8 @@ class NullSpace:
         combination for each target: the target has the value one, and the imitators have the values
         that cancel its effect. A target is left out if the imitators cannot cancel its effect.
         """
-        # Solve for all targets at once, so that the matrix with the effects of the imitators is
-        # factored only once.
+        # Solve the least-squares problems of all target coefficients in one call. The matrix with
+        # the effects of the imitators, which is common to all targets, is then factored only once.
         solutions = np.linalg.lstsq(
             self._triangle[:, imitators], self._triangle[:, targets], rcond=_RANK_TOLERANCE
         )[0]

@@ -38,12 +38,12 @@ class PairedRemedy(Result):
     #: second remedy (a certificate or a change of the plan): the remedy that reduces the
     #: parameter's standard uncertainty most when it is added to the first remedy
     second: CureStep
-    #: total number of circles that the two remedies add to the campaign
+    #: number of circles that the first and the second remedy together add to the campaign
     circles: int
     #: standard uncertainty of the parameter that remains after both remedies, in internal units
     sd: float
     ratio: float  #: ``sd`` divided by the standard uncertainty without any remedy
-    #: whether the parameter is still confounded after both remedies
+    #: whether the parameter remains confounded after the first and the second remedy
     is_confounded: bool
 
 

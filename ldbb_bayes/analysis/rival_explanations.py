@@ -35,7 +35,8 @@ class Explained:
     """One combination of explanations of why compliance seems to change with force."""
 
     by: tuple[str, ...]  #: names of the explanations that are combined, such as "slopes"
-    log_evidence: float  #: log evidence of the model with this combination [nat]
+    #: log evidence of the model that contains exactly the explanations named in ``by`` [nat]
+    log_evidence: float
     log_evidence_error: Finite  #: error of the log evidence [nat]
     probability: float  #: posterior probability of this combination of explanations
 
@@ -47,7 +48,9 @@ class Explanations:
     Every combination has the same prior probability.
     """
 
-    inclusion_probability: dict[str, float]  #: posterior probability of each explanation
+    #: posterior probability of each explanation: the sum of the probabilities of all models that
+    #: contain it. The keys are names of explanations.
+    inclusion_probability: dict[str, float]
     models: tuple[Explained, ...]  #: all combinations of explanations, the most probable first
     #: log Bayes factor of slopes (changes of compliance with force) over no slopes, from evidences
     #: averaged over all combinations of the alternative explanations

@@ -20,7 +20,8 @@ Change = Callable[[HybridModel], HybridModel]
 # Label of the comparison in which all nuisance terms of the models are left out, so that the
 # readings scatter by white noise only, and compliances may be negative.
 WHITE_NOISE = "white noise only, no truncation"
-# Label of the case in which the models are unchanged.
+# Label of the comparison in which the models keep their assumptions about the random differences
+# between circles.
 _UNCHANGED = "as in the model"
 
 
@@ -97,7 +98,11 @@ def _leave_unchanged(model: HybridModel) -> HybridModel:
 
 
 def _change_to(alternative: _Alternative) -> Change:
-    """Return a function that takes a model and returns it with the assumption ``alternative``."""
+    """Return a function that changes the assumption of a model about differences between circles.
+
+    The function takes a model and returns a copy. In the copy, the term that describes the random
+    differences between circles is replaced or left out, as ``alternative`` states.
+    """
 
     def change(model: HybridModel) -> HybridModel:
         if alternative.term is None:

@@ -50,7 +50,7 @@ class RemedyKind(StrEnum):
     DIRECTION = "direction"  #: every circle is run in both directions of travel
     BALLS = "balls"  #: every circle is repeated with both balls turned in their sockets
     CIRCLES = "circles"  #: every circle is run twice
-    RADIUS = "radius"  #: every circle is repeated at a second radius
+    RADIUS = "radius"  #: every circle of the plan is run again at another radius
     CERTIFICATE = "certificate"  #: a calibration certificate of the instrument
 
 

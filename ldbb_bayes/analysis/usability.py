@@ -1,4 +1,4 @@
-"""Judgement whether the results of a fit can be used, and the reasons for caution."""
+"""Judgement of whether the results of a fit can be used, and the reasons for caution."""
 
 from __future__ import annotations
 

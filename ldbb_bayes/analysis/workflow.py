@@ -63,8 +63,10 @@ class PriorRange:
     """
 
     measured_um: float
-    low_um: float  #: lower end of the prior predictive interval of the range
-    high_um: float  #: upper end of the prior predictive interval of the range
+    #: lower end of the prior predictive interval of the range (largest minus smallest reading)
+    low_um: float
+    #: upper end of the prior predictive interval of the range (largest minus smallest reading)
+    high_um: float
     #: prior predictive probability that the range of the circle is at least as large as the
     #: measured range, not adjusted for the number of circles. If the value is small, such a large
     #: range is improbable under the prior.
@@ -97,7 +99,8 @@ class Workflow(Result):
     #: measured range (largest minus smallest reading) of every circle, and its prior predictive
     #: interval; the keys are names of tests
     prior_ranges: dict[str, PriorRange]
-    prior_prob: float  #: probability of the intervals in ``prior_ranges``
+    #: probability of the prior predictive intervals of the ranges of circles (``prior_ranges``)
+    prior_prob: float
     rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
     #: effective sample size for the mean (bulk ESS), the smallest of all parameters and
     #: hyper-parameters

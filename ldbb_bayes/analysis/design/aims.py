@@ -45,7 +45,7 @@ class Aim(Protocol):
 
     @property
     def is_reached(self) -> bool:
-        """Whether the aim is already reached."""
+        """Whether the circles run so far have already reached the aim of the campaign."""
 
     def distance(self, covariance: Array) -> Array:
         """Return how far a campaign is expected to miss the aim, averaged over hyper-parameters.
@@ -75,7 +75,7 @@ class UncertaintyAim:
     #: uncertainty of w·β. The denominator is the root mean square of the K standard uncertainties
     #: that w·β would have if the hyper-parameters were known to have one of K values.
     inflation: float
-    is_reached: bool  #: whether the aim is already reached
+    is_reached: bool  #: whether the circles run so far have already reached the aim
 
     def sd(self, covariance: Array) -> Array:
         """Return the standard uncertainties of the combination w·β, shape (K, ...).
@@ -107,7 +107,7 @@ class SlopesAim:
     #: indices of the slopes (changes of compliance with force) in the list of parameters
     columns: Sequence[int]
     threshold: float  #: minimum absolute log Bayes factor that is enough for a decision [nat]
-    is_reached: bool  #: whether the aim is already reached
+    is_reached: bool  #: whether the circles run so far have already reached the aim
 
     def distance(self, covariance: Array) -> Array:
         """Return the distances ln(t/Φ) from the aim, shape (...), averaged over hyper-parameters.

@@ -62,7 +62,7 @@ class GoalSoFar(Result):
 
     unit: str
     value: float  #: posterior mean of the parameter
-    U: float  #: expanded uncertainty of the parameter now
+    U: float  #: present expanded uncertainty (k = 2) of the parameter
     #: largest U that the goal permits; a goal in percent is taken as a percentage of ``value``
     limit: float
     #: probability that the goal is already met. It is 0 or 1 for a goal with a fixed limit. For a
@@ -94,9 +94,9 @@ class Known(NamedTuple):
     """Posterior of the p parameters given the readings so far, in internal units (mm, N, rad)."""
 
     bound: BoundModel  # model of the circles run so far
-    mean: Array  # posterior means, shape (p,)
-    sd: Array  # posterior standard deviations, shape (p,)
-    draws: Array  # posterior draws, shape (n, p)
+    mean: Array  # posterior means of the p parameters, shape (p,)
+    sd: Array  # posterior standard deviations of the p parameters, shape (p,)
+    draws: Array  # n posterior draws of the p parameters, shape (n, p)
     # K equally likely values of the h hyper-parameters, such as the standard deviation of the
     # noise, shape (K, h); lengths are in mm
     phi: Array

@@ -184,9 +184,9 @@ class _EffectBlock(NamedTuple):
     columns, the elements in all other rows are zero.
     """
 
-    readings: slice  # the n rows of the block: the readings that its effects change
-    effects: slice  # the c columns of the block, one for each effect
-    columns: Array  # changes of the readings per unit of each effect, shape (n, c)
+    readings: slice  # indices of the n readings that the effects of the block change
+    effects: slice  # indices of the c effects of the block in the list of all effects
+    columns: Array  # change of each of the n readings per unit of each of the c effects, (n, c)
 
 
 def _information_at(
@@ -264,7 +264,7 @@ class _Effects(NamedTuple):
     # blocks of the design matrix: first the effects on all tests, then the effects on single tests
     blocks: list[_EffectBlock]
     variances: Array  # variances of all C effects, shape (w, C)
-    noise_variance: Array  # variance of the white noise, shape (w,)
+    noise_variance: Array  # variance of the white noise for each of w sets of hyper-parameters
 
 
 def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
@@ -301,7 +301,11 @@ class _EffectColumns(NamedTuple):
 
 
 def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _EffectColumns:
-    """Return the effects that are common to all tests, those of the parameters included."""
+    """Return the design matrix of the effects that are common to all tests, and their variances.
+
+    These are the effects of the parameters, and of nuisance coefficients that act in several tests.
+    ``values`` holds w values of each hyper-parameter, by name; lengths are in mm.
+    """
     factors = [test.factor for test in bound.reduced]
     interest = [factor @ bound.interest[r] for r, factor in enumerate(factors)]
     columns = [np.concatenate(interest)]

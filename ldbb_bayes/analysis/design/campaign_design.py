@@ -101,7 +101,7 @@ class Judged(Forecast):
 
 @dataclass(frozen=True)
 class Limits(Result):
-    """Limits of what the tests of a design can show."""
+    """Limits of a design that more runs of the same tests would not overcome."""
 
     #: number of different forces of the tests. To show whether compliances are polynomials in force
     #: of a higher degree than in the model, more forces would be needed. None if there are enough
@@ -188,7 +188,9 @@ class Design(Forecast):
     #: designs that are compared with this one: a design in equal steps of force, and the campaigns
     #: given in the argument ``against`` of the search
     compared: tuple[Judged, ...]
-    limits: Limits  #: limits of what the recommended tests can show
+    #: limits of the design that more runs of the same tests would not overcome, such as too few
+    #: different forces
+    limits: Limits
     #: root mean square of each hyper-parameter (such as the standard deviation of the noise) over
     #: the values for which the forecast is computed. Lengths are in µm. The noise factor λ of a
     #: circle and the decay have no unit. The decay is the exponent of the power law by which the
@@ -696,10 +698,12 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 
 
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
-    """Return the limits of what the tests of a design can show, and what would overcome them.
+    """Return the limits of a design that more runs of the same tests would not overcome.
 
-    More tests of the same kind do not remove these limits. ``space`` holds the pilot, the model and
-    the parameters of interest. ``forecast`` is the forecast of the tests' results.
+    The result names, for example, the parameters whose uncertainties would remain large, and the
+    kinds of further tests or the calibrations that would reduce these uncertainties. ``space``
+    holds the pilot (the campaign or plan that the design starts from), the model and the parameters
+    of interest. ``forecast`` is the forecast of the results of the tests ``tests``.
     """
     bound = bind_tests(space.model, space.pilot, tests, keep_pilot_tests=space.augment)
     term_types = {type(term) for term in space.model.nuisances}

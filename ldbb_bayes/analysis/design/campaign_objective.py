@@ -114,8 +114,12 @@ class _Layout(NamedTuple):
     covariance) of the coefficients.
     """
 
-    columns: NDArray[np.int_]  # indices of the coefficients used, those of interest last
-    rows: NDArray[np.int_]  # indices of rows with an element other than zero in any test
+    # indices of those columns of G that are needed. The columns of the parameters of interest come
+    # last.
+    columns: NDArray[np.int_]
+    # indices of those rows of G that are needed: rows with an element other than zero in at least
+    # one test
+    rows: NDArray[np.int_]
     has_prior: NDArray[np.bool_]  # whether each coefficient has a proper prior, not a flat one
 
 

@@ -65,7 +65,10 @@ def _number_of_angles(test: CircularTest) -> int:
 
 
 class _TestKind(NamedTuple):
-    """Kind of a test: the properties of the test that determine which parameters the model has."""
+    """Kind of a test: its plane, set-up, centre, radius and direction of travel.
+
+    The parameters and effects that a model has depend on the kinds of the tests.
+    """
 
     plane: str | None
     setup: int | None

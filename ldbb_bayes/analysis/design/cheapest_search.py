@@ -66,7 +66,8 @@ class FoundCampaign:
 
     family: CampaignFamily
     tests: tuple[CircularTest, ...]
-    #: the tests in the order in which to run them, and the instrument with its certificates
+    #: the campaign as a plan: its tests in the order in which to run them, and the instrument with
+    #: its certificates
     plan: Campaign
     stated: StatedByMachines  #: uncertainties to expect on every possible machine
 
@@ -133,15 +134,20 @@ def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> d
 
 @dataclass
 class _Progress:
-    """Progress of the search among campaigns with the same clockings, radii and certificates."""
+    """Progress of the search in one family of campaigns.
+
+    All campaigns of a family have the same clockings (pairs of angles by which the two balls are
+    turned), radii and certificates.
+    """
 
     family: CampaignFamily
-    circles: int  #: number of circles that is tried next
+    circles: int  #: number of circles of the campaign that the search tries next
     #: number of circles of every candidate test in the campaign that was tried last, shape
     #: (candidates,)
     counts: Array
-    #: ln(u/v) for the campaign of the family with the most circles, where u is the uncertainty of a
-    #: goal's parameter in the full forecast, and v its uncertainty in the quick forecast
+    #: ln(u/v) for the campaign with the largest number of circles allowed. u is the uncertainty of
+    #: a goal's parameter by the full forecast, and v its uncertainty by the quick forecast of the
+    #: same campaign. Zero if u is smaller than v.
     lasting_inflation: float = 0.0
     #: coefficient a of the formula ln(u/v) = ``lasting_inflation`` + a/n for a campaign of n
     #: circles; u is the uncertainty of a goal's parameter in the full forecast, and v its

@@ -160,7 +160,9 @@ class _LogBayesFactorDistribution:
     """
 
     log_volume: Array  # ln det C of the slopes' posterior covariance C, shape (K,)
-    points: Array  # standard normal numbers for s − 1 components of z, shape (K, samples, s − 1)
+    # quasi-random samples of a standard normal distribution, shape (K, samples, s − 1), from which
+    # s − 1 of the s components of z are computed
+    points: Array
 
     def expected(self, mean: Array, variance: Array) -> float:
         """Return the expected log Bayes factor of the models with and without slopes [nat].

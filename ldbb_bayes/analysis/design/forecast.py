@@ -128,7 +128,8 @@ class Slopes:
     Slopes are changes of compliances with force.
     """
 
-    names: tuple[str, ...]  #: names of the slopes
+    #: names of the slopes about which evidence is forecast, such as ``C_XXX_1``
+    names: tuple[str, ...]
     size: float = 1.0  #: root mean square of the slopes if they exist, in prior standard deviations
 
 
@@ -181,7 +182,9 @@ class StatedByMachines:
 
     names: tuple[str, ...]  #: names of the p parameters
     beta: Array  #: true parameters of the machines, shape (n, p), in mm, N and rad
-    u: Array  #: standard uncertainties from the analyses, shape (n, p), in mm, N and rad
+    #: standard uncertainties of the p parameters that the analysis would state on each of the n
+    #: machines, shape (n, p), in mm, N and rad
+    u: Array
 
 
 @one_blas_thread

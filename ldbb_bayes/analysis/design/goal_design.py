@@ -143,8 +143,11 @@ class CustomaryPlan(Result):
     """A campaign as it is usually run, and the best campaign with the same number of circles."""
 
     name: str  #: kind of the customary campaign, such as "equal steps"
-    customary: GoalPlan  #: the customary campaign, with its costs and forecasts
-    ours: GoalPlan  #: best campaign for the goals with the same number of circles as ``customary``
+    #: the customary campaign (a campaign as it is usually run), with its costs and forecasts
+    customary: GoalPlan
+    #: the campaign that is best for the goals among those with as many circles as the customary
+    #: campaign
+    ours: GoalPlan
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,7 +293,7 @@ class _Steps:
         self.finish(self.done + 1)
 
     def finish(self, done: int) -> None:
-        """Set the number of steps done to ``done``."""
+        """Record that ``done`` steps are finished, and report this number to the caller."""
         self.done = done
         if self.progress is not None:
             self.progress(done, 2 * _SHOWN + _CUSTOMARY)
@@ -443,7 +446,10 @@ def _near_misses(
 def _plans_of(
     campaigns: Sequence[FoundCampaign], goals: Mapping[str, Goal], costs: Costs, steps: _Steps
 ) -> tuple[GoalPlan, ...]:
-    """Return campaigns with their costs and forecasts. ``steps`` reports the progress."""
+    """Return a plan for every campaign, with its costs and its forecast for every goal.
+
+    ``steps`` reports the progress: one step is counted after each campaign.
+    """
     steps.finish(_SHOWN)
     plans = []
     for campaign in campaigns:

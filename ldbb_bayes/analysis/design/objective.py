@@ -32,8 +32,9 @@ _CHUNK_SIZE = 1 << 22
 class Objective(Shown):
     """Criterion Φ as a function of a design, averaged over K values of the hyper-parameters.
 
-    A candidate is a test that could be run. A design is described by the number of tests of each
-    candidate, ``counts``, shape (candidates,).
+    The criterion is the figure of merit that the search for a design maximises. A candidate is a
+    test that could be run. A design is described by the number of tests of each candidate,
+    ``counts``, shape (candidates,).
     """
 
     #: derivatives G of the readings of each candidate with respect to the p parameters, divided by

@@ -106,8 +106,9 @@ class QuickForecast:
     def floor(self) -> Array:
         """Return ln(u/u*) of every goal after very many circles, shape (goals,).
 
-        u is the standard uncertainty that the goal's parameter would have if every candidate test
-        were run very many times. u* is the largest standard uncertainty that the goal permits.
+        u is the standard uncertainty that the goal's parameter would have if every test that could
+        be run were run very many times. u* is the largest standard uncertainty that the goal
+        permits.
         """
         return self.distances(np.full(self.candidates, _VERY_MANY))
 

@@ -306,7 +306,7 @@ class Search:
         return starts
 
     def _is_feasible(self, counts: Array) -> bool:
-        """Return whether a design has tests at enough different forces.
+        """Return whether a design has tests at ``levels`` different forces or more.
 
         ``counts`` holds the number of tests of each candidate in the design.
         """

@@ -94,14 +94,15 @@ class Space:
         self._store("directions", tuple(dict.fromkeys(self.directions)))
         self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
-        # The candidate tests depend on the original pilot, and must be made before it is replaced.
+        # The candidate tests depend on the original pilot. They must therefore be made before the
+        # pilot with foreseen tests replaces the original pilot.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
         # Call this check last, because it applies the model to the pilot stored above.
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
-        """Set an attribute of this frozen dataclass."""
+        """Set the attribute ``name``; a frozen dataclass does not allow a plain assignment."""
         object.__setattr__(self, name, value)
 
     def _check_candidates(self) -> None:
