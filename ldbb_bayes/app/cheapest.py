@@ -99,7 +99,10 @@ def _certificates_as_in_command(text: str) -> str:
 
 
 def _options_of(asked: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the values of the search options that the user typed; the keys are the names."""
+    """Return the values of the options that the user typed for the search of a cheapest campaign.
+
+    The keys are the names of the options. Options with an empty entry field are left out.
+    """
     values = {}
     for field in SEARCH_FIELDS:
         value = _option_value(field.name, asked, folder)
@@ -160,7 +163,7 @@ def _check_entry(name: str, value: Any) -> None:
         Costs(**{name: value})
 
 
-# ---- the search
+# ---- search for the cheapest campaign, and files of the campaigns found
 
 
 def find_cheapest_campaigns(
@@ -213,7 +216,10 @@ def find_cheapest_campaigns(
 
 
 def _write_campaign(folder: Path, result: GoalDesign, seed: int, number: int) -> None:
-    """Write the files of campaign ``number``, counted from the cheapest, into a new folder."""
+    """Write the files of one of the campaigns that a search found into the new folder ``folder``.
+
+    ``number`` is 1 for the cheapest campaign, 2 for the second cheapest, and so on.
+    """
     files = files_of_goal_design(result, seed, number)
     folder.mkdir(parents=True)
     write_files(folder, files.contents)

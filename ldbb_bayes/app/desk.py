@@ -65,7 +65,7 @@ class Desk:
         try:
             async with self._turn:
                 return await self._answer(call, session)
-        except Exception as error:  # noqa: BLE001, the page shows any error
+        except Exception as error:  # noqa: BLE001 - the browser page shows an error of any kind
             message = f"{type(error).__name__}: {error}"
             return session.refusal("unexpected", error=message[:_LONGEST_MESSAGE])
         finally:

@@ -36,7 +36,8 @@ class House:
     folder: Path  #: Folder that holds one folder for each session (browser tab).
     desk: Desk  #: Process that answers the requests of all sessions (browser tabs).
     templates: Templates = field(default_factory=Templates)  #: Templates of the browser page.
-    #: Sessions; the keys are `Session.key`.
+    #: All sessions (browser tabs) that have not ended. The key of a session is the random text that
+    #: identifies the session in URL paths.
     sessions: dict[str, Session] = field(default_factory=dict)
     #: Locks that let only one fit run at a time, because a fit uses all cores, and only one search
     #: for the cheapest campaign. The keys are fit and search.

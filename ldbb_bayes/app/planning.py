@@ -192,7 +192,8 @@ def _space_of(
 
 # Tests that the sliders of the browser page describe.
 class _PlannedTests(NamedTuple):
-    space: Space  #: Space of possible tests; the tests of ``plan`` are some of them.
+    #: All tests that could be run. The tests of ``plan`` were chosen from them.
+    space: Space
     #: Plan of the tests, in the order in which to run them.
     plan: lb.Campaign
     sliders: Mapping[str, float]  #: Values of the sliders; the keys are the names of the sliders.

@@ -197,7 +197,8 @@ async def _add_file(house: House, session: Session, request: Request) -> Respons
             path.replace(session.folder / FILES / name)
             session.names[name] = sent_name
             session.update_after_file_change()
-        except (ClientDisconnect, OSError):  # an OSError: the session (browser tab) has ended
+        # An OSError means that the session (browser tab) has ended and its folder was deleted.
+        except (ClientDisconnect, OSError):
             return refused(session.word("broken_off", name=name), 400)
         finally:
             path.unlink(missing_ok=True)
@@ -226,9 +227,9 @@ async def _remove_file(house: House, session: Session, request: Request) -> Resp
 
 
 async def _take_example(house: House, session: Session, request: Request) -> Response:
-    """Replace the files of the session by the files of the published experiment.
+    """Replace the files of the session (browser tab) by the example files of the package.
 
-    A session is one browser tab.
+    The example is the published experiment whose readings are part of the package.
     """
     session.drop()
     for path in Path(lb.embedded_campaign()).iterdir():
@@ -253,7 +254,8 @@ async def _take_choices(house: House, session: Session, request: Request) -> Res
     if "language" in sent:
         if sent["language"] in LANGUAGES and sent["language"] != session.language:
             session.language = sent["language"]
-            session.edition += 1  # the report must be written again, in the new language
+            # The new number tells the page that the report must be written again.
+            session.edition += 1
         return JSONResponse({})
     choices = {}
     for name, text in sent.items():
@@ -322,7 +324,8 @@ async def _search(house: House, session: Session, request: Request) -> Response:
     refusal = session.refusal("no_goal")
     if goal_texts(sent):
         refusal = await house.desk.ask(wrong_entry, session, sent)
-    if session.search.running:  # another request has started a search meanwhile
+    # Another request may have started a search while this request waited for the check.
+    if session.search.running:
         return refused(session.word("searching"), 409)
     session.searched = sent
     session.search.outcome = refusal

@@ -48,7 +48,8 @@ _STATIC_FILES = {"app.js": "text/javascript", "app.css": "text/css"}
 
 
 async def _begin_session(request: Request) -> Response:
-    if request.method == "HEAD":  # a browser asks only whether the page exists
+    # A browser sends a HEAD request only to ask whether the page exists: begin no session.
+    if request.method == "HEAD":
         return Response()
     language = _language_of(request)
     session = request.app.state.house.begin(language)
@@ -156,7 +157,8 @@ def _delete_folders_of_dead_servers() -> None:
 
 def _is_running(process: int) -> bool:
     if os.name != "posix":
-        return True  # on Windows, the check is not possible: os.kill would end the process
+        # On Windows, os.kill would end the process. A process is therefore assumed to be running.
+        return True
     try:
         os.kill(process, 0)
     except OSError as error:

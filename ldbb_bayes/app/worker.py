@@ -28,14 +28,17 @@ from ldbb_bayes.files import write_whole
 __all__ = ["CHOICES_NAME", "OUTCOME_NAME", "PROGRESS_NAME", "answer", "main", "warm"]
 
 CHOICES_NAME = "said.json"  # name of the file with the texts that the user typed on the page
-PROGRESS_NAME = "progress.json"  # name of the file with the progress
-OUTCOME_NAME = "outcome.json"  # name of the file with the result or an error message
+PROGRESS_NAME = "progress.json"  # name of the file with the progress of a computation
+OUTCOME_NAME = "outcome.json"  # name of the file with a computation's result or error message
 _LONGEST_MESSAGE = 300
 _LOOK_AT_PARENT_S = 1.0  # time between two checks of whether the server's process still runs [s]
 
 
 def warm() -> None:
-    """Do nothing. To call this function, a new process must first import this module."""
+    """Do nothing. The server calls this function in a new process to make it import this module.
+
+    Because the import takes time, it begins before the first request comes.
+    """
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) -> dict[str, Any]:
@@ -75,7 +78,7 @@ def main() -> None:
     choices = json.loads((job / CHOICES_NAME).read_text(encoding="utf-8"))
     try:
         outcome = answer(_COMPUTATIONS[sys.argv[3]], str(job), choices)
-    except Exception as error:  # noqa: BLE001, the page shows any error
+    except Exception as error:  # noqa: BLE001 - an error of any kind is shown on the browser page
         message = f"{type(error).__name__}: {error}"
         outcome = {"unexpected": message[:_LONGEST_MESSAGE]}
     write_whole(job / OUTCOME_NAME, json.dumps(outcome).encode())

@@ -16,7 +16,7 @@ class _TranslatedFormatter(Formatter):
     """Formatter of tick labels that translates the labels of another formatter."""
 
     def __init__(self, formatter: Formatter, translate: Callable[[str], str]) -> None:
-        """Store the formatter whose labels are translated, and the translating function."""
+        """Store ``formatter``, which makes the labels, and ``translate``, which translates them."""
         self._formatter = formatter
         self._translate = translate
 
@@ -33,11 +33,11 @@ class _TranslatedFormatter(Formatter):
         return self._formatter.get_offset()
 
     def set_axis(self, axis: Any) -> None:
-        """Pass the axis on to the formatter that makes the labels before translation."""
+        """Give the axis to the formatter whose labels are translated, because it needs the axis."""
         self._formatter.set_axis(axis)
 
     def set_locs(self, locs: Any) -> None:
-        """Pass the tick positions on to the formatter that makes the labels before translation."""
+        """Give the positions of the ticks to the formatter whose labels are translated."""
         self._formatter.set_locs(locs)
 
 

@@ -575,7 +575,11 @@ def _result_row(name: str, entry: Mapping[str, Any], verdict: str) -> tuple[str,
 
 
 def _stated(statement: units.Statement) -> tuple[str, ...]:
-    """Return five cells of a row: the value, u, U (k = 2), the credible interval, and the unit."""
+    """Return five cells of a parameter's row in a table of results, as texts.
+
+    The cells are the value, the standard uncertainty u, U (k = 2), the credible interval, and the
+    unit.
+    """
     return (
         statement.value,
         statement.u,

@@ -27,8 +27,9 @@ _SAME = rf"{_QUOTED}|\b\w+\.toml\b"
 _FIRST_MARK = 0xE000
 _LAST_MARK = 0xF8FF
 
-# Subjects of the notes that contain a text or a name that must not be translated. For example, a
-# note on the operator contains the operator's name as it is written in the file.
+# A note on a file that was read has a subject, such as the operator. If the subject is one of the
+# following, the note contains a text or a name as it is written in the file, such as the operator's
+# name. This text or name must not be translated.
 _OWN_TEXTS = frozenset(
     (
         "[[test]] not used",
@@ -138,8 +139,9 @@ def in_language(message: str, language: str, names: Iterable[str] = ()) -> str |
         return message
     kept = frozenset(names)
     own_words = OwnWords(kept)
-    # `OwnWords.hide` replaces texts in quotation marks. Some texts in the catalogue for the
-    # report's annex contain quotation marks, so that the original message is tried too.
+    # Two versions of the message are looked up in the catalogues. In the first version,
+    # `OwnWords.hide` has replaced all texts in quotation marks. The second is the original message,
+    # which is needed because some texts in the catalogues contain quotation marks.
     for text in (own_words.hide(message), message):
         translation = AnnexTranslation(words_of(language), catalogue, kept)
         translated = translation.text(text)

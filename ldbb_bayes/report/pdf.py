@@ -16,7 +16,7 @@ from typing import Any
 
 import matplotlib as mpl
 from fpdf import FPDF
-from fpdf.fonts import FontFace
+from fpdf.fonts import FontFace, TTFFont
 
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.pictures import Picture
@@ -144,7 +144,8 @@ def _document() -> Iterator[FPDF]:
         yield pdf
     finally:
         for font in pdf.fonts.values():
-            font.close()  # type: ignore[union-attr]
+            if isinstance(font, TTFFont):
+                font.close()
 
 
 def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> float:

@@ -78,7 +78,7 @@ def sheets(
     return fit_to_page(first), fit_to_page(second)
 
 
-# ---- sheet 1: the certificate
+# ---- sheet 1 of the test certificate: fields, findings and main results
 
 
 def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
@@ -123,7 +123,7 @@ def _picture(key: str, subject: Any, caption: str, words: Words, **options: Any)
 
 
 def _signatures(words: Words) -> Fields:
-    """Return the form fields for the signatures at the end of both sheets."""
+    """Return the form fields for the signatures at the end of both sheets of the certificate."""
     return Fields(((words("fields.signed"), ""), (words("fields.checked"), "")), tall=True)
 
 
@@ -156,7 +156,7 @@ def _averaged_models(findings: Findings, words: Words) -> str:
     return words("notes.averaged", models=", ".join(models), beside=beside, over=over, annex=annex)
 
 
-# ---- sheet 2: the results
+# ---- sheet 2 of the test certificate: the results
 
 
 def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
@@ -260,7 +260,7 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     return [f"{words.term(name)}: {meanings[name]}" for name in partners if name in meanings]
 
 
-# ---- tables of both sheets
+# ---- tables on the sheets of the test certificate
 
 
 def _table_with_U(

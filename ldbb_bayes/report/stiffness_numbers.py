@@ -99,9 +99,10 @@ def _of_plane(plane: PlaneStiffness, words: Words, *, is_only: bool) -> dict[str
 
 
 def _of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuantity]:
-    """Return the principal axis of a plane, and the difference of its direct compliances.
+    """Return two quantities that the test certificate states if only one plane was tested.
 
-    The keys are ``principal_axis`` and ``difference``.
+    ``principal_axis`` is the direction of the plane's principal axis. ``difference`` is the
+    difference of the direct compliances of the plane's two axes, such as C_XXX − C_YYY.
     """
     axis = plane.principal_axis
     limit = "–"
@@ -137,7 +138,7 @@ def _principal_axis_note(plane: PlaneStiffness, words: Words) -> str:
     """Return a remark that names the compliances from which a principal axis is computed.
 
     The remark is needed because the directions of least and greatest stiffness are computed from
-    more compliances: they include the tilts of the axes.
+    these compliances and, in addition, from the compliances that describe tilts of the axes.
     """
     symbols = [f"C_{axis}{axis}{axis}" for axis in plane.plane]
     if plane.cross_name:

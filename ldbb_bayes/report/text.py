@@ -25,12 +25,12 @@ from ldbb_bayes.inference.least_squares import LeastSquares
 from ldbb_bayes.model.hybrid import HybridModel, Simulation
 from ldbb_bayes.reading.importing import Imported
 from ldbb_bayes.report import (
-    campaign_text,  # noqa: F401 - its import registers functions for campaigns
-    goal_design_text,  # noqa: F401 - its import registers functions for goals
-    identifiability_text,  # noqa: F401 - its import registers functions for identifiability
-    machine_text,  # noqa: F401 - its import registers functions for machines
-    next_circle_text,  # noqa: F401 - its import registers functions for the next circle
-    screens,  # noqa: F401 - its import registers functions for short versions of results
+    campaign_text,
+    goal_design_text,
+    identifiability_text,
+    machine_text,
+    next_circle_text,
+    screens,
     wording,
 )
 from ldbb_bayes.report.comparison_tables import (
@@ -49,6 +49,18 @@ from ldbb_bayes.units import (
 )
 
 __all__ = ["comparison_parts", "parts_of"]
+
+# Further modules with functions that make tables and sentences from results. When such a module is
+# imported, its functions are registered with `parts_of`, `with_words` or `screen_of`. Apart from
+# this, the present module does not use these modules.
+_REGISTERED_MODULES = (
+    campaign_text,
+    goal_design_text,
+    identifiability_text,
+    machine_text,
+    next_circle_text,
+    screens,
+)
 
 # In the table of an uncertainty budget, a contribution has a row if its share of the variance is at
 # least this value. One further row states the sum of all smaller contributions.
@@ -167,7 +179,7 @@ def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
     return (Table.of(caption, heads, rows, text=("unit",)),)
 
 
-# ---- check of credible intervals by simulation, workflow, uncertainty budgets
+# ---- results of simulation-based calibration, of workflow checks and of uncertainty budgets
 
 
 @parts_of.register

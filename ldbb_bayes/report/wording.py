@@ -318,7 +318,7 @@ def _joined_parameters(names: Sequence[str]) -> str:
     return joined([display_name(name) for name in names])
 
 
-# ---- effects, which are model terms, and confounding with effects
+# ---- names of effects, and of the effects with which a parameter is confounded
 
 
 def unit_words(name: str) -> tuple[float, str]:
@@ -617,8 +617,9 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
         if kind == "forces" and concern.value == 1:
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
-        # If the tests have too few different forces, ``limit`` is the number of forces that the
-        # model needs: two more than the degree of the polynomial C(F).
+        # The entry ``degree`` is used only by the sentence that the tests have too few different
+        # forces. In this sentence, ``limit`` is the number of forces that the model needs, which is
+        # two more than the degree of the polynomial C(F).
         sentence = _SENTENCES["concerns"][kind].format(
             value=concern.value,
             limit=concern.limit,

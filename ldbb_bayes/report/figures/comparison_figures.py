@@ -42,9 +42,10 @@ class _Assumption(NamedTuple):
     name: str
     log_bayes_factor: float
     error: float
-    #: log evidence for this assumption, minus the log evidence for the assumption that the compared
-    #: models make [nat]; None if the assumption is about the prior of slopes (changes of compliance
-    #: with force)
+    #: The compared models make one assumption about the differences between circles. For another
+    #: assumption about these differences, this is the log evidence under the other assumption minus
+    #: the log evidence under the assumption of the compared models [nat]. None for an assumption
+    #: about the prior of slopes (changes of compliance with force).
     gain: float | None
     is_allowed: bool
 

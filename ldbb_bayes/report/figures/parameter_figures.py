@@ -304,7 +304,9 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
         np.column_stack(list(draws_by_label.values())),
         fig=figure,
         labels=list(draws_by_label),
-        levels=(0.393, 0.865),  # probabilities within 1 and 2 sd of a bivariate Gaussian
+        # Contours 1 and 2 sd from the mean of a bivariate normal distribution enclose these
+        # probabilities.
+        levels=(0.393, 0.865),
         smooth=1.0,
         bins=30,
         labelpad=0.14,
