@@ -50,9 +50,9 @@ def with_aligned_headers(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]
 
 
 def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
-    """Return whether rows of numbers begin at a row, below a row of words.
+    """Return whether the numbers of a table begin at the row with the index ``first``.
 
-    ``first`` is the index of this row.
+    The row above must have another number of cells, as a header has whose names hold blanks.
     """
     width = len(rows[first].cells)
     below = rows[first : first + _FEWEST_ROWS]

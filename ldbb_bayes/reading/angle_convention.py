@@ -106,8 +106,8 @@ class _Words(NamedTuple):
     """What a text states about angles: where they begin, and in which direction they increase."""
 
     zero: str  # axis at which angles begin, such as +Y; empty if it is not stated
-    sense: str  # CW or CCW; empty if it is not stated
-    source: str | CitedLine  # text that says where the words are, such as "line 3"
+    sense: str  # sense in which angles are counted, CW or CCW; empty if it is not stated
+    source: str | CitedLine  # place of the words about angles in the file, such as "line 3"
 
 
 def angle_convention(recording: Recording, plane: str) -> AngleConvention:

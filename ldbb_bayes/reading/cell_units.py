@@ -32,7 +32,7 @@ class UnitsOfCells(NamedTuple):
     """Rows of a sheet after the units were removed from the cells, and the removed units."""
 
     rows: list[Row]
-    #: removed units; each key holds the line number and the column index of a cell
+    #: units that were removed; each key holds the line number and the column index of a cell
     units: Mapping[tuple[int, int], str]
 
 

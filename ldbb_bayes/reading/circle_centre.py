@@ -106,7 +106,7 @@ def _centres_in(lines: Iterable[tuple[int | str, str]]) -> Iterator[_Centre]:
 
 
 def _coordinates_of(text: str) -> dict[str, float]:
-    """Return the coordinates in a text, with names of fields such as ``centre_x_mm`` as keys.
+    """Return the coordinates of a centre in a text; the keys are ``centre_x_mm`` and so on.
 
     The dict is empty if a coordinate is stated twice, or if its number can be read in two ways.
     """

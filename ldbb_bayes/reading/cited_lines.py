@@ -10,13 +10,13 @@ __all__ = ["CitedLine", "cited_line", "quoted_line", "with_words"]
 class CitedLine(NamedTuple):
     """Reason for an assumption; the reason cites a line, as in "line 3 says 'R = 100 mm'"."""
 
-    reason: str  #: the reason in words
+    reason: str  #: reason for an assumption in words, such as "line 3"
     line: int | str  #: line number, or a text such as "3 of notes.txt" for a line of another sheet
-    #: words of the line that the reason quotes; empty if the reason only names the line
+    #: words of the cited line that the reason quotes; empty if the reason only states its number
     quoted: str = ""
 
     def __str__(self) -> str:
-        """Return the reason in words."""
+        """Return the reason for an assumption in words."""
         return self.reason
 
 

@@ -243,7 +243,8 @@ def _unit_at_end(header: str) -> Header:
     if comparable(match[2]) == "grad" and comparable(name).startswith("winkel"):
         unit = "deg"  # in German, Grad means degree
     if not unit and COUNT.fullmatch(comparable(match[2])) and has_role(name, "reading"):
-        return Header(name, match[2])  # the unit is a count; its size must be stated elsewhere
+        # The readings are counts (digital steps); the size of one count must be stated elsewhere.
+        return Header(name, match[2])
     if not unit:
         return Header(header, "")
     last_word = re.split(r"[\s_]+", name)[-1]

@@ -110,7 +110,7 @@ def cells_of(recording: Recording, column: int) -> list[str]:
 
 
 def _stand_in_blocks(words: Sequence[str]) -> bool:
-    """Return whether rows with the same word follow each other and are numerous enough for a test.
+    """Return whether the words of a column divide its rows into successive blocks, one per test.
 
     ``words`` holds the word in each row. There must be at least two different words, and no empty
     word. All rows with the same word must be successive, and there must be enough of them for a

@@ -67,7 +67,10 @@ def statement_of(key: str, value: str) -> str:
 
 
 def _with_different_names(sheets: Sequence[Sheet]) -> list[Sheet]:
-    """Return the sheets with different names. If two names are equal, all names are numbered."""
+    """Return the sheets with a different name for each sheet.
+
+    If two sheets have the same name, a number is added to the names of all sheets.
+    """
     names = [sheet.name for sheet in sheets]
     if len(set(names)) == len(names):
         return list(sheets)

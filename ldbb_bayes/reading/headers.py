@@ -237,7 +237,8 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
         if column < len(units_below) and units_below[column]:
             below = units_below[column]
             if unit and _is_scaled(below):
-                unit = f"{unit} and {below}"  # later code raises an error if the column is used
+                # This text is no known unit; later code raises an error if the column is used.
+                unit = f"{unit} and {below}"
             else:
                 unit = unit_of(f"{header} [{below}]").unit
         units.append(unit)
@@ -386,7 +387,10 @@ def _is_header(cells: Sequence[str]) -> bool:
 
 
 def _stated_header_row(sheet: Sheet, line: int) -> int:
-    """Return the index of the row at the line number that the user states for the header."""
+    """Return the index of the header row; the user states the number of its line in the file.
+
+    Raise an `InputError` if this row holds numbers instead of names.
+    """
     header_row = [row.line for row in sheet.rows].index(line)
     cells = sheet.rows[header_row].cells
     if count_numbers(cells) >= 2 and not _is_header(cells):

@@ -21,14 +21,14 @@ _FEWEST_ROWS = 9
 _BEGINNING = re.compile(r'\{"|\[\{"|\[\[[-"\d]')
 # Characters with which a line in JSON begins.
 _MARKS = '{["]},'
-# Keys, in small letters, whose value is the name of a table.
+# Keys of JSON, in small letters, whose value is the name of a table, as in "label": "run 1".
 _KEYS_OF_NAME = ("name", "label", "test", "id", "title")
-# Keys, in small letters, whose value is the list of numbers of a column. Such a key stands beside
-# keys with further properties of the column, such as its unit.
+# Keys of JSON, in small letters, whose value is the list of numbers of a column. Such a key stands
+# beside keys with further properties of the column, such as its unit.
 _KEYS_OF_NUMBERS = ("values", "data", "value", "samples")
-# Keys, in small letters, whose value is the unit of the numbers under a neighbouring key.
+# Keys of JSON, in small letters, whose value is the unit of the numbers under a neighbouring key.
 _KEYS_OF_UNIT = ("unit", "units", "einheit")
-# Keys, in small letters, whose value is the list of the names of a table's columns.
+# Keys of JSON, in small letters, whose value is the list of the names of a table's columns.
 _KEYS_OF_HEADER = ("columns", "header", "headers", "fields", "names")
 
 
@@ -102,7 +102,10 @@ def _error_at(sheet: Sheet, line: int) -> InputError:
 
 
 def _with_different_keys(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """Return keys and values as a dict; raise an `InputError` for a key with two values."""
+    """Return the keys and values of an object in JSON as a dict.
+
+    Raise an `InputError` if a key occurs twice.
+    """
     content = dict(pairs)
     if len(content) < len(pairs):
         keys = [key for key, _ in pairs]
@@ -136,7 +139,10 @@ def _tables_in(content: Any, name: str) -> Iterator[EntryTable]:
 
 
 def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTable]:
-    """Yield the tables in a part of a file that consists of keys and values."""
+    """Yield the tables in an object of JSON, which consists of keys and values.
+
+    ``content`` is the object as a dict, and ``name`` is its name.
+    """
     columns = _columns_in(content)
     statements = []
     inner_tables: list[EntryTable] = []
@@ -210,9 +216,10 @@ def _numbers_of(value: Any) -> list[str]:
 
 
 def _list_in(content: Mapping[str, Any]) -> list[Any]:
-    """Return the cells of a column that is written as a dict.
+    """Return the cells of a column that JSON writes as a dict, as in ``{"data": [1.2, 1.4]}``.
 
-    If the dict is not such a column, the list is empty.
+    The keys of the dict may also be the numbers of the rows. The result is an empty list for any
+    other dict.
     """
     if content and all(key.isdigit() for key in content):
         return list(content.values())
@@ -230,7 +237,7 @@ def _header_of(key: str, value: Any) -> str:
 
 
 def _unit_beside(value: Mapping[str, Any]) -> str:
-    """Return the unit of a number or list of numbers in the same dict; empty if there is none."""
+    """Return the unit in a dict such as ``{"value": 150, "unit": "mm"}``; empty without a unit."""
     for key, unit in value.items():
         if key.casefold() in _KEYS_OF_UNIT and isinstance(unit, str):
             return unit

@@ -99,7 +99,7 @@ def _quantities() -> dict[str, _Quantity]:
     quantities = {}
     for key, entry in WORDS["numbers"].items():
         units = entry["units"]
-        if isinstance(units, str):  # the units of a role, such as force
+        if isinstance(units, str):  # ``units`` is a role, such as force, and not a dict of units
             units = UNITS[units]
         scale = entry.get("one", 1.0)
         scaled = {unit: scale * size for unit, size in units.items()}
@@ -141,7 +141,8 @@ _LABEL = re.compile(
 )
 # Fields of a campaign that are dates.
 _DATES = ("date", "ball_bar_calibrated")
-# Regular expression for a further pair of name and value after a value, as in "plane=XY".
+# Regular expression for the name in a second pair of name and value, such as "plane=" in
+# "machine=DMU 50 plane=XY". The value of the first pair ends before this name.
 _FURTHER_PAIR = re.compile(r"\s+[^\W\d]\w*=")
 # Regular expression for words such as "calibrated on", which may follow the name of a ball bar.
 _CALIBRATED_BEHIND = re.compile(rf",\s*{_PARTS['calibrated']}", re.IGNORECASE)
@@ -243,7 +244,7 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 def _numbers_stated(
     text: str, line: int | str, is_extended: bool
 ) -> Iterator[tuple[str, LineStatement]]:
-    """Yield the fields for which a line states a number, each with the statement of the number.
+    """Yield each field, such as ``radius_mm``, for which a line states a number, and this number.
 
     A line that gives the force as a function of the pressure states neither force nor pressure.
     ``line`` is the number of the line. ``is_extended`` says whether the bar has an extension.
@@ -251,7 +252,7 @@ def _numbers_stated(
     is_law = states_force_law(text)
     for quantity in _QUANTITIES.values():
         if is_law and quantity.field in _LOADS:
-            continue  # the numbers are the constants of the force law
+            continue  # the numbers in the line are the constants of a force law, and not loads
         for match in _pattern(quantity.words).finditer(text):
             statement = _length_with_extension(quantity, match, line, is_extended)
             if statement is None:
@@ -345,7 +346,7 @@ def _unit_beside(quantity: _Quantity, match: re.Match[str]) -> str:
     """Return the unit before or after the number of a quantity; empty if the line states none."""
     following: str = match["following"]
     if match["cell"] and _unit_among(following, quantity.units) is None:
-        following = ""  # the next cell is not the unit of this number
+        following = ""  # the next cell of the line does not hold a unit of this quantity
     return match["inside"] or match["brackets"] or match["cell_before"] or following
 
 

@@ -1,6 +1,7 @@
-"""Columns of a list of tests on a sheet without a table, such as ``F cal. [kN]`` and ``Setup``.
+"""Columns of a list of tests, such as ``F cal. [kN]`` and ``Setup``.
 
-A list of tests has a row for each test, and a column for each quantity.
+A list of tests stands on a sheet that holds no readings. It has a row for each test, and a column
+for each quantity.
 """
 
 from __future__ import annotations

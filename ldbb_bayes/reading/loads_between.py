@@ -138,7 +138,7 @@ def _heading_with_loads(
 
 
 def _with_load_in_words(sheet: Sheet, row: Row, load: NamedLoad) -> Row:
-    """Return a row of one cell: the text of ``row`` with an addition such as ``Force: 200 N``.
+    """Return a row with one cell: the text of ``row``, and a statement such as ``Force: 200 N``.
 
     Nothing is added if the text of ``row`` already states the load in a form that is understood.
     """

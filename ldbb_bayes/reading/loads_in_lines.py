@@ -32,9 +32,10 @@ class LoadInLine(NamedTuple):
 
     key: str  #: kind of load: force_N or pressure_bar
     value: float  #: load in N or bar, as ``key`` states; NaN if it is uncertain
-    line: int | str  #: number of the line
-    text: str  #: text of the line
-    is_clear: bool  #: whether the line states the load clearly, see `_is_clear`
+    line: int | str  #: number of the line that states the load
+    text: str  #: text of the line that states the load
+    #: whether the load stands alone, or beside texts that are understood; see `_is_clear`
+    is_clear: bool
 
 
 def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLine]:

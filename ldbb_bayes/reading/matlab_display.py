@@ -26,9 +26,9 @@ __all__ = ["displays_of_matlab", "is_matlab_display"]
 _FACTOR = re.compile(r"\s*(?P<factor>\d+(?:\.\d+)?[eE][+\-]\d+)\s*\*\s*")
 # Regular expression for a line with the name of the variable that is shown below it.
 _NAME = re.compile(r"[A-Za-z]\w*\s*=")
-# Regular expression for the prompt in front of a command.
+# Regular expression for MATLAB's prompt ``>>`` in front of a command.
 _PROMPT = re.compile(r"\s*>>\s*")
-# Regular expression for a command that only shows a variable.
+# Regular expression for a command of MATLAB that only shows a variable, such as ">> R".
 _SHOWING = re.compile(r"\s*>>\s*\w+\s*")
 # Regular expression for a line such as "Columns 1 through 8". MATLAB writes it above some columns
 # of a matrix that is too wide to be shown at once.
@@ -242,7 +242,9 @@ def _column_names(content: str, width: int) -> list[str]:
 
 
 def _line_of_command(line: int, content: str) -> list[Row]:
-    """Return a line as a row of one cell, without the prompt; an empty list if nothing is left.
+    """Return a line of MATLAB's command window as a row of one cell, without MATLAB's prompt.
+
+    The result is a list with this row; it is empty for a line with nothing but a prompt.
 
     If the comment after an assigned number is a unit of force or pressure, a statement of the load
     is added, as in ``F = 490; % N; Force: 490 N``.

@@ -41,7 +41,8 @@ def with_merged_cells_filled(row: Row, names: Sequence[str]) -> Row:
         return row
     filled = _filled(cells, starts)
     if filled is None and cells[0]:
-        filled = _filled(["", *cells[1:]], starts)  # the first cell is a label
+        # The first cell may be a label of the row, such as "Force [N]", and not belong to a group.
+        filled = _filled(["", *cells[1:]], starts)
         if filled is not None:
             filled[0] = cells[0]
     if filled is None:
@@ -66,10 +67,10 @@ def _starts_of_even_groups(cells: Sequence[str]) -> list[int]:
 
 
 def _filled(cells: Sequence[str], starts: Sequence[int]) -> list[str] | None:
-    """Return the cells of a row, each with the text of its group of columns.
+    """Return the cells of a row after copying the text of each group of columns to all its cells.
 
     ``starts`` are the indices of the columns at which the groups begin. Return None if a group does
-    not have exactly one text.
+    not have exactly one filled cell.
     """
     filled = list(cells[: starts[0]])
     ends = [*starts[1:], len(cells)]

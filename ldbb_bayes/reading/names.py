@@ -79,7 +79,7 @@ class _WrittenLoad(NamedTuple):
     """Load, as a number with a unit, in the name of a test, column, sheet or file."""
 
     key: str  # kind of load: force_N or pressure_bar
-    text: str  # the number, as it is written in the name
+    text: str  # number of the load, as it is written in the name
     unit_size: float  # size of the unit of the load in N or bar, such as 1000 for kN
 
 

@@ -36,7 +36,7 @@ class _Variable:
 
     @property
     def columns(self) -> list[list[str]]:
-        """Columns of the variable. A variable with a single row is treated as one column."""
+        """Columns of a matrix or vector as lists of cells. A row vector counts as one column."""
         cells = [row.cells for row in self.rows]
         if len(cells) == 1:
             return cells
@@ -84,7 +84,7 @@ def sheets_of_octave(sheet: Sheet, text: str) -> list[Sheet]:
 
 
 def _variables(text: str) -> Iterator[_Variable]:
-    """Yield the variables of a text. Lines above the first variable are left out."""
+    """Yield the variables in a text that Octave saved. Lines above the first one are left out."""
     variable = _Variable("")
     for line, content in enumerate(text.split("\n"), start=1):
         stated = _PROPERTY.fullmatch(content)
@@ -113,9 +113,10 @@ def _check_rows(sheet: Sheet, variable: _Variable) -> None:
 
 
 def _statement(variable: _Variable) -> str:
-    """Return a line of text with the name and the value of a number, a string or a short vector.
+    """Return a variable of Octave, such as a number or a string, as one line of text.
 
-    The name is left out if the string contains a colon, as in "theta: rad".
+    The line consists of name and value of the variable. The name is left out if the value contains
+    a colon, as in "theta: rad".
     """
     text = "; ".join(" ".join(row.cells) for row in variable.rows)
     if ":" in text:
@@ -124,7 +125,10 @@ def _statement(variable: _Variable) -> str:
 
 
 def _table_of_vectors(sheet: Sheet, lines: list[str], variables: Sequence[_Variable]) -> EntryTable:
-    """Return one table whose columns are the vectors and the columns of the matrices."""
+    """Return one table whose columns are the vectors and the columns of matrices in a file.
+
+    ``variables`` are these vectors and matrices, and ``lines`` are the lines above the table.
+    """
     header = []
     columns = []
     for variable in variables:

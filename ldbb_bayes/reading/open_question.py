@@ -23,7 +23,7 @@ class OpenQuestionError(InputError):
     """
 
     def __init__(self, message: str, field: str, answers: Sequence[str]) -> None:
-        """Store the message, the field of the layout, and the possible values of this field."""
+        """Store the error message, the field that the user must set, and its possible values."""
         super().__init__(message)
         self.field = field
         self.answers = tuple(answers)

@@ -93,12 +93,13 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 
 
 def _add_lines_of(sheet: Sheet, wanted: set[str], lines: OverviewLines) -> None:
-    """Add the lines of one sheet to ``lines``.
+    """Add what a sheet without a table of readings states about one test, or about all tests.
 
-    ``wanted`` are the possible spellings of the name of the test, without blanks.
+    The lines about all tests, and the cells about one test, are added to ``lines``. ``wanted`` are
+    the possible spellings of the name of this test, without blanks.
     """
     header: list[str] = []
-    words: list[str] = []  # last row of words, which may be the header of a list of tests
+    words: list[str] = []  # cells of the last row of words; it may be the header of a list of tests
     for row in sheet.rows[:LONGEST_OVERVIEW]:
         place = f"{row.line} of {sheet.place}"
         cells = sheet.cells_as_written(row)

@@ -59,17 +59,17 @@ _SENSES = {"2": "CW", "3": "CCW", "-": "CW", "+": "CCW"}
 class ProgrammedFeed(NamedTuple):
     """Feed rate in a block of an NC programme."""
 
-    line: int | str  #: number of the line
-    mm_per_min: float  #: feed [mm/min]
+    line: int | str  #: number of the line that states the feed rate
+    mm_per_min: float  #: feed rate [mm/min]
 
 
 class ProgrammedArc(NamedTuple):
     """Arc that is programmed by a block of G-code, or by a block for a Heidenhain control."""
 
-    line: int | str  #: number of the line
-    text: str  #: text of the block
-    direction: str  #: CW for G2 and DR-, CCW for G3 and DR+
-    radius_mm: float | None  #: radius; None if the blocks do not state it
+    line: int | str  #: number of the line that programs the arc
+    text: str  #: text of the block (line) that programs the arc
+    direction: str  #: direction of travel: CW for G2 and DR-, CCW for G3 and DR+
+    radius_mm: float | None  #: radius of the arc [mm]; None if the programme does not state it
     #: start of the arc relative to its centre [mm]; the keys are the axes X, Y and Z; it may be
     #: wrong if the arc is not a full circle; None if the blocks do not state the start
     start_mm: Mapping[str, float] | None
@@ -94,7 +94,7 @@ class _Programme:
     #: pole (centre of later arcs) for a Heidenhain control; the keys are axes; empty if it is not
     #: known
     pole: dict[str, float] = field(default_factory=dict)
-    feed: ProgrammedFeed | None = None  #: feed that applies to the next block
+    feed: ProgrammedFeed | None = None  #: feed rate that applies to the block that is read next
 
 
 def programs_arc(text: str) -> bool:

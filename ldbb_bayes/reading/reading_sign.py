@@ -202,10 +202,10 @@ def _sign_of_name(source: str | CitedLine, text: str) -> int | None:
 
 
 def _texts_of(recording: Recording, header: str) -> list[tuple[str | CitedLine, str]]:
-    """Return pairs of a source, such as "line 3", and a text there that may state the sign.
+    """Return the texts that may state the sign of a test's readings, each after its source.
 
     The texts are ``header``, the header of the readings, and the statements in lines outside the
-    table.
+    table. A source says where the text is, such as "line 3".
     """
     texts: list[tuple[str | CitedLine, str]] = [(f"the header {header!r}", header)]
     for line, text in recording.lines_outside:
@@ -394,9 +394,9 @@ def _has_sign_and_length(words: list[str]) -> bool:
 def _sign_of(words: list[str]) -> int | None:
     """Return the sign of readings that the words of a text mean; None if they are ambiguous.
 
-    ``words`` are the kinds of the words. The first and the second word form a pair, such as
-    positive and longer, and so do the third and the fourth word. Each pair states a sign, and all
-    pairs must state the same sign.
+    ``words`` lists the kind of each word: positive, negative, shorter or longer. The first and the
+    second word form a pair, such as positive and longer, and so do the third and the fourth word.
+    Each pair states a sign, and all pairs must state the same sign.
     """
     signs = set()
     for first, second in zip(words[::2], words[1::2], strict=False):

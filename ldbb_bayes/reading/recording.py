@@ -134,7 +134,10 @@ class Recording:
 
     @property
     def lines_outside(self) -> list[tuple[int | str, str]]:
-        """Lines of sheets without a table, and lines above and below the table of the test."""
+        """Lines above and below the table of the test, and lines of sheets without a table.
+
+        Of sheets without a table, only lines that apply to all tests are included.
+        """
         return [*self.lines_of_all_tests, *self.heading.lines_above, *self.lines_below]
 
     @property

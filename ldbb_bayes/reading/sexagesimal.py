@@ -40,7 +40,7 @@ def names_sexagesimal(header: str) -> bool:
 def columns_in_sexagesimal(rows: Iterable[Sequence[str]]) -> set[int]:
     """Return the indices of the columns whose angles are in degrees, minutes and seconds.
 
-    A cell of such a column, usually the header, says that the angles are in these units.
+    A column is included if its header, or any of its cells, names these units.
     """
     columns = set()
     for cells in rows:

@@ -24,7 +24,8 @@ class Sheet:
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
     #: whether this is the only table of readings in the file; tests are then named after the file
     is_only_table: bool = False
-    #: format of a text file that has no rows, such as JSON; its lines are then counted otherwise
+    #: format of a text file that is not written in rows, such as JSON; empty for any other file. If
+    #: it is not empty, line numbers count the statements and rows in the file, and not its lines
     format: str = ""
     #: units that were removed from cells because they stood after a number; each key holds the line
     #: number and the column index of a cell
@@ -40,7 +41,7 @@ class Sheet:
     hidden_rows: int = 0  #: number of hidden rows, which are left out
     #: factor by which all numbers of the table were multiplied, as written; empty if there is none
     factor: str = ""
-    factor_line: int = 0  #: number of the line that states this factor; 0 if there is none
+    factor_line: int = 0  #: number of the line with the factor of all numbers; 0 if there is none
     hidden_sheets: Sequence[str] = ()  #: names of hidden sheets of the file, which are left out
     #: names of the sheets of the file that are left out because the user names other sheets
     sheets_not_wanted: Sequence[str] = ()

@@ -103,7 +103,7 @@ def select_sheets(
         _check_none_transposed(sheets)
         if not incomplete:
             raise errors[-1]
-        # These tables have no column of angles or readings. The code that reads their rows raises
+        # All tables lack a column of angles or of readings. The code that reads their rows raises
         # an error that states the missing column.
         selection = SheetSelection(tables=incomplete)
         return _mark_only_tables(selection, list(incomplete))

@@ -120,7 +120,10 @@ class _SheetColumns:
         return units
 
     def _units(self, column: int, rows: Sequence[int]) -> Iterator[RowUnits]:
-        """Yield the units of the given rows of a column, from each place that may state units."""
+        """Yield the units of a column in the given rows, as each place in the file states them.
+
+        The places are a column of units, the cells of the column, and their number formats.
+        """
         if column in self.unit_columns:
             units = self.cells_with_units(self.unit_columns[column], rows)
             yield RowUnits(units, "a column of units")
@@ -132,7 +135,7 @@ class _SheetColumns:
         yield RowUnits([format_units.get(place, "") for place in places], source)
 
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
-        """Return the cells of a column in the given rows, with the units after their numbers.
+        """Return the cells of a column in the given rows, with the units that stood after numbers.
 
         An example is "0.1 µm", the unit of a reading with a factor, in a column of units.
         ``column`` and ``rows`` are the indices of the column and of the rows.
@@ -429,9 +432,10 @@ def _with_readings(
     title: str,
     log: AssumptionLog,
 ) -> list[int]:
-    """Return the rows of a test whose reading is not missing. The other rows are noted.
+    """Return the indices of those rows of a test whose reading is not missing.
 
-    The arguments are those of `_without_placeholders`.
+    The number of rows without a reading is noted. The arguments are those of
+    `_without_placeholders`.
     """
     if "reading" not in numbers or not heading.readings:
         return list(rows)
@@ -524,7 +528,8 @@ def _without_placeholders(
         cells = [columns.cells[heading.roles[role]][row] for row in rows]
         for k in np.flatnonzero(placeholders_in(cells, numbers[role][rows])).tolist():
             left_out[rows[k]] = cells[k]
-    if len(left_out) == len(rows):  # keep the rows, so that later code can raise an error for them
+    if len(left_out) == len(rows):
+        # All rows of the test hold placeholders. Later code raises an error for such rows.
         return list(rows)
     if left_out:
         shown = shown_list(dict.fromkeys(left_out.values()), LONGEST_NAME)
@@ -820,7 +825,7 @@ def _two_numbering_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> 
 
 
 def _without_test_column(heading: Heading) -> Heading:
-    """Return the heading of a table after removing the role of the column that names the tests."""
+    """Return the heading of a table in which no column has the role of naming the tests."""
     roles = dict(heading.roles)
     roles.pop("test", None)
     return replace(heading, roles=roles)
@@ -853,8 +858,8 @@ def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     rows = range(len(columns.lines))
-    # If a test has a name such as 100 N, the unit was earlier split from the number. Add the unit
-    # again.
+    # In the cells of ``columns``, units after numbers are already removed. The name of a test, such
+    # as 100 N, needs its unit.
     labels = columns.cells_with_units(columns.heading.roles["test"], rows)
     if "" in labels:
         line = columns.lines[labels.index("")]

@@ -116,9 +116,10 @@ def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> lis
 
 
 def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:
-    """Return the sheets of a text with named values instead of rows; an empty list for others.
+    """Return one sheet for each table of a text in JSON or in the format of Octave.
 
-    ``sheet`` is a sheet without rows, which states the path of the file.
+    The result is an empty list for a text in another format. ``sheet`` is a sheet without rows,
+    which states the path of the file.
     """
     if is_json(text):
         return sheets_of_json(sheet, text)
@@ -154,7 +155,7 @@ def _find_separator(lines: Sequence[str]) -> str:
         return best_separator
     for separator in _SEPARATORS:
         if separator == " " and best_separator in _SURE and best_score > _SURE_SCORE:
-            continue  # cells then probably contain blanks, as in "100 N"
+            continue  # blanks are then probably parts of cells, as in "100 N"
         score = _separator_score(sample, separator)
         if score > best_score + _SCORE_MARGIN:
             best_separator = separator

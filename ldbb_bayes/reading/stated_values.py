@@ -149,9 +149,9 @@ def _certain_evidence(
 
 
 def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
-    """Return a list with the value that a source states; an empty list if the value is None.
+    """Return a list with one entry: a value and its source. It is empty if the value is None.
 
-    ``source`` describes the source in words, such as "its column".
+    ``source`` describes in words the source that states the value, such as "its column".
     """
     if value is None:
         return []

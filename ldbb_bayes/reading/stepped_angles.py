@@ -147,7 +147,7 @@ def _stated(recording: Recording, pattern: re.Pattern[str]) -> _StatedAngle | No
         if match is None:
             continue
         if not match["unit"] and not _NAMES_ANGLE.search(content):
-            continue  # it may be the step of something else
+            continue  # a line without the word angle may state the step of another quantity
         value = number_in_text(match["number"])
         unit = unit_named(match["unit"] or "deg")
         if (match["unit"] or "").casefold() == "grad":  # in German, Grad means degree

@@ -61,11 +61,11 @@ _EPOCH_S = (946_684_800.0, 4_102_444_800.0)
 class Rank(IntEnum):
     """Places in a file that may state when a test was run, the most reliable first."""
 
-    COLUMN = 0  #: first row of a column of times
-    START = 1  #: line with a word such as "start"
-    TEST = 2  #: line with a word such as "time" or "measured"
-    ALONE = 3  #: line that is nothing but a date and a time
-    NAME = 4  #: name of the test, or of its file
+    COLUMN = 0  #: time in the first row of a column of times
+    START = 1  #: time in a line with a word such as "start"
+    TEST = 2  #: time in a line with a word such as "time" or "measured"
+    ALONE = 3  #: line that consists of a date and a time and nothing else
+    NAME = 4  #: time in the name of the test, or in the name of its file
 
 
 @dataclass(frozen=True)
@@ -203,8 +203,10 @@ class _Dates(NamedTuple):
     first.
     """
 
-    day_first: date | None  # date if the day stands before the month; None if there is no such date
-    month_first: date | None  # date if the month stands before the day
+    # date that is meant if the day stands before the month; None if this date does not exist
+    day_first: date | None
+    # date that is meant if the month stands before the day; None if this date does not exist
+    month_first: date | None
 
 
 def _dates_of(text: str) -> _Dates:

@@ -96,7 +96,7 @@ class UnreadDirection(NamedTuple):
     """Line that may state a direction of travel, but is not understood."""
 
     line: int | str  #: line number, or a text such as "3 of notes.txt" for a line of another sheet
-    text: str  #: beginning of the line
+    text: str  #: beginning of the line that may state the direction
 
 
 def _senses_by_word() -> dict[str, str]:

@@ -205,7 +205,8 @@ def _check_factors(recording: Recording) -> None:
     column = recording.heading.roles["reading"]
     header = recording.heading.headers[column]
     unit = recording.heading.units[column]
-    # If the unit itself contains a factor, the function that reads units raises an error.
+    # A factor inside the unit, as in "10 µm", is not examined here: the function that reads units
+    # raises an error for it.
     is_unit_plain = re.search(r"\d", unit) is None
     if is_unit_plain and header_has_factor(header) and not may_be_diameter(header):
         raise _unread_factor(recording, f"the header {header[:_TEXT_SHOWN]!r}")

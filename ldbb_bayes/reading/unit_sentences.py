@@ -60,7 +60,7 @@ _FRACTION = re.compile(
 _SHARE_OR_COUNT = re.compile(rf"{SHARE.pattern}|(?<!\w)(?:{_WORDS['count']})(?!\w)", re.IGNORECASE)
 # Regular expression for units of readings that are not units of length, such as V.
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
-# Regular expression for words for other quantities, such as the radius.
+# Regular expression for words for quantities other than readings and angles, such as the radius.
 _OTHER = re.compile(rf"\b(?:{_WORDS['other']})\b", re.IGNORECASE)
 # Longest text after "in" that can be a unit [characters].
 _LONGEST_UNIT = 20
@@ -109,9 +109,14 @@ def _unit_behind_readings(text: str) -> str:
 
 
 def _is_unit_in_words(text: str) -> bool:
-    """Return whether a text is a unit of readings without a number, or a fraction in words."""
+    """Return whether a text is a unit of readings without a number, such as mm.
+
+    The result is also true for a word such as "tenths" and for a fraction of a unit in words, such
+    as ``tenths of a micron``.
+    """
     is_plain = unit_named(text.strip()) in UNITS["reading"]
-    # A word such as "tenths" alone leads to an error later, because it does not say of which unit.
+    # A word such as "tenths" alone does not say which unit is divided. It is accepted here, and
+    # later code raises an error.
     is_share_alone = _SHARE_OR_COUNT.fullmatch(text.strip()) is not None
     return is_plain or is_share_alone or _is_of_role(unit_in_shares(text), "reading")
 
@@ -156,10 +161,11 @@ def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str
 
 
 def _agreed(unit: str, unit_of_remark: str, role: str) -> str:
-    """Combine the unit stated in a phrase with the unit stated in a remark in brackets after it.
+    """Return the unit of readings or angles from a text such as ``mm (0.001 mm)``.
 
-    If the two units have the same size, the unit of the phrase is returned. If not, both are
-    returned, joined by "and". If ``unit`` is empty, the unit of the remark is returned.
+    ``unit`` is the unit before the brackets, and ``unit_of_remark`` the unit in brackets. If both
+    have the same size, ``unit`` is returned; if not, both are returned, joined by "and". If
+    ``unit`` is empty, the unit in brackets is returned. ``role`` is reading or angle.
     """
     if not unit:
         return unit_of_remark

@@ -51,7 +51,7 @@ class _TextOutside(NamedTuple):
 
     line: int | str  # line number, or a text such as "3 of notes.txt" for a line of another sheet
     text: str
-    is_used: bool  # whether something was taken from the text
+    is_used: bool  # whether a value, such as the radius, was taken from the text
 
 
 def note_unstated(
@@ -129,7 +129,11 @@ def _unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> list[_
 
 
 def _note_unused_texts(unused: Sequence[_Text], log: AssumptionLog) -> None:
-    """Add notes on the most important unused texts, and on the number of the others."""
+    """Add notes on texts outside the tables from which nothing was taken.
+
+    The most important texts in ``unused`` get a note each; one further note says how many more
+    there are.
+    """
     option = "the option for what they state"
     shown = _most_important(unused)
     for line, text in shown:
