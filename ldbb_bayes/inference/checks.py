@@ -131,7 +131,8 @@ class TestChecks(Result):
     #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
     #: readings
     autocorrelation: float | None
-    #: p-value of ``autocorrelation`` under the hypothesis of white noise
+    #: p-value of the correlation ``autocorrelation`` between successive residuals, under the
+    #: hypothesis that the noise is white
     autocorrelation_p: float | None
 
     def of(self, test: str) -> list[Check]:
@@ -290,7 +291,8 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
-    p_values: dict[tuple[str, str], float] = {}  # the keys are pairs of plane and axis
+    # p-value of each test of a centre's slope over force; the keys are pairs of plane and axis
+    p_values: dict[tuple[str, str], float] = {}
     for plane, _, in_plane in bound.setting.groups_by("plane"):
         force = bound.setting.force_N[in_plane]
         if len(force) < _FEWEST_TESTS or len(np.unique(force)) < _FEWEST_FORCES:

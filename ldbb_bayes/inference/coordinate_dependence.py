@@ -118,6 +118,7 @@ def _terms(leading: Array) -> Array:
 
 
 def _limited(log_width: Array) -> Array:
+    """Return log widths, limited to absolute values of at most ``_LARGEST_LOG_WIDTH``."""
     return np.asarray(np.clip(log_width, -_LARGEST_LOG_WIDTH, _LARGEST_LOG_WIDTH))
 
 
@@ -129,9 +130,12 @@ class _Polynomials:
     the mean zero, the variance one and no correlation with each other.
     """
 
-    mean: Array  # weighted means of the k coordinates, shape (k,)
-    sd: Array  # weighted standard deviations of the k coordinates, shape (k,)
-    skewness: Array  # weighted skewness of the k coordinates, shape (k,)
+    # weighted mean of each of the k coordinates of the points, shape (k,)
+    mean: Array
+    # weighted standard deviation of each of the k coordinates of the points, shape (k,)
+    sd: Array
+    # weighted skewness of each of the k coordinates of the points, shape (k,)
+    skewness: Array
     # standard deviations of the polynomials of degree two before they are scaled to a standard
     # deviation of one, shape (k,)
     square_sd: Array

@@ -175,8 +175,11 @@ class _MeanRatio(NamedTuple):
     taken under the density f e^q.
     """
 
-    log_mean: float  #: logarithm of the mean of the ratio ρ of the two densities
-    error: float  #: error of ``log_mean`` [nat]; infinite if the tail of the ratios is heavy
+    #: logarithm of the mean of the ratio ρ = g / (f e^q) of two densities
+    log_mean: float
+    #: error of ``log_mean``, the logarithm of the mean ratio of two densities [nat]; infinite if
+    #: the distribution of the ratios has a heavy tail
+    error: float
     share: Array  #: weights of the m nodes, which sum to one, shape (m,)
 
 

@@ -158,7 +158,8 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     k = np.inf
     try:
         smoothed, shape = _smooth_tail(log_ratio)
-    except ValueError:  # ArviZ: the tail has too few weights, or only equal weights
+    # ArviZ raises a ValueError if there are too few large weights, or if all of them are equal.
+    except ValueError:
         pass
     else:
         if not np.isnan(smoothed).any():
@@ -180,7 +181,8 @@ def pareto_k(log_weight: Array) -> float:
     """
     try:
         shape = _smooth_tail(log_weight)[1]
-    except ValueError:  # ArviZ: the tail has too few weights, or only equal weights
+    # ArviZ raises a ValueError if there are too few large weights, or if all of them are equal.
+    except ValueError:
         if len(log_weight) < _FEWEST_WEIGHTS:
             return np.inf
         return -np.inf

@@ -129,7 +129,7 @@ class Fit(Result):
     #: logarithm of the probability that no compliance is negative, computed with the posterior of
     #: the same model without truncation
     log_prob_truncation: float
-    #: error of ``log_prob_truncation`` [nat]
+    #: error of ``log_prob_truncation``, the log probability that no compliance is negative [nat]
     log_prob_truncation_error: Finite
     #: logarithm of the constant that normalizes the truncated prior: the probability, under the
     #: prior before truncation, that no compliance is negative. It is zero if the prior is not

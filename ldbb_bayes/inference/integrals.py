@@ -75,7 +75,7 @@ class ProposalDensity(Protocol):
     """Density from which the nodes (points) of a sample are drawn."""
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density, shape (n,), at n points in h dimensions, shape (n, h)."""
+        """Return the log of this density, shape (n,), at n points in h dimensions, shape (n, h)."""
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return ``size`` random draws in h dimensions, shape (size, h).

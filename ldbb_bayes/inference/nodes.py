@@ -131,7 +131,7 @@ class ProbabilityInside(NamedTuple):
     """Log posterior probability that no compliance is negative, and its error."""
 
     log_value: float  #: log posterior probability that no compliance is negative
-    error: float  #: error of ``log_value`` [nat]
+    error: float  #: error of the log probability ``log_value`` [nat]
 
 
 class HyperPosterior:

@@ -99,7 +99,7 @@ MODEL_EDITION = 3
 # a posterior states about its campaign. Because of the cache, all analyses of a posterior use the
 # same `Campaign` object and the results that are stored in it.
 _CAMPAIGNS: dict[tuple[str | bytes, ...], Campaign] = {}
-# Largest number of campaigns that the cache holds.
+# Largest number of campaigns that the cache of the posteriors' campaigns holds.
 _KEPT_CAMPAIGNS = 8
 # If a file cannot be read, at most this many characters of the library's error message are quoted.
 _LONGEST_REASON = 120
@@ -114,7 +114,8 @@ def build_tree(
     the array. Arrays of random draws have the shape (chains, draws, …). ``bound``, the model
     of the campaign, gives names and units. ``record`` states what was fitted and how.
     """
-    from arviz_base import from_dict  # imported here, because it loads Matplotlib
+    # ArviZ is imported only when it is needed, because its import also loads Matplotlib.
+    from arviz_base import from_dict
 
     coordinates: dict[str, Array] = {"test": np.array(bound.test_names)}
     if "observed_data" in groups:
@@ -165,7 +166,8 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     True
     """
     target = Path(path)
-    record_of(posterior)  # raises an error for a posterior without a record
+    # Called only because it raises an error if the posterior has no record.
+    record_of(posterior)
     tree = posterior.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
     with _no_lock_of_dask():
@@ -181,7 +183,7 @@ def _no_lock_of_dask() -> AbstractContextManager[Any]:
     No lock is needed, as the file is first written to the memory of this process.
     """
     try:
-        import dask.config  # an optional dependency
+        import dask.config  # The library Dask need not be installed.
     except ImportError:
         return nullcontext()
     return dask.config.set(scheduler="synchronous")
@@ -274,7 +276,8 @@ def _read_tree(source: Path) -> xr.DataTree:
                         f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB"
                     )
                 return tree.load()
-        except Exception as error:  # noqa: BLE001 - libraries raise anything on a damaged file
+        # Libraries may raise exceptions of any class if they read a damaged file.
+        except Exception as error:  # noqa: BLE001
             reason = " ".join(str(error).split())[:_LONGEST_REASON]
     raise InputError(
         f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({reason}). Fit"

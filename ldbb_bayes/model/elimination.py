@@ -96,10 +96,11 @@ class Update(NamedTuple):
     #: One more than the largest row index i of the entries P_ij that change when a group of columns
     #: is eliminated from the matrix P. The index counts only the m columns that change, from 0.
     stop: int
-    #: Rows of the workspace (the array with the entries of P) that hold the changed entries P_ij,
-    #: shape (borders, stop − first, m + 1 − first), where m is the number of later columns that a
-    #: group changes. P is symmetric, and only the entries with j ≥ i are stored. For the other
-    #: entries, the change is made in the last row of the workspace, which is never read.
+    #: Rows of the workspace that hold the entries P_ij which change when groups of columns are
+    #: eliminated, shape (borders, stop − first, m + 1 − first), where m is the number of later
+    #: columns that a group changes. The workspace is the array with the entries of the precision
+    #: matrix P. P is symmetric, and only entries with j ≥ i are stored. For entries with j < i, the
+    #: change is made in the last row of the workspace, which is never read.
     targets: NDArray[np.intp]
 
 
@@ -110,10 +111,10 @@ class Front(NamedTuple):
     columns, which are eliminated later; ``border`` holds the indices of these m columns.
     """
 
-    #: Rows of the workspace that hold the entries of all columns of these groups. The workspace is
-    #: an array; it first holds the entries of the precision matrix P, which are then overwritten by
-    #: those of its Cholesky factor L. A group of s columns that changes m later columns has
-    #: s (s + m + 1) entries.
+    #: Rows of the workspace that belong to these groups of columns. The workspace is an array with
+    #: one row for each stored matrix entry. It first holds the entries of the precision matrix P,
+    #: which are then overwritten by those of its Cholesky factor L. A group of s columns that
+    #: changes m later columns has s (s + m + 1) entries.
     entries: slice
     #: Shape of the array with the entries of the Cholesky factor L that belong to these groups of
     #: columns: number of groups, number s of columns in a group, and number s + m + 1 of entries in
@@ -226,8 +227,8 @@ class EliminationPlan:
     def _place_group(self, group: ColumnGroup, start: int) -> int:
         """Assign rows of the workspace, from the index ``start`` on, to a group of columns.
 
-        The workspace is the array with the entries of P. Each stored entry in the columns of the
-        group gets one row. Return the index of the first row that is still free.
+        The workspace is the array with the entries of the precision matrix P. Each stored entry in
+        the columns of the group gets one row. Return the index of the first row that is still free.
         """
         members = np.concatenate([group.columns, group.border])
         width = len(members) + 1
@@ -522,11 +523,12 @@ def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> 
 def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
     """Sort groups of columns into fronts, and the groups of each front into families.
 
-    Eliminating a group of columns changes entries of P in later columns. A front consists of groups
-    that can be eliminated at the same time, because none of them changes the columns of another
-    (function `heights`). The groups of a front also have equal numbers of columns, and they change
-    equal numbers of later columns. A family consists of groups that change the same later columns.
-    Fronts are in the order of elimination. Within a front, families with more groups come first.
+    Eliminating a group of columns of the precision matrix P changes entries of P in later columns.
+    A front consists of groups that can be eliminated at the same time, because none of them changes
+    the columns of another (function `heights`). The groups of a front also have equal numbers of
+    columns, and they change equal numbers of later columns. A family consists of groups that change
+    the same later columns. Fronts are in the order of elimination. Within a front, families with
+    more groups come first.
     """
     fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):

@@ -69,8 +69,9 @@ class _DenseGram(NamedTuple):
     #: ``products``; the same for all groups. For all columns in ``products``, entries above the
     #: row with this index are left out.
     first: int
-    #: For each group of columns, the indices of k kinds of rows, shape (groups, k). Rows of one
-    #: kind have the same variance. ``products`` holds one sum for each of these kinds.
+    #: For each group of columns of the design matrix, the indices of k kinds of rows, shape
+    #: (groups, k). Rows of one kind have the same variance. The array ``products`` holds one sum of
+    #: products for each of these kinds.
     kinds: NDArray[np.intp]
     #: Scalar products of columns of the design matrix with later columns or with the readings,
     #: shape (groups, columns, entries of each column, k). Each product is a sum over the rows of

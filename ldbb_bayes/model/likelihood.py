@@ -79,7 +79,7 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice of the values of this batch in the caller's array of hyper-parameters."""
+        """Slice that selects this batch's values from the caller's array of hyper-parameters."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property

@@ -61,11 +61,13 @@ class ColumnGroup(NamedTuple):
     order of elimination.
     """
 
-    #: Indices of the s columns of the group, shape (s,).
+    #: Indices of the s columns of the design matrix that form the group and are eliminated
+    #: together, shape (s,).
     columns: NDArray[np.intp]
-    #: Indices of the m neighbours of the group that are eliminated later, shape (m,). A column is a
-    #: neighbour if there is a row in which neither it nor a column of the group is zero. Further
-    #: columns become neighbours when earlier columns are eliminated.
+    #: Indices of the m columns of the design matrix that change when the group of columns is
+    #: eliminated, shape (m,). They are those neighbours of the group that are eliminated later. A
+    #: column is a neighbour if, in some row, both this column and a column of the group are
+    #: nonzero. Further columns become neighbours when earlier columns are eliminated.
     border: NDArray[np.intp]
 
 
@@ -82,7 +84,10 @@ class _Node(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of columns, and number of later columns that their elimination changes."""
+        """Numbers of columns of a matrix: those eliminated together, and those that this changes.
+
+        The columns of the second number are eliminated later.
+        """
         return self.columns.bit_count(), self.border.bit_count()
 
     def into(self, parent: _Node) -> _Node:

@@ -162,12 +162,12 @@ class Tilted(NamedTuple):
     #: Shifts (tilts) of the normal densities from which the d elements of x are drawn at random,
     #: shape (d, w) for w sets of constraints. The shift of the last element is zero.
     tilt: Array
-    #: Coefficients of the d elements of x in the k further constraints, dependent_mean + dependent
-    #: · x ≥ 0, shape (k, d, w) for w sets of constraints.
+    #: Coefficients of the vector x in those k constraints dependent_mean + dependent · x ≥ 0 that
+    #: are linear combinations of other constraints, shape (k, d, w) for w sets of constraints on d
+    #: elements of x.
     dependent: Array
-    #: Constant terms of the k constraints that depend linearly on the others. These k constraints
-    #: are dependent_mean + dependent · x ≥ 0; the constant terms have the shape (k, w) for w sets
-    #: of constraints.
+    #: Constant terms of those k constraints dependent_mean + dependent · x ≥ 0 on a vector x that
+    #: are linear combinations of other constraints, shape (k, w) for w sets of constraints.
     dependent_mean: Array
     #: Index of the last element of the vector x on which each of the k dependent constraints
     #: depends, shape (k, w) for w sets of constraints.
@@ -349,10 +349,12 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
 
 
 def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
-    """Return the lower limits (edges) of the shifted normal variables at w saddle points, (w, d).
+    """Return the lower limits (edges) of shifted normal variables at w saddle points, (w, d).
 
-    There are w sets of d constraints unit · x ≥ bound, where ``unit`` has the shape (w, d, d) and
-    ``bound`` the shape (w, d). Newton's method starts with the bounds as edges. If it fails, it is
+    There are w sets of d constraints unit · x ≥ bound on a standard normal vector x, where ``unit``
+    has the shape (w, d, d) and ``bound`` the shape (w, d). Each element of x is drawn at random
+    from a shifted normal density, above the lower limit that a constraint sets; its edge is this
+    limit minus the shift. Newton's method starts with the bounds as edges. If it fails, it is
     started a second time, with the edges at the most probable x that satisfies the constraints.
     Raise an `InputError` if the method fails again, unless the probability of the constraints is
     too small to matter.
@@ -444,10 +446,10 @@ def _evaluate_convex_function(
 ) -> _ConvexFunction:
     """Return the value and derivatives of the convex function described in `_ConvexFunction`.
 
-    The minimum of the function gives the saddle point of the log importance weight. There are w
-    sets of constraints, each with d shifted normal variables. ``coupling``, shape (w, d, d), is the
-    matrix C of `_ConvexFunction`. ``edge`` holds the lower limits of the shifted normal variables;
-    ``edge`` and ``bound`` have the shape (w, d).
+    The minimum of the function gives the saddle point of the log importance weight. There is one
+    function for each of w sets of d constraints on a normal vector. ``coupling``, shape (w, d, d),
+    holds the matrices C, ``edge`` the lower limits e_j, and ``bound`` the bounds of
+    `_ConvexFunction`; ``edge`` and ``bound`` have the shape (w, d).
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)
