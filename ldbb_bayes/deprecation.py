@@ -112,8 +112,11 @@ def renamed_keyword(
     """
 
     def decorate(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+        """Return the function ``function``, which now also accepts the old name."""
+
         @wraps(function)
         def call(*arguments: _Arguments.args, **keywords: _Arguments.kwargs) -> _Result:
+            """Call the function by the new name of the argument; warn of the old name."""
             if old in keywords:
                 name = function.__qualname__.removesuffix(".__init__")
                 warnings.warn(

@@ -119,6 +119,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     lower_name = name.lower()
 
     def similarity(candidate: str) -> _Similarity:
+        """Return how similar a known name is to the misspelt name."""
         lower_candidate = candidate.lower()
         match = SequenceMatcher(None, lower_candidate, lower_name)
         return _Similarity(

@@ -66,18 +66,22 @@ _MOST_ENTRIES = 12
 
 
 def _null_unless_finite(value: float) -> float | None:
+    """Return a number for JSON; None for NaN and infinite numbers."""
     return float(value) if np.isfinite(value) else None
 
 
 def _infinite_if_null(value: float | None) -> float:
+    """Return a number that was read from JSON; null (None) becomes infinity."""
     return np.inf if value is None else value
 
 
 def _nan_if_null(value: float | None) -> float:
+    """Return a number that was read from JSON; null (None) becomes NaN."""
     return np.nan if value is None else value
 
 
 def _to_list(array: Array) -> Any:
+    """Return the elements of an array as nested lists, for JSON."""
     return array.tolist()
 
 
@@ -95,10 +99,12 @@ def _to_frame(rows: Any) -> pd.DataFrame:
 
 
 def _to_rows_by_name(frame: pd.DataFrame) -> dict[Any, Any]:
+    """Return the rows of a data frame as dictionaries; the keys are the names of the rows."""
     return frame.to_dict(orient="index")
 
 
 def _to_records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
+    """Return the rows of a data frame as a list of dictionaries; missing values become None."""
     with_nulls = frame.astype(object).where(frame.notna(), None)
     return with_nulls.to_dict(orient="records")
 
@@ -166,6 +172,11 @@ def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
 
 
 def _brief_collection(value: Any, longest: int) -> str:
+    """Return a collection as one line of text: its entries, or only their number.
+
+    Only the number is stated if there are many entries, if the entries include arrays, or if the
+    text would have more than ``longest`` characters.
+    """
     if len(value) <= _MOST_ENTRIES:
         text = repr(value)
         if len(text) <= longest and "array(" not in text:
@@ -200,10 +211,12 @@ def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
 
 
 def _is_empty(entry: Any) -> bool:
+    """Return whether the value of an attribute is None, or a text or collection of length zero."""
     return entry is None or (hasattr(entry, "__len__") and len(entry) == 0)
 
 
 def _is_default(kind: type, name: str, entry: Any) -> bool:
+    """Return whether a number or text is the default value of the attribute ``name`` of a class."""
     return isinstance(entry, float | int | str) and bool(entry == getattr(kind, name, None))
 
 
@@ -274,6 +287,7 @@ _ADAPTERS: dict[type, TypeAdapter[Any]] = {}
 
 
 def _adapter(kind: type) -> TypeAdapter[Any]:
+    """Return pydantic's converter of a class to dictionaries and back; it is made only once."""
     if kind not in _ADAPTERS:
         _ADAPTERS[kind] = TypeAdapter(kind)
     return _ADAPTERS[kind]

@@ -177,6 +177,11 @@ class Table:
         return f"<table>{caption}<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table>"
 
     def _html_row(self, tags: Iterable[str], values: Iterable[str]) -> str:
+        """Return the cells of one row as HTML.
+
+        ``tags`` holds the name and the attributes of each cell's HTML element, and ``values`` the
+        texts of the cells. Cells of columns with numbers also get the class ``n``.
+        """
         cells = []
         for tag, numeric, value in zip(tags, self.numeric, values, strict=True):
             mark = ' class="n"' if numeric else ""
@@ -204,7 +209,7 @@ class _TextLayout:
         self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
 
     def text(self) -> str:
-        """Return the table with all its columns as text, in lines of the given width if possible."""
+        """Return the whole table as text, in lines of the given width if possible."""
         if self._is_too_wide():
             self._fit()
         return "\n".join(self._lines(sorted(self._beneath)))
@@ -271,14 +276,17 @@ class _TextLayout:
         return head == "unit", head in _ESTIMATE, self._numeric[column]
 
     def _is_constant(self, column: int) -> bool:
+        """Return whether a column, other than the unit, has the same value in all rows."""
         values = {row[column] for row in self._rows}
         return self._heads[column] != "unit" and len(values) == 1
 
     def _is_too_wide(self) -> bool:
+        """Return whether the columns side by side are together wider than the given width."""
         gaps = _GAP * (len(self._columns) - 1)
         return sum(self._column_width(column) for column in self._columns) + gaps > self._width
 
     def _column_width(self, column: int) -> int:
+        """Return the width of a column with its present heading [characters]."""
         return self._width_with(column, self._head_lines[column])
 
     def _width_with(self, column: int, head_lines: Sequence[str]) -> int:
@@ -319,6 +327,10 @@ class _TextLayout:
         return lines
 
     def _line(self, cells: Sequence[str]) -> str:
+        """Return one line of the table: the cells of the columns that stand side by side, aligned.
+
+        ``cells`` holds one text for every column of the table.
+        """
         aligned = []
         for column in self._columns:
             width = self._column_width(column)
@@ -355,10 +367,12 @@ def _entry(head: str, value: str, numeric: bool) -> str:
 
 
 def _typeset_row(row: Sequence[Any]) -> tuple[str, ...]:
+    """Return the cells of a row as texts with true minus signs and powers of ten."""
     return tuple(typeset(_cell(value)) for value in row)
 
 
 def _cell(value: Any) -> str:
+    """Return a cell as text: a dash for None, four significant digits for a float."""
     if value is None:
         return "–"
     if isinstance(value, float):
@@ -524,6 +538,7 @@ def _with_named_rows(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _heads_of(frame: pd.DataFrame) -> list[str]:
+    """Return the headings of a data frame's columns, each with its unit in brackets, if any."""
     units = frame.attrs.get("units", {})
     heads = []
     for name in frame.columns:
@@ -533,6 +548,7 @@ def _heads_of(frame: pd.DataFrame) -> list[str]:
 
 
 def _row_label(label: Hashable) -> Hashable:
+    """Return the name of a row; a name of several parts is joined by slashes."""
     if isinstance(label, tuple):
         return " / ".join(map(str, label))
     return label
@@ -608,4 +624,5 @@ def _glued(text: str) -> str:
 
 
 def _without_breaks(match: re.Match[str]) -> str:
+    """Return the matched text with a no-break space in place of every space."""
     return match[0].replace(" ", _NO_BREAK)

@@ -350,10 +350,12 @@ class _Ranked(NamedTuple):
 
 
 def _largest_key_first(entry: _Ranked) -> tuple[float, int]:
+    """Return a key for Python's sort, by which the largest sort key of `ranked` comes first."""
     return -entry.key, entry.position
 
 
 def _position(entry: _Ranked) -> int:
+    """Return the position of an item in the original order."""
     return entry.position
 
 
@@ -462,6 +464,7 @@ def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> S
 
 
 def _with_minus_sign(value: float, decimals: int) -> str:
+    """Return a value rounded to a number of decimals as text, with a true minus sign."""
     return round_like(value, decimals).replace("-", "−")
 
 
@@ -521,5 +524,9 @@ def typeset(text: str) -> str:
 
 
 def _power_of_ten(match: re.Match[str]) -> str:
+    """Return a power of ten such as ·10⁻⁵ in place of an exponent such as e-05.
+
+    Group 1 of ``match`` is the sign of the exponent, and group 2 its digits without leading zeros.
+    """
     exponent = match[1].replace("+", "") + match[2]
     return f"·10{exponent.translate(_SUPERSCRIPTS)}"

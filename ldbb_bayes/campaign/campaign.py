@@ -283,6 +283,10 @@ class Campaign(CampaignFields):
         return replace(test, **completed)
 
     def _force_from_pressure(self, test: CircularTest) -> float:
+        """Return the force [N] that follows from a test's pressure by the campaign's force law.
+
+        Raise an `InputError` if this force is not positive.
+        """
         force_N = self.force_law.force_N(float(test.pressure_bar or 0.0))
         require(
             force_N > 0,

@@ -270,6 +270,7 @@ def _planned_test(place: str, entry: _PlannedTest) -> CircularTest:
 
 
 def _stated_values(entry: _PlannedTest) -> dict[str, Any]:
+    """Return the fields of a planned test that its table states; the keys are the field names."""
     return {key: value for key, value in vars(entry).items() if value is not None}
 
 

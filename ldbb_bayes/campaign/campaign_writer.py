@@ -48,6 +48,7 @@ def write_campaign_into(campaign: Campaign, folder: Path) -> None:
 
 
 def _write_readings(test: CircularTest, path: Path) -> None:
+    """Write the angles [deg] and readings [µm] of a test into the CSV file ``path``."""
     lines = ["angle_deg,reading_um\n"]
     for angle, reading in zip(test.angle_deg.tolist(), test.reading_um.tolist(), strict=True):
         lines.append(f"{angle},{reading}\n")
@@ -145,4 +146,5 @@ def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
 
 
 def _without_none(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a copy of the dictionary ``table`` without the entries whose value is None."""
     return {key: value for key, value in table.items() if value is not None}

@@ -272,6 +272,7 @@ class CalibrationCertificate(Shown):
         return _largest(self._forces())
 
     def _forces(self) -> list[CertifiedQuantity]:
+        """Return the certified forces, which are those quantities whose unit is the newton."""
         return self._quantities_by_role("N").get("force", [])
 
     def _linearity(self) -> CertifiedQuantity | None:
@@ -356,6 +357,7 @@ class CalibrationCertificate(Shown):
         return label
 
     def _content(self) -> str:
+        """Return the names and units of the certified quantities as text, for error messages."""
         return _listed(self.quantities) or "no number at all"
 
 
@@ -407,6 +409,7 @@ def _is_of_length(
 
 
 def _is_close(length_mm: float, nominal_mm: float) -> bool:
+    """Return whether a length equals a nominal length, within a small relative tolerance."""
     return abs(length_mm - nominal_mm) <= _NOMINAL_TOLERANCE * nominal_mm
 
 

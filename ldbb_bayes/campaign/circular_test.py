@@ -218,6 +218,12 @@ class CircularTest(TestFields):
         return array
 
     def _finite_array(self, name: str, column: Any) -> Array:
+        """Return the values of a field of the test as an array of finite numbers, shape (n,).
+
+        ``name`` is the name of the field for error messages, and ``column`` holds the values as the
+        user gave them. Raise an `InputError` if ``column`` is not one-dimensional, or if a value is
+        not a finite number.
+        """
         try:
             array = np.array(column, dtype=float)
         except (TypeError, ValueError) as error:
@@ -381,6 +387,7 @@ class CircularTest(TestFields):
 
 
 def _um_of_mm(millimetres: Array) -> Array:
+    """Return lengths in µm, given the same lengths in mm."""
     return millimetres * 1e3
 
 

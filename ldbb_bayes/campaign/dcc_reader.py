@@ -268,6 +268,11 @@ def _words(element: ElementTree.Element, tag: str) -> list[str]:
 
 
 def _numbers(element: ElementTree.Element, tag: str, name: str) -> list[float]:
+    """Return the numbers in the inner element named ``tag`` of an XML element.
+
+    ``name`` is the name of the quantity for error messages. Raise an `InputError` for a word that
+    is not a number.
+    """
     numbers = []
     for word in _words(element, tag):
         try:

@@ -34,12 +34,14 @@ STRICT = ConfigDict(extra="forbid")
 
 
 def _refuse_text(value: Any) -> Any:
+    """Raise a ValueError if a value is a string or a bool; otherwise return the value."""
     if isinstance(value, str | bool):
         raise ValueError("it should be a number")
     return value
 
 
 def _require_printable(text: str) -> str:
+    """Raise a ValueError if a name is blank or cannot be printed; otherwise return the name."""
     if not (text.strip() and text.isprintable()):
         raise ValueError("it should be a name that can be printed")
     return text
@@ -61,6 +63,7 @@ def _iso_date(when: Any) -> str:
 
 
 def _require_file_name(name: str) -> str:
+    """Raise a ValueError if a test's name cannot name a file; otherwise return the name."""
     if name and not re.fullmatch(r"[\w+\-][\w+\-. ]{0,99}", name):
         raise ValueError(
             "it names a file: letters, digits, spaces, '_', '-', '+' or '.', not starting with"

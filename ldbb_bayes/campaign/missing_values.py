@@ -33,6 +33,7 @@ def missing_entries(column: Any) -> NDArray[np.bool_]:
 
 
 def _is_missing(entry: Any) -> bool:
+    """Return whether one entry is masked by NumPy, or is pandas' NA."""
     return entry is np.ma.masked or type(entry).__name__ == "NAType"
 
 

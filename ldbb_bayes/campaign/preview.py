@@ -150,6 +150,7 @@ class _Remarks:
             self._remarks.append(Remark(kind, values))
 
     def as_tuple(self) -> tuple[Remark, ...]:
+        """Return the collected remarks as a tuple."""
         return tuple(self._remarks)
 
 
@@ -300,6 +301,7 @@ class _Readings(NamedTuple):
 
 
 def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
+    """Return the summary of one test of a campaign, with remarks on what looks odd."""
     remarks = _Remarks()
     angles = _describe_angles(test)
     _remark_on_angles(test, campaign, angles, remarks)
@@ -363,6 +365,11 @@ def _order_shows_no_travel(campaign: Campaign) -> bool:
 
 
 def _remark_on_force(test: CircularTest, campaign: Campaign, remarks: _Remarks) -> None:
+    """Add a remark if the force of a test differs from the force by the campaign's force law.
+
+    The two forces are the force given for the test, and the force that follows from the test's
+    pressure by the force law. The remark is added to ``remarks``.
+    """
     force_N = float(test.force_N or 0.0)
     pressure_bar = float(test.pressure_bar or 0.0)
     law_N = campaign.force_law.force_N(pressure_bar)
@@ -442,6 +449,7 @@ def _path(
         remarks.add(RemarkKind.OPEN, is_open, start_end_um=jump)
 
     def size_of_spike(position: int) -> float:
+        """Return the absolute deviation [µm] of the reading with the index ``position``."""
         return abs(float(deviation[position]))
 
     spikes = ranked(np.flatnonzero(~regular).tolist(), size_of_spike)
@@ -472,6 +480,12 @@ class _Fit(NamedTuple):
 
 
 def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
+    """Fit a curve to the n readings of a test by least squares, without the spikes.
+
+    ``columns`` (n, k) are the values of the k fitted functions at the angles of the readings, and
+    ``reading`` (n,) [µm] are the readings. ``regular`` is a mask of the readings, shape (n,), that
+    is false for spikes.
+    """
     solution = np.linalg.lstsq(columns[regular], reading[regular], rcond=1e-9)
     coefficients: Array = solution[0].astype(float)
     deviation = reading - columns @ coefficients
@@ -611,10 +625,12 @@ def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
 
 
 def _radii(campaign: Campaign) -> list[float]:
+    """Return the distinct radii of the campaign's circles in ascending order [mm]."""
     return sorted({test.circle.radius_mm for test in campaign.tests})
 
 
 def _runs_both_ways(campaign: Campaign, plane: str) -> bool:
+    """Return whether a plane has tests in clockwise and tests in counterclockwise direction."""
     return {"CW", "CCW"} <= {test.direction for test in campaign.tests if test.plane == plane}
 
 
@@ -681,6 +697,11 @@ def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
 def _remark_on_unit(
     quantity: str, value: float, unit: str, usual: tuple[float, float], remarks: _Remarks
 ) -> None:
+    """Add a remark that the unit is probably wrong if a value is outside its usual range.
+
+    ``quantity`` is the name of the quantity, ``value`` its value in ``unit``, and ``usual`` holds
+    the two ends of its usual range. The remark is added to ``remarks``.
+    """
     smallest, largest = usual
     is_usual = smallest <= value <= largest
     remarks.add(RemarkKind.UNIT, not is_usual, what=quantity, value=value, unit=unit)

@@ -157,6 +157,10 @@ def _check_names(path: Path, names: Sequence[str], known: Sequence[str]) -> None
 
 
 def _check_rows(path: Path, rows: Sequence[Row], width: int) -> None:
+    """Raise an `InputError` if a table has no rows, or if all rows are wider than the header.
+
+    ``width`` is the number of columns that the header names.
+    """
     require(
         rows,
         f"{path} must hold readings below its header, got none. Fill the file or remove the test.",

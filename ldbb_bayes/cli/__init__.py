@@ -140,6 +140,7 @@ def app_(
 
 
 def _print_version(wanted: bool) -> None:
+    """If the option ``--version`` was typed, print the program's version and end the program."""
     if wanted:
         typer.echo(f"ldbb-bayes {__version__}")
         raise typer.Exit
@@ -158,6 +159,7 @@ def root(
 
 
 def _warning_line(message: Warning | str, *_: Any, **__: Any) -> str:
+    """Return a warning as one line of text, without the place in the code."""
     return f"ldbb-bayes: {message}\n"
 
 

@@ -124,6 +124,7 @@ def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple
 
 
 def _read_model_files(entries: list[str], flag: str) -> dict[str, str]:
+    """Return the model files that the user typed as NAME=FILE.toml; the keys are the names."""
     return pairs_in(entries, flag, "NAME=FILE.toml")
 
 

@@ -258,14 +258,17 @@ def _column_in(text: str) -> str | int:
 
 
 def _read_column(text: str, flag: str) -> str | int:
+    """Return the number (from 1) or the heading of the column of a table that the user typed."""
     return _column_in(text)
 
 
 def _read_columns(entries: list[str], flag: str) -> list[str | int]:
+    """Return the number (from 1) or the heading of each column of a table that the user typed."""
     return [_column_in(text) for text in entries]
 
 
 def _read_sheets(text: str, flag: str) -> list[str]:
+    """Return the names of sheets of a workbook that a comma-separated string lists."""
     return [name.strip() for name in text.split(",")]
 
 
@@ -367,6 +370,7 @@ def _drift_over(covariate: str, model: lb.HybridModel) -> lb.terms.Drift:
 
 
 def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
+    """Return the typed tolerances, or an empty dictionary; the keys are names of quantities."""
     return tolerances or {}
 
 

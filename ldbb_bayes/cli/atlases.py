@@ -57,6 +57,10 @@ def write_atlases(machine: lb.Machine, circles: Sequence[lb.machine.Circle], fol
 
 
 def _read_frames(entries: list[str], flag: str) -> dict[str, tuple[float, ...]]:
+    """Return the coordinate frame of each joint that the user typed as AXIS=X,Y,Z [mm].
+
+    The keys are the letters of the joints' axes. ``flag`` names the option in error messages.
+    """
     pairs = pairs_in(entries, flag, "AXIS=X,Y,Z")
     points = points_in(pairs.values(), flag)
     return dict(zip(pairs, points, strict=True))

@@ -63,6 +63,7 @@ def import_(
     instrument = lb.Instrument(**certificates)
 
     def import_with(completed: lb.reading.Layout) -> Imported:
+        """Import the tables with a completed layout; return the campaign and the assumptions."""
         return lb.import_campaign(files, layout=completed, **table, **name, instrument=instrument)
 
     result = import_with_answers(import_with, layout, ask=can_ask())
@@ -85,6 +86,7 @@ def _unit_notes(campaign: lb.Campaign) -> list[str]:
 
 
 def _size(campaign: lb.Campaign) -> str:
+    """Return the numbers of tests and readings of a campaign as text, in brackets."""
     return f" ({len(campaign.tests)} tests, {campaign.readings} readings)"
 
 

@@ -299,6 +299,11 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(function)
     def run(**typed: Any) -> None:
+        """Run the command with the typed values of its options.
+
+        An error that the user's input caused is printed as one message, and ends the program with
+        exit code 2.
+        """
         try:
             arguments = {name: group.take_from(typed) for name, group in groups.items()}
             function(**arguments, **typed)
@@ -345,18 +350,22 @@ def fail(message: str, code: int) -> NoReturn:
 
 
 def _read_names(text: str, flag: str) -> tuple[str, ...]:
+    """Return the names in a comma-separated string."""
     return names_in(text)
 
 
 def _read_negated(flag_is_set: bool, flag: str) -> bool:
+    """Return the opposite of a flag: false if the user typed the option."""
     return not flag_is_set
 
 
 def _read_goals(entries: list[str], flag: str) -> dict[str, str]:
+    """Return the goals that the user typed as NAME=U; the keys are names of quantities."""
     return pairs_in(entries, flag, "NAME=U")
 
 
 def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
+    """Return the tolerances that the user typed as NAME="VALUE UNIT"; the keys are quantities."""
     return pairs_in(entries, flag, 'NAME="VALUE UNIT"')
 
 

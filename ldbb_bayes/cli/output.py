@@ -81,6 +81,7 @@ def drawing(name: str, *results: Any) -> Callable[[], Figure]:
     """
 
     def draw() -> Figure:
+        """Draw the figure."""
         return cast("Figure", getattr(lb.figures, name)(*results))
 
     return draw
@@ -110,6 +111,7 @@ def write_files(
 
 
 def _text_of(name: str, content: Any) -> str:
+    """Return the content of a file as text: JSON if its name ends with .json, CSV for a table."""
     if name.endswith(".json"):
         return json_text(content)
     if isinstance(content, str):

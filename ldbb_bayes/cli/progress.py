@@ -53,6 +53,7 @@ def _progress_bar(
         task = bar.add_task("starting", total=1.0)
 
         def update(*arguments: Any, **keywords: Any) -> None:
+            """Show a new state of the progress bar; the arguments are those of ``state_of``."""
             state = state_of(*arguments, **keywords)
             bar.update(task, completed=state.share, description=state.text)
 
@@ -60,6 +61,7 @@ def _progress_bar(
 
 
 def _counting_state(done: int, total: int, failed: int = 0) -> _BarState:
+    """Return the share and the text of a progress bar that counts things done and things failed."""
     text = f"{done}/{total}"
     if failed:
         text += f", {failed} failed"
@@ -67,6 +69,10 @@ def _counting_state(done: int, total: int, failed: int = 0) -> _BarState:
 
 
 def _sampling_state(state: SamplingState) -> _BarState:
+    """Return the share and the text of a progress bar for the random sampling of a posterior.
+
+    The share is the effective sample size reached so far, divided by the required size.
+    """
     ess = min(state.assessment.ess_bulk_min, state.assessment.ess_tail_min)
     text = (
         f"{state.steps} steps, ESS {ess:.0f} of {state.target_ess:.0f}, R-hat"
@@ -76,6 +82,7 @@ def _sampling_state(state: SamplingState) -> _BarState:
 
 
 def _step_state(share: float, step: str, done: int, total: int) -> _BarState:
+    """Return the share and the text of a progress bar for the named steps of a computation."""
     text = f"{step} {done}/{total}" if total else step
     return _BarState(share, text)
 
@@ -148,6 +155,7 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
             return None
 
         def tell(done: int, total: int, failed: int = 0) -> None:
+            """Report how many items of the present step are done, out of how many in all."""
             weight_done = weight_before[step] + weights[step] * done / max(total, 1)
             update(weight_done / total_weight, step, done, total)
 

@@ -86,6 +86,7 @@ def _ask_what_is_open(question: OpenQuestionError, layout: lb.reading.Layout) ->
     """
 
     def read(answer: str) -> lb.reading.Layout:
+        """Return the layout of the tables, completed with the user's answer."""
         value: Any = answer
         if question.field == "sign" and answer in question.answers:
             value = int(answer)
@@ -140,6 +141,7 @@ def _ask_topology(planes: Sequence[str]) -> str:
     """
 
     def read(answer: str) -> str:
+        """Return the topology that the user's answer states."""
         return _read_topology(answer, planes)
 
     typer.echo("What does the machine look like?", err=True)
@@ -165,6 +167,12 @@ def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
 
 
 def _read_topology(answer: str, planes: Sequence[str]) -> str:
+    """Return the topology of a machine, given the user's answer.
+
+    The answer is the number of a type of machine in the list `MACHINES`, counted from 1, or the
+    topology itself. Raise an `InputError` for any other number, and for a machine that cannot move
+    in the ``planes`` of the tests.
+    """
     if not answer.isdecimal():
         return lb.Machine(answer, planes).topology
     number = int(answer)
@@ -176,6 +184,7 @@ def _read_topology(answer: str, planes: Sequence[str]) -> str:
 
 
 def _read_yes_or_no(answer: str) -> bool:
+    """Return true for an answer that means yes, and false for an answer that means no."""
     require(
         answer.casefold() in _ANSWERS,
         f"the answer must be y or n, got {answer!r}. Type one of them.",
@@ -184,6 +193,7 @@ def _read_yes_or_no(answer: str) -> bool:
 
 
 def _read_ball(answer: str) -> lb.Ball | None:
+    """Return the ball that an answer describes by grade or sphericity; None for an empty answer."""
     if not answer:
         return None
     return ball_in(answer, "the grade")

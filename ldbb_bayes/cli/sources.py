@@ -310,6 +310,7 @@ class ReportSource:
         instrument = lb.Instrument(**self.certificates)
 
         def import_with(layout: lb.reading.Layout) -> Imported:
+            """Import the tables with a layout; return the campaign and the assumptions."""
             return lb.import_campaign(
                 self.typed_paths, layout=layout, **self.campaign_fields, instrument=instrument
             )

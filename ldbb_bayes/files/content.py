@@ -61,6 +61,10 @@ def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
 
 
 def _require_ordinary_file(path: Path, expected: str) -> None:
+    """Raise an `InputError` if a path is not an ordinary file, but a folder, a device or nothing.
+
+    ``expected`` is the kind of file that is expected, for the message.
+    """
     if path.is_file():
         return
     if path.is_dir():

@@ -162,6 +162,7 @@ def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
     """
 
     def decorate(cls: type[T]) -> type[T]:
+        """Make the dataclass ``cls`` raise an `InputError` for wrong arguments, and return it."""
         pydantic_init = cls.__init__
 
         @wraps(pydantic_init)

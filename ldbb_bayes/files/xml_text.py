@@ -51,12 +51,14 @@ def _refuse_dangerous(content: bytes) -> None:
     depth = 0
 
     def refuse_document_type(*_: object) -> None:
+        """Raise an `InputError`, because the XML declares a document type."""
         raise InputError(
             "the file must have no document type (DTD), got one. Remove <!DOCTYPE …> and its"
             " entities."
         )
 
     def enter_element(*_: object) -> None:
+        """Count one more level of nested elements; raise an `InputError` if there are too many."""
         nonlocal depth
         depth += 1
         require(
@@ -66,6 +68,7 @@ def _refuse_dangerous(content: bytes) -> None:
         )
 
     def leave_element(*_: object) -> None:
+        """Count one level of nested elements less."""
         nonlocal depth
         depth -= 1
 

@@ -227,6 +227,10 @@ def run_batch(
 
 
 def _check_restart(*, resume: bool, retry: bool, force: bool) -> None:
+    """Raise an `InputError` if the arguments for an existing batch contradict each other.
+
+    ``retry`` is only allowed with ``resume``, and ``resume`` is not allowed with ``force``.
+    """
     if (retry and not resume) or (resume and force):
         raise InputError(
             "retry must come with resume, and resume without force, got otherwise. Choose --resume"
@@ -235,6 +239,7 @@ def _check_restart(*, resume: bool, retry: bool, force: bool) -> None:
 
 
 def _checked_seed(seed: int) -> int:
+    """Return the seed as an integer; raise an `InputError` if it is not from 0 to 2^63 − 1."""
     number = operator.index(seed)
     if not 0 <= number < 2**63:
         raise InputError(
@@ -244,17 +249,20 @@ def _checked_seed(seed: int) -> int:
 
 
 def _checked_ess(ess: float) -> float:
+    """Return the effective sample size; raise an `InputError` unless it is positive and finite."""
     if not 0.0 < ess < np.inf:
         raise InputError(f"ess must be a finite number above zero, got {ess}. For example 1000.")
     return float(ess)
 
 
 def _checked_probability(prob: float) -> float:
+    """Return a probability; raise an `InputError` unless it is above 0 and below 1."""
     check_probability(prob)
     return float(prob)
 
 
 def _number(paths: Iterable[str]) -> list[Job]:
+    """Return the campaigns with these file paths as jobs, which are numbered from 0."""
     return [Job(number, path, os.path.abspath(path)) for number, path in enumerate(paths)]
 
 
@@ -320,12 +328,21 @@ def _fit_campaigns(
 
 
 def _row_of(settings: Settings, job: Job, result: dict[str, Any] | Lost) -> dict[str, Any]:
+    """Return the row of a campaign, given the result of its job.
+
+    The result is the row itself, or `Lost` if the worker process died twice. In the second case,
+    the row states that the campaign could not be fitted.
+    """
     if isinstance(result, Lost):
         return failed_row(settings, job, result.reason)
     return result
 
 
 def _pending_jobs(journal: sqlite3.Connection, retry: bool) -> list[Job]:
+    """Return the campaigns of the journal that have no row yet, in order of their numbers.
+
+    If ``retry`` is true, campaigns that could not be fitted in an earlier run are returned too.
+    """
     condition = "status IS NULL"
     if retry:
         condition += " OR status = 'failed'"
@@ -334,6 +351,7 @@ def _pending_jobs(journal: sqlite3.Connection, retry: bool) -> list[Job]:
 
 
 def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
+    """Yield the rows of all campaigns from the journal, in order of the campaigns' numbers."""
     for (row,) in journal.execute("SELECT row FROM campaigns ORDER BY number"):
         yield json.loads(row)
 

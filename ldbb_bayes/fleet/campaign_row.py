@@ -133,6 +133,11 @@ def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
 
 
 def _read(settings: Settings, path: str) -> Campaign:
+    """Read a campaign, and apply the settings of the batch that replace what its files state.
+
+    The settings state certified properties of the instrument, tolerances and, for a tidy CSV file,
+    also the fields of `Campaign` that such a file cannot state.
+    """
     is_table = not os.path.isdir(path) and not path.lower().endswith(".toml")
     fields = settings.table if is_table else {}
     campaign = read_campaign(path, certificates=settings.certificates, **fields)
@@ -158,6 +163,10 @@ def _reason(error: Exception, job: Job) -> str:
 
 
 def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
+    """Return the values of a row that state the campaign's path, and how the campaign is fitted.
+
+    The keys of the result are the names of the columns.
+    """
     return {
         "campaign": job.path,
         "degree": settings.model.degree,
@@ -260,6 +269,10 @@ def _bayes_factor_columns(density: HyperPosterior) -> dict[str, Any]:
 
 
 def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
+    """Return the values of a row that hold the campaign's sufficient statistics.
+
+    They are computed without the condition that no compliance is negative.
+    """
     return sufficient_statistics(density.plain).columns()
 
 
@@ -306,6 +319,11 @@ def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
 
 
 def _conformity_columns(fitted: FittedModel) -> dict[str, Any]:
+    """Return the decision on conformity for each quantity with a tolerance.
+
+    The result is a dictionary with the single entry ``conformity``, whose keys are the names of the
+    quantities.
+    """
     decisions = {
         name: decision.as_dict() for name, decision in assess_conformity(fitted.tree()).items()
     }

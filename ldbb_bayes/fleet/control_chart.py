@@ -163,6 +163,11 @@ def _draw_limits(axes: Axes, data: _PanelData) -> None:
 def _draw_points(
     axes: Axes, data: _PanelData, chosen: Array, colour: str, marker: str, label: str
 ) -> None:
+    """Draw the estimates from some of the campaigns, with error bars for their credible intervals.
+
+    ``chosen`` is a mask of the n campaigns, shape (n,), that is true for the estimates to draw.
+    ``label`` is the text for these points in the legend.
+    """
     if chosen.any():
         error = np.abs(data.interval - data.estimate)
         axes.errorbar(

@@ -156,6 +156,11 @@ def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.S
 
 
 def _field(name: str, kind: str, unit: str = "") -> pa.Field:
+    """Return a column of a Parquet table: its name, Arrow type and unit.
+
+    ``kind`` is the name of the type, such as ``double`` or ``list<double>``. The unit is stored in
+    the metadata of the column, unless it is empty.
+    """
     import pyarrow as pa  # imported here, because pyarrow need not be installed
 
     element = kind.removeprefix("list<").removesuffix(">")
@@ -203,6 +208,7 @@ def _numbers_of(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def _groups(rows: Iterator[dict[str, Any]], size: int) -> Iterator[list[dict[str, Any]]]:
+    """Yield lists of up to ``size`` consecutive rows."""
     group = list(islice(rows, size))
     while group:
         yield group
@@ -312,6 +318,11 @@ def _read(
 
 
 def _parameter_units(schema: pa.Schema) -> dict[str, str]:
+    """Return the unit of each parameter or stiffness from the schema of a batch's table.
+
+    The unit of the parameter C_XXX is stored with the column C_XXX.mean. The keys of the result are
+    the names of the parameters.
+    """
     units: dict[str, str] = {}
     for field in schema:
         parameter, _, column = field.name.rpartition(".")

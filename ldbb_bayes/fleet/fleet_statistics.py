@@ -222,6 +222,11 @@ def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
 
 
 def _reference_force(rows: pd.DataFrame, reference_force_N: float | None) -> float:
+    """Return the force [N] for which the compliances are given.
+
+    By default, it is the median of the reference forces in ``rows``. Raise an `InputError` if the
+    user gives a force that is negative or not finite.
+    """
     if reference_force_N is None:
         reference_force_N = np.median(rows["reference_force_N"])
     force = float(reference_force_N)

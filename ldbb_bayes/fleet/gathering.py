@@ -72,6 +72,7 @@ def _expand_all(entries: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
 
 
 def _is_list(path: str) -> bool:
+    """Return whether a path, as the user wrote it, names a text file that lists campaigns."""
     return path.startswith("@") or (path.lower().endswith(".txt") and os.path.isfile(path))
 
 
@@ -110,10 +111,12 @@ def _expand_folder(path: str) -> list[str]:
 
 
 def _has_toml(folder: str) -> bool:
+    """Return whether a folder contains a file campaign.toml."""
     return os.path.isfile(os.path.join(folder, TOML_NAME))
 
 
 def _may_be_campaign(path: str) -> bool:
+    """Return whether a path is a campaign folder, or a file, which may hold a campaign."""
     return _has_toml(path) or os.path.isfile(path)
 
 

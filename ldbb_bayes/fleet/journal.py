@@ -112,6 +112,7 @@ def _check_folder(out: Path) -> None:
 
 
 def _holds_batch(journal: sqlite3.Connection) -> bool:
+    """Return whether the journal, an SQLite database, has a record of a batch."""
     with suppress(sqlite3.Error):
         (count,) = journal.execute("SELECT count(*) FROM batch").fetchone()
         return bool(count > 0)
@@ -211,6 +212,11 @@ def begin_batch(
 def _check_same_identity(
     out: Path, identity_there: Mapping[str, Any], identity_here: Mapping[str, Any]
 ) -> None:
+    """Raise an `InputError` if an option or version differs between this run and the batch.
+
+    ``identity_there`` are the options and versions with which the batch in the folder ``out`` was
+    begun; ``identity_here`` are those of this run.
+    """
     for name in sorted({*identity_there, *identity_here}):
         if identity_there.get(name) != identity_here.get(name):
             value_there = _shown(identity_there.get(name))
@@ -223,10 +229,16 @@ def _check_same_identity(
 
 
 def _shown(value: Any) -> Any:
+    """Return a value for an error message: the word nothing if the value is None."""
     return "nothing" if value is None else value
 
 
 def _check_same_campaigns(journal: sqlite3.Connection, out: Path, jobs: Sequence[Job]) -> None:
+    """Raise an `InputError` unless the batch in the journal has exactly the campaigns of this run.
+
+    ``jobs`` are the campaigns of this run, in order of their numbers, and ``out`` is the folder of
+    the batch.
+    """
     query = "SELECT place FROM campaigns ORDER BY number"
     paths_there = [path for (path,) in journal.execute(query)]
     paths_here = [job.absolute_path for job in jobs]

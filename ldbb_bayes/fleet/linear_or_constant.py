@@ -87,4 +87,5 @@ def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float
 
 
 def _log_ratio(linear: _LogEvidence, constant: _LogEvidence) -> EvidenceRatio:
+    """Return the log Bayes factor of linear over constant compliance; the errors are added."""
     return EvidenceRatio(linear.value - constant.value, linear.error + constant.error)

@@ -243,6 +243,7 @@ class Population(Result):
         return tuple(ranked(flagged, self._largest_z))
 
     def _largest_z(self, name: str) -> float:
+        """Return the largest absolute deviation (attribute ``z``) of a machine's parameters."""
         return max(abs(z) for z in self.machine[name].z.values())
 
     def as_dict(self) -> dict[str, Any]:
@@ -300,6 +301,7 @@ class Population(Result):
 
 @with_words.register
 def _population_record(result: Population) -> dict[str, Any]:
+    """Return the content of population.json: result, sentences, and a SHA-256 digest of both."""
     record = result.as_dict() | {"doubts": list(population_doubts(result))}
     return {**record, "sha256": digest_of(json.loads(json_text(record)))}
 
@@ -328,6 +330,12 @@ def _population_parts(result: Population) -> tuple[Table | str, ...]:
 
 
 def _table_row(name: str, parameter: PooledParameter) -> list[str]:
+    """Return the row of a parameter in the printed table of a population.
+
+    The row holds the name of the parameter, its unit, its mean, the part of the mean's expanded
+    uncertainty U that is due to the instrument, its spread with credible interval, and the
+    prediction for a further machine.
+    """
     factor, unit = display_unit(parameter.unit)
     common = _NOTHING
     if parameter.instrument_sd > 0.0:
@@ -346,6 +354,10 @@ def _table_row(name: str, parameter: PooledParameter) -> list[str]:
 
 
 def _without_unit(summary: Summary, unit: str) -> str:
+    """Return mean and uncertainty of a distribution as text, in the display unit but without it.
+
+    ``unit`` is the internal unit of the distribution.
+    """
     _, shown_unit = display_unit(unit)
     stated = plus_minus(summary.mean, summary.sd, summary.interval, unit)
     return stated.removesuffix(f" {shown_unit}")
@@ -693,6 +705,7 @@ def _pool_machines(
 
 
 def _of_machine(moments: _Moments, m: int) -> _Moments:
+    """Return the moments of the parameters of the machine with the index ``m``."""
     return _Moments(moments.mean[m], moments.sd[m], moments.interval[:, m])
 
 

@@ -232,6 +232,10 @@ def read_population_prior(path: str | os.PathLike[str]) -> PopulationPrior:
 
 
 def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
+    """Return the prior for a further machine, from the content of the file population.json.
+
+    Raise a ValueError if the file does not hold a population, or has been edited.
+    """
     is_population = record["kind"] == "population" and record["schema"] == 1
     if not is_population or record["sha256"] != digest_of(record):
         raise ValueError(

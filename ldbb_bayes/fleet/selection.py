@@ -204,6 +204,7 @@ def labels(rows: pd.DataFrame) -> list[str]:
 
 
 def _is_text(value: Any) -> bool:
+    """Return whether a cell of a table holds a text; a missing text is NaN or None."""
     return isinstance(value, str)
 
 
@@ -238,6 +239,7 @@ def _names(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _last_part(path: str) -> str:
+    """Return the last part of a file path, such as machine_1 for campaigns/machine_1/."""
     return os.path.basename(path.rstrip("/"))
 
 
@@ -260,6 +262,10 @@ def _is_undated_or_before(rows: pd.DataFrame, since: str | None) -> pd.Series[bo
 
 
 def _is_earlier(date: Any, first: datetime) -> bool:
+    """Return whether a campaign's date is before the date ``first``.
+
+    A campaign without a valid date also counts as earlier.
+    """
     if not isinstance(date, str):
         return True
     try:

@@ -418,5 +418,10 @@ def _draw_about(
 
 
 def _weight_draws(spread: Array, log_weight: Array, mode: Array) -> Spreads:
+    """Return k draws of the spreads s with Pareto-smoothed weights.
+
+    ``spread`` are the draws, shape (k, c), and ``log_weight`` the logarithms of their importance
+    weights, shape (k,). ``mode`` is the mode of the density of ln s, shape (c,).
+    """
     weight, pareto_k, good_k = pareto_smooth(log_weight)
     return Spreads(spread, log_weight, weight, pareto_k, good_k, mode)

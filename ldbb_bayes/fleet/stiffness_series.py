@@ -85,6 +85,11 @@ def stiffness_series(
 
 
 def _visit(name: str, campaign: str, row: pd.Series) -> StiffnessOfVisit:
+    """Return the stiffness ``name`` from one campaign alone.
+
+    ``row`` is the campaign's row in the table of a batch, and ``campaign`` is its label. The name
+    of the stiffness is, for example, k_min; its columns are k_min.mean, k_min.sd and so on.
+    """
     sd = _number(row[f"{name}.sd"])
     return StiffnessOfVisit(
         campaign=campaign,
@@ -98,10 +103,12 @@ def _visit(name: str, campaign: str, row: pd.Series) -> StiffnessOfVisit:
 
 
 def _number(value: float | None) -> float | None:
+    """Return the number in a cell of a table; None if the cell is empty."""
     return None if pd.isna(value) else float(value)
 
 
 def _unit_of(name: str) -> str:
+    """Return the unit of a quantity of stiffness by direction; empty for a ratio."""
     if name.startswith("k_ratio"):
         return ""
     if name.startswith("k_"):

@@ -121,6 +121,7 @@ class ParameterChange(Result):
 
 
 def _isoformat(date: datetime | None) -> str | None:
+    """Return a date as a string in ISO 8601; None if there is no date."""
     return None if date is None else date.isoformat()
 
 
@@ -266,6 +267,7 @@ def _table_row(name: str, parameter: ParameterChange) -> list[str]:
 
 @with_words.register
 def _trend_record(trend: Trend) -> dict[str, Any]:
+    """Return the content of trend.json: the result, and sentences on its findings and caveats."""
     doubts = [caveat_words(caveat) for caveat in trend.caveats]
     return trend.as_dict() | {"doubts": doubts, "verdict": list(trend_sentences(trend))}
 
@@ -418,6 +420,10 @@ def find_trend(
 
 
 def _check_option(name: str, value: float, *, below_one: bool = False) -> None:
+    """Raise an `InputError` unless the option ``name`` is above zero and finite.
+
+    If ``below_one`` is true, the value must also be below 1.
+    """
     if below_one and not 0.0 < value < 1.0:
         raise InputError(f"{name} must be above 0 and below 1, got {value:g}. Correct it.")
     if not 0.0 < value < np.inf:
@@ -483,6 +489,7 @@ def _order_in_time(statistics: FleetStatistics) -> list[int]:
 
 
 def _caveats_of_series(statistics: FleetStatistics) -> list[Caveat]:
+    """Return the caveats of the likelihoods, and caveats on the number and dates of campaigns."""
     caveats = list(statistics.caveats)
     if all(date is None for date in statistics.dates):
         caveats.append(Caveat(CaveatKind.NO_DATES))
@@ -513,6 +520,14 @@ def _parameter_changes(
     chart: ChartPoints,
     prob: float,
 ) -> dict[str, ParameterChange]:
+    """Return the possible step and the present level of every parameter.
+
+    The keys are the names of the p parameters. ``posteriors`` are the Gaussian distributions of
+    levels, instrument errors and step under every hypothesis (see `hypotheses`), and
+    ``probabilities`` are the posterior probabilities of the hypotheses, shape (r, n, p). ``chart``
+    holds the points and limits of the control chart. ``prob`` is the probability of the credible
+    intervals.
+    """
     levels = current_levels(posteriors, probabilities, prob=prob)
     changes = {}
     for j, name in enumerate(statistics.parameters):

@@ -38,6 +38,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:
+        """Call the function while BLAS is limited to a single thread."""
         with threadpool_limits(1, user_api="blas"):
             return function(*args, **kwargs)
 

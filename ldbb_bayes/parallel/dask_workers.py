@@ -163,6 +163,10 @@ class _DaskExecutor(Executor):
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
     def _call_in_worker(self, call: Callable[[], Any]) -> Any:
+        """Make a call in a Dask worker, and return its result or raise its error.
+
+        If the worker or the connection to it fails, raise a BrokenExecutor instead.
+        """
         dask_future = self._client.submit(call, pure=False)
         try:
             return dask_future.result()

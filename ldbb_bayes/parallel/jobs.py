@@ -92,6 +92,7 @@ def done(
     finished: SimpleQueue[Future[R]] = SimpleQueue()
 
     def submit(attempt: _Attempt[T]) -> None:
+        """Submit an attempt at a job; its future is put into ``finished`` when it ends."""
         future = _submit(partial(_run_in_turn, function, attempt.job), executor)
         in_flight[future] = attempt
         future.add_done_callback(finished.put)
@@ -148,6 +149,7 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
     future = executor.submit(call)
 
     def result() -> R:
+        """Wait for the result from the other process; if the call failed there, call it here."""
         with suppress(Exception):
             return future.result()
         return call()
@@ -156,6 +158,7 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
 
 
 def _limit_in_flight(executor: Executor | None) -> int:
+    """Return how many jobs may be submitted to an executor and not yet finished."""
     if executor is None:
         return 1
     workers: int = getattr(executor, "workers", 0)
@@ -163,6 +166,7 @@ def _limit_in_flight(executor: Executor | None) -> int:
 
 
 def _submit(call: Callable[[], R], executor: Executor | None) -> Future[R]:
+    """Return a future that will hold the result of a call; without an executor, call at once."""
     if executor is not None:
         return executor.submit(call)
     future: Future[R] = Future()
@@ -174,11 +178,13 @@ def _submit(call: Callable[[], R], executor: Executor | None) -> Future[R]:
 
 
 def _run_in_turn(function: Callable[[T], R], job: T) -> R:
+    """Run a job in this thread, with one BLAS thread and while no other thread runs a job."""
     with _TURN, threadpool_limits(1):
         return function(job)
 
 
 def _error_of(future: Future[R]) -> BaseException | None:
+    """Return the error of a finished or cancelled future; None if it has a result."""
     if future.cancelled():
         return BrokenExecutor("cancelled")
     return future.exception()
