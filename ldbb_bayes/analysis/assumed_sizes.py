@@ -30,7 +30,7 @@ class AssumedSize:
     """Largest prior standard deviation among those coefficients of an effect that share a unit."""
 
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
-    sd: float  #: prior standard deviation of ``source``
+    sd: float  #: prior standard deviation of the coefficient or noise ``source``
     unit: str  #: internal unit of ``sd``
     #: whether another coefficient of the same effect, in the same unit, has a smaller prior
     #: standard deviation

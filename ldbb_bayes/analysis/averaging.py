@@ -219,6 +219,7 @@ def average(
 
 
 def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
+    """Raise an `InputError` unless there are models, and enough draws of their average."""
     require_models(models)
     require(
         draws >= _FEWEST_DRAWS,

@@ -76,7 +76,7 @@ class Contribution:
     #: standard uncertainty of the source, in the unit ``unit``; None if the source has no single
     #: standard uncertainty, for example if it consists of several coefficients
     u: float | None
-    unit: str  #: unit of ``u``
+    unit: str  #: unit of ``u``, the standard uncertainty of the source
     #: change of the parameter's estimate per unit of the source. For noise, it is the ratio of
     #: ``contribution`` to ``u``, which is always positive. None if ``u`` is None.
     sensitivity: float | None
@@ -153,7 +153,7 @@ class _ModelBudget:
 
     @property
     def bound(self) -> BoundModel:
-        """The model for the conditions of the campaign's tests."""
+        """The model applied to the tests of the campaign."""
         return self.model.bound
 
 

@@ -276,6 +276,7 @@ class _Hysteresis(NamedTuple):
     proportional: Array
 
     def at_force(self, force_N: float) -> Array:
+        """Return draws of the hysteresis at a force of the bar [N], shape (draws, 25) [mm]."""
         return self.constant + force_N * self.proportional
 
 

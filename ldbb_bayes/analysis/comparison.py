@@ -471,6 +471,7 @@ class _StepCounter:
         self.done = 0
 
     def __call__(self) -> None:
+        """Count one more step as done, and report the number of steps done."""
         self.done += 1
         self.progress(self.done, self.total)
 
@@ -570,8 +571,8 @@ def compare(
         left_out_nodes = leave_one_out(
             nodes_by_model, tolerance=evidences.tolerance, progress=evidences.progress
         )
-    scaled = sensitivity.under(plan.pair, plan.by_slope_scale, evidences.of)
-    unchanged = sensitivity.under(plan.pair, plan.unchanged, evidences.of)
+    scaled = sensitivity.compare_under(plan.pair, plan.by_slope_scale, evidences.of)
+    unchanged = sensitivity.compare_under(plan.pair, plan.unchanged, evidences.of)
     explanations = None
     if plan.has_rival_explanations:
         explanations = rival_explanations.compare_explanations(plan.pair, evidences)
@@ -617,6 +618,12 @@ def compare(
 def _check_models(
     models: Mapping[str, HybridModel], campaign: Campaign, evidences: Evidences
 ) -> None:
+    """Raise an `InputError` if the models cannot be compared by evidence for this campaign.
+
+    There must be at least two models. No two of them may be equal, each must have a proper prior,
+    and the campaign must have readings. The tolerance of ``evidences`` must be between 0.0001 and
+    1 nat.
+    """
     require_models(models)
     require_campaign(campaign)
     require(
@@ -655,7 +662,7 @@ def _plan_comparison(
     largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
     linear = largest.with_degree(min(largest.degree, 1))
     by_slope_scale = _models_by_slope_scale(pair)
-    by_assumption = sensitivity.changed(
+    by_assumption = sensitivity.pairs_by_change(
         pair.values(), sensitivity.discrepancy_assumptions(pair.values())
     )
     # The first entry of ``by_assumption`` holds the two models as they are, with the assumption
@@ -693,7 +700,7 @@ def _models_by_slope_scale(
     if any(model.degree for model in pair.values()):
         for scale in SLOPE_SCALES:
             changes[f"slope scale {scale:g}"] = _change_of_slope_scale(scale)
-    return sensitivity.changed(pair.values(), changes)
+    return sensitivity.pairs_by_change(pair.values(), changes)
 
 
 def _change_of_slope_scale(scale: float) -> sensitivity.Change:
@@ -703,6 +710,7 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
     """
 
     def change(model: HybridModel) -> HybridModel:
+        """Return a copy of the model whose prior of the slopes has the scale ``scale``."""
         return model.with_slope_scale(scale)
 
     return change
@@ -785,7 +793,7 @@ def _weigh_assumptions(
     returned.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
-    return sensitivity.under(names, assumptions, weigh), evidences.every
+    return sensitivity.compare_under(names, assumptions, weigh), evidences.every
 
 
 def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:

@@ -138,25 +138,29 @@ def _change_of(curves: ForceCurves, draws: CurveDraws, prob: float) -> ChangeWit
     ``draws`` holds the values of the curve at the smallest, the reference and the largest force.
     ``prob`` is the probability of the credible intervals.
     """
-    at_reference = _value_of(draws.at_reference, prob)
+    at_reference = _summary_of(draws.at_reference, prob)
     relative = None
     if at_reference.ci_low > 0.0 or at_reference.ci_high < 0.0:
-        relative = _value_of(draws.change / draws.at_reference, prob)
+        relative = _summary_of(draws.change / draws.at_reference, prob)
     return ChangeWithForce(
         unit=draws.unit,
         prob=prob,
         smallest_force_N=curves.smallest_force_N,
         reference_force_N=curves.reference_force_N,
         largest_force_N=curves.largest_force_N,
-        at_smallest=_value_of(draws.at_smallest, prob),
+        at_smallest=_summary_of(draws.at_smallest, prob),
         at_reference=at_reference,
-        at_largest=_value_of(draws.at_largest, prob),
-        change=_value_of(draws.change, prob),
+        at_largest=_summary_of(draws.at_largest, prob),
+        change=_summary_of(draws.change, prob),
         relative=relative,
         probability_of_increase=float(np.mean(draws.change > 0.0)),
         probability_of_decrease=float(np.mean(draws.change < 0.0)),
     )
 
 
-def _value_of(draws: Array, prob: float) -> DrawnValue:
+def _summary_of(draws: Array, prob: float) -> DrawnValue:
+    """Return mean, sd, median and credible interval of a quantity's posterior draws.
+
+    ``draws`` has the shape (draws,), and ``prob`` is the probability of the equal-tailed interval.
+    """
     return DrawnValue(**interval_numbers(draws, prob))

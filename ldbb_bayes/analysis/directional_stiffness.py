@@ -235,6 +235,11 @@ class DirectionalStiffness(Result):
 
 
 def _rows_of_plane(plane: PlaneStiffness) -> list[dict[str, object]]:
+    """Return the rows of the stiffness table for one plane at one force.
+
+    There is one row for each stiffness, compliance and direction; the keys of a row are names of
+    columns.
+    """
     values = {"k_min": plane.least, "k_max": plane.greatest, "k_ratio": plane.ratio}
     rows = [_row_of_value(name, value) for name, value in values.items()]
     directions = {
@@ -250,12 +255,21 @@ def _rows_of_plane(plane: PlaneStiffness) -> list[dict[str, object]]:
 
 
 def _row_of_axis(name: str, axis: PrincipalAxis) -> dict[str, object]:
+    """Return the table row of a principal stiffness in space, such as ``k_1``, and its axis.
+
+    The keys are names of columns. The columns x, y, z and cone_deg describe the axis.
+    """
     x, y, z = axis.direction
     direction = {"x": x, "y": y, "z": z, "cone_deg": axis.cone_deg}
     return _row_of_value(name, axis.stiffness) | direction
 
 
 def _row_of_value(name: str, value: StatedValue) -> dict[str, object]:
+    """Return the table row of a stiffness or compliance; the keys are names of columns.
+
+    ``name`` is the name of the quantity. A quantity counts as determined if both ends of its
+    credible interval are determined by the readings.
+    """
     return {
         "quantity": name,
         "unit": value.unit,
@@ -270,6 +284,11 @@ def _row_of_value(name: str, value: StatedValue) -> dict[str, object]:
 
 
 def _row_of_direction(name: str, direction: AxialDirection) -> dict[str, object]:
+    """Return the table row of a direction in a plane; the keys are names of columns.
+
+    ``name`` is the name of the direction, such as "stiffest direction". The median is not computed;
+    the mean direction is stated in its place.
+    """
     return {
         "quantity": name,
         "unit": "deg",
@@ -454,14 +473,14 @@ def _plane_stiffness(
         compliance_high=band[1],
         least=_stated_stiffness(extremes.largest, prob),
         greatest=_stated_stiffness(extremes.smallest, prob),
-        ratio=_stated("", _ratio(extremes), prob, _hardly_positive(extremes.smallest, prob)),
+        ratio=_stated_value("", _ratio(extremes), prob, _hardly_positive(extremes.smallest, prob)),
         softest=_direction(ANGLE_RAD[extremes.index_of_largest], prob),
         stiffest=_direction(ANGLE_RAD[extremes.index_of_smallest], prob),
         principal_axis=_direction(principal_rad, prob),
         cross_name=cross_name,
         cross=cross,
         difference_name=f"{first.name} − {second.name}",
-        difference=_stated("mm/N", first.draws - second.draws, prob),
+        difference=_stated_value("mm/N", first.draws - second.draws, prob),
     )
 
 
@@ -496,7 +515,7 @@ def _cross(
     """
     for k, compliance in enumerate(bound.compliances):
         if compliance.kind == "cross" and {compliance.twist, compliance.wrench} == set(plane):
-            return compliance.label, _stated("mm/N", compliances[:, k], prob)
+            return compliance.label, _stated_value("mm/N", compliances[:, k], prob)
     return "", None
 
 
@@ -566,10 +585,14 @@ def _stated_stiffness(compliance: Array, prob: float) -> StatedValue:
     If the compliance may be nearly zero, only the lower end of the stiffness's credible interval is
     determined; the result states this. ``prob`` is the probability of the interval.
     """
-    return _stated("N/mm", _inverse(compliance), prob, _hardly_positive(compliance, prob))
+    return _stated_value("N/mm", _inverse(compliance), prob, _hardly_positive(compliance, prob))
 
 
 def _inverse(compliance: Array) -> Array:
+    """Return draws of a stiffness from draws of a compliance, shape (draws,).
+
+    Draws of the compliance near or below zero are first replaced by a small positive value.
+    """
     return np.asarray(1.0 / _above_zero(compliance))
 
 
@@ -590,11 +613,25 @@ def _above_zero(compliance: Array) -> Array:
 
 
 def _hardly_positive(compliance: Array, prob: float) -> bool:
+    """Return whether the readings hardly show that a compliance is positive.
+
+    This is the case if the lower end of its credible interval is at most a small share of its
+    median. ``compliance``, shape (draws,), are posterior draws, and ``prob`` is the probability of
+    the equal-tailed interval.
+    """
     low, median = np.quantile(compliance, [0.5 * (1.0 - prob), 0.5])
     return bool(low <= _HARDLY_POSITIVE * median)
 
 
-def _stated(unit: str, draws: Array, prob: float, only_lower_limit: bool = False) -> StatedValue:
+def _stated_value(
+    unit: str, draws: Array, prob: float, only_lower_limit: bool = False
+) -> StatedValue:
+    """Return a quantity with its uncertainties and credible interval, from posterior draws.
+
+    ``draws``, shape (draws,), are in the unit ``unit``, and ``prob`` is the probability of the
+    equal-tailed interval. ``only_lower_limit`` says that the readings determine only the lower end
+    of the interval.
+    """
     numbers = interval_numbers(draws, prob)
     return StatedValue(
         unit=unit,

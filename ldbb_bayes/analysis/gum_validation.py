@@ -126,13 +126,15 @@ class GumValidation(Result):
     (2, True)
     """
 
-    prob: float  #: probability of the intervals
+    prob: float  #: probability of the coverage intervals
     #: number of significant digits of the standard uncertainty that are regarded as meaningful
     digits: int
     #: posterior probability of the model to which the law of propagation is applied; 1 unless the
     #: posterior is an average over models
     probability_of_model: float
-    parameters: dict[str, GumComparison]  #: comparisons; the keys are the names of the parameters
+    #: the two coverage intervals of each parameter, by the law of propagation and by the posterior;
+    #: the keys are the names of the parameters
+    parameters: dict[str, GumComparison]
 
     @property
     def validated(self) -> tuple[str, ...]:

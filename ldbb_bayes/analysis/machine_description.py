@@ -152,6 +152,7 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
 
 
 def _check_circles(machine: Machine, circles: Sequence[Circle]) -> None:
+    """Raise an `InputError` if a circle is far from the machine, or in a plane it does not have."""
     largest = max(np.abs(circle.centre_mm).max() for circle in circles)
     require(
         largest <= LARGEST_MM,
@@ -303,6 +304,10 @@ def _monomials(values: Array, degree: int) -> list[_Monomial]:
 
 
 def _write_power(letter: str, power: int) -> str:
+    """Return a power as text, such as ``c²`` for the letter "c" and the power 2.
+
+    The text is empty for the power 0.
+    """
     if power == 0:
         return ""
     return letter + _EXPONENTS[power]

@@ -51,12 +51,14 @@ MEASURED_SD_RATIO = 0.5
 
 
 class Origin(StrEnum):
-    """Where the standard uncertainty of a source comes from."""
+    """Origin of the standard uncertainty of a source: measured, stated or assumed."""
 
-    MEASURED = "measured here"  #: the readings of this campaign determine the standard uncertainty
-    #: the standard uncertainty is that of a certificate, or of a prior that the user gave
+    #: the readings of this campaign determine the standard uncertainty of the source
+    MEASURED = "measured here"
+    #: a certificate, or a prior that the user gave, states the standard uncertainty of the source
     STATED = "stated"
-    ASSUMED = "assumed"  #: the standard uncertainty is that of a default prior
+    #: the standard uncertainty of the source is that of a default prior
+    ASSUMED = "assumed"
 
 
 def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str], Origin]:
@@ -194,6 +196,11 @@ def _edition(bound: BoundModel) -> HybridModel:
 
 @cache
 def _edition_of(preset: str, degree: int) -> HybridModel:
+    """Return the ready-made model ``HybridModel.default`` or ``HybridModel.first``.
+
+    ``preset`` is the name of a ready-made model. For every name except "default", the result is
+    ``HybridModel.first``. ``degree`` is the degree of the compliances as polynomials of force.
+    """
     if preset == "default":
         return HybridModel.default(degree)
     return HybridModel.first(degree)

@@ -56,7 +56,8 @@ class Remedy(Result):
     circles: int  #: number of circles that the remedy adds; 0 for a certificate
     #: standard uncertainty of the parameter that remains after the remedy, in internal units
     sd: float
-    ratio: float  #: ``sd`` divided by the standard uncertainty without the remedy
+    #: standard uncertainty with the remedy (``sd``) divided by that without the remedy
+    ratio: float
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,14 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.terms import CircleScale, Discrepancy, SetupShift, Term
 from ldbb_bayes.results import Finite
 
-__all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptions", "under"]
+__all__ = [
+    "WHITE_NOISE",
+    "Assumed",
+    "Change",
+    "compare_under",
+    "discrepancy_assumptions",
+    "pairs_by_change",
+]
 
 # Function that takes a model and returns a copy of the model with another assumption, for example
 # about the random differences between circles.
@@ -94,6 +101,7 @@ def _term_of_kind(model: HybridModel, kind: type[Term]) -> Term | None:
 
 
 def _leave_unchanged(model: HybridModel) -> HybridModel:
+    """Return the model itself: the assumption is the one that the model makes."""
     return model
 
 
@@ -105,6 +113,7 @@ def _change_to(alternative: _Alternative) -> Change:
     """
 
     def change(model: HybridModel) -> HybridModel:
+        """Return a copy of the model with the term of ``alternative``, or without such a term."""
         if alternative.term is None:
             return model.without(alternative.kind.key())
         return model.with_term(alternative.term)
@@ -113,17 +122,21 @@ def _change_to(alternative: _Alternative) -> Change:
 
 
 def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
+    """Return a copy with white noise only, in which compliances may be negative.
+
+    All nuisance terms of the model are left out.
+    """
     return model.without("truncation", *(kind.key() for kind in Term.kinds.values()))
 
 
-def changed(
+def pairs_by_change(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Change the two models ``pair``, separately for each of several assumptions.
+    """Return changed copies of the two models ``pair``, one pair of copies for each change.
 
-    The keys of the result are the labels of the assumptions; each value holds the two models under
-    this assumption. ``changes`` holds the assumptions, as returned by `discrepancy_assumptions`. An
-    assumption is left out if it makes the two models equal.
+    ``changes`` holds functions that take a model and return a copy with another assumption or
+    another prior, for example from `discrepancy_assumptions`. The keys of ``changes`` and of the
+    result are labels of the changes. A change is left out if it makes the two models equal.
     """
     pair = tuple(pair)
     pairs = {}
@@ -134,7 +147,7 @@ def changed(
     return pairs
 
 
-def under(
+def compare_under(
     names: Iterable[str],
     assumptions: Mapping[str, Sequence[HybridModel]],
     weigh: Callable[..., Sequence[Nodes]],
@@ -148,7 +161,8 @@ def under(
     names : iterable of str
         Names of the two models.
     assumptions : mapping of str to sequence of HybridModel
-        The two models under each assumption, from `changed`; the keys are labels of assumptions.
+        The two models under each assumption, from `pairs_by_change`; the keys are labels of
+        assumptions.
     weigh : callable
         Function that takes models as arguments and returns, for each model, the quadrature nodes
         (weighted values of the hyper-parameters) of its posterior. The nodes hold the evidence of

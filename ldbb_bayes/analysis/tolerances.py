@@ -81,6 +81,7 @@ class Tolerance(Shown):
     upper: float | None = None  #: upper limit of the tolerance; None if it has no upper limit
 
     def __post_init__(self) -> None:
+        """Raise an `InputError` if there is no limit, or if the lower limit is not the smaller."""
         low, high = self.ends
         require(
             low < high,

@@ -156,6 +156,11 @@ class TriedCures:
         return len(changed.campaign.tests) - len(self.bound.campaign.tests)
 
     def _information(self, changed: BoundModel) -> Information:
+        """Return the linear model of the readings of a campaign to which remedies were applied.
+
+        ``changed`` is the model applied to this campaign. The hyper-parameters keep the values that
+        they have for the campaign without remedies.
+        """
         carried = changed.hyper_prior.carried(self.bound.hyper_prior, self.phi)
         return information_of(changed, carried)
 

@@ -52,7 +52,9 @@ class Reason(Result):
     """Reason why values on a test certificate cannot be used, or must be used with caution."""
 
     kind: ReasonKind
-    names: tuple[str, ...] = ()  #: names of the parameters or tests that the reason is about
+    #: names of the parameters or tests whose results the reason concerns; empty if it concerns all
+    #: results
+    names: tuple[str, ...] = ()
     #: model terms or parameters that the readings cannot distinguish from the parameters in
     #: ``names``
     partners: tuple[str, ...] = ()
@@ -204,4 +206,5 @@ def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
 
 
 def _has_concern(fit: Fit, kind: ConcernKind) -> bool:
+    """Return whether a fit raises at least one concern of the given kind."""
     return any(concern.kind == kind for concern in fit.concerns)

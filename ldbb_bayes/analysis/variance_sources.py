@@ -159,6 +159,11 @@ class ModelVariance:
         return self._scaled(self._variance(_without_noise(information, noises), known))
 
     def _variance(self, information: Information, known: Sequence[str] = ()) -> Array:
+        """Return the variances of the q quantities in the linear Gaussian model, shape (q,).
+
+        ``information`` is the linear model of the readings. ``known`` are the names of effects that
+        are taken to be known exactly: class names of model terms, or names of coefficients.
+        """
         covariance = information.covariance(known)
         return np.einsum("qi,ij,qj->q", self.weights, covariance, self.weights)
 

@@ -133,10 +133,17 @@ def slope_subsets(
         Seed of the random draws from which the curves C(F) are computed.
     prob : float
         Probability of the credible intervals of the curves.
+
+    Returns
+    -------
+    AveragedSlopes
+        Probability of the slope of each compliance, probability of each subset of slopes, and the
+        curve C(F) of each compliance, averaged over the subsets.
     """
     slope_names = _slope_names(model, evidences.campaign)
 
     def weigh(choice: Choice) -> Nodes:
+        """Return the posterior of the model with one subset of slopes, and its evidence."""
         fixed = [
             slope for slope, varies in zip(slope_names.values(), choice, strict=True) if not varies
         ]
@@ -190,6 +197,7 @@ def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, N
     expanded: set[Choice] = set()
 
     def log_evidence(choice: Choice) -> float:
+        """Return the log evidence of the model with a subset of slopes [nat]."""
         return weighed[choice].evidence.log_value
 
     while len(weighed) < _SEARCHED_SUBSETS and len(expanded) < len(weighed):

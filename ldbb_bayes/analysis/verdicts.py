@@ -560,8 +560,8 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
-    # The changes are taken from ``bound``, because this model has all parameters that occur in any
-    # of the averaged models.
+    # The changes of compliances with force are computed from ``bound``, because this model has all
+    # parameters that occur in any of the averaged models.
     phi = np.concatenate([model.phi for model in models]).mean(axis=0)
     all_changes = curve_changes(bound, information_of(bound, phi))
     variances = [_variance_of_model(model, all_changes) for model in models]

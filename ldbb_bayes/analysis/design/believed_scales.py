@@ -97,7 +97,7 @@ class _Belief(NamedTuple):
     probability.
     """
 
-    mean: Array  # means of the scores, shape (K, h)
+    mean: Array  # posterior means of the h scores, for K machines, shape (K, h)
     root: Array  # symmetric square roots of the scores' covariance matrices, shape (K, h, h)
 
 
@@ -113,16 +113,16 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
-    # Each matrix that `_along` returns below has the eigenvectors of the symmetric information
-    # matrix. The signs and the order of the eigenvectors are arbitrary, but do not change these
-    # matrices.
-    weight = _along(axes, size / (size + 1.0))
-    noise = _along(axes, np.sqrt(size) / (size + 1.0))
+    # Each of the three matrices computed below has the same eigenvectors as the information matrix,
+    # but other eigenvalues. The signs and the order of the eigenvectors are arbitrary, but do not
+    # change the three matrices.
+    weight = _matrices_with(axes, size / (size + 1.0))
+    noise = _matrices_with(axes, np.sqrt(size) / (size + 1.0))
     mean = np.einsum("kij,kj->ki", weight, truth) + np.einsum("kij,kj->ki", noise, error)
-    return _Belief(mean, _along(axes, 1.0 / np.sqrt(size + 1.0)))
+    return _Belief(mean, _matrices_with(axes, 1.0 / np.sqrt(size + 1.0)))
 
 
-def _along(axes: Array, values: Array) -> Array:
+def _matrices_with(axes: Array, values: Array) -> Array:
     """Return symmetric matrices with given eigenvectors and eigenvalues, shape (K, h, h).
 
     The columns of ``axes``, shape (K, h, h), are the eigenvectors; ``values``, shape (K, h), are
@@ -263,7 +263,8 @@ class _Effects(NamedTuple):
 
     # blocks of the design matrix: first the effects on all tests, then the effects on single tests
     blocks: list[_EffectBlock]
-    variances: Array  # variances of all C effects, shape (w, C)
+    # variances of all C effects, for each of w sets of hyper-parameters, shape (w, C)
+    variances: Array
     noise_variance: Array  # variance of the white noise for each of w sets of hyper-parameters
 
 
@@ -319,7 +320,11 @@ def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _EffectColu
 
 
 def _on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _EffectColumns:
-    """Return the effects on the readings of test ``r`` alone."""
+    """Return the design matrix of effects that change one test only, and their variances.
+
+    ``r`` is the index of the test. ``values`` holds w values of each hyper-parameter, by name;
+    lengths are in mm. The variances are computed for each of the w values.
+    """
     factor = bound.reduced[r].factor
     columns = [np.empty((len(factor), 0))]
     sds = [np.empty(0)]

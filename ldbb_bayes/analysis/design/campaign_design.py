@@ -264,6 +264,10 @@ class Design(Forecast):
         return planned.space.plan_of(planned.tests, seed=seed)
 
     def _require_planned(self) -> Planned:
+        """Return the recommended tests with their model and the tests to choose from.
+
+        Raise an `InputError` if the design was read from a file, which does not contain them.
+        """
         if not isinstance(self.planned, Planned):
             raise InputError(
                 "a design must be at hand, got one read from a file. Read the plan and the"
@@ -688,6 +692,11 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
 
 
 def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
+    """Return the certificate that states whether the shares of the candidate tests are the best.
+
+    ``optimum`` holds the shares, the sensitivities of the candidates and their bound. The shares
+    are the best if no sensitivity exceeds the bound by more than 0.01 %.
+    """
     highest = float(optimum.sensitivity.max())
     return Certificate(
         max_sensitivity=highest,

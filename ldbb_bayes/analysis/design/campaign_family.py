@@ -131,22 +131,28 @@ class CampaignFamily:
         if start is None:
             start = np.zeros(self.quick.candidates, dtype=int)
         counts = self.quick.best_counts(circles, start)
-        if self._has_levels(counts):
+        if self._has_enough_forces(counts):
             return counts
         best = counts
         best_distance = np.inf
-        donor = int(np.argmax(counts))
+        most_frequent = int(np.argmax(counts))
         for candidate in range(len(counts)):
-            moved = counts.copy()
-            moved[donor] -= 1
-            moved[candidate] += 1
-            distance = self.quick.distance(moved)
-            if self._has_levels(moved) and distance < best_distance:
-                best = moved
+            exchanged = counts.copy()
+            exchanged[most_frequent] -= 1
+            exchanged[candidate] += 1
+            distance = self.quick.distance(exchanged)
+            if self._has_enough_forces(exchanged) and distance < best_distance:
+                best = exchanged
                 best_distance = distance
         return best
 
-    def _has_levels(self, counts: Array) -> bool:
+    def _has_enough_forces(self, counts: Array) -> bool:
+        """Return whether the circles of a campaign have enough different forces.
+
+        One force is enough if compliances do not depend on force, or if the campaign is analysed
+        together with tests that have already been run. Otherwise, two are needed. ``counts`` is
+        the number of circles of each candidate test, shape (candidates,).
+        """
         forces = [float(test.force_N or 0.0) for test in self.tests_of(counts)]
         return len(distinct_forces(forces)) >= self._least_levels
 

@@ -61,6 +61,7 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
 
 
 def _number_of_angles(test: CircularTest) -> int:
+    """Return the number of angles at which the test has a reading."""
     return len(test.angle_deg)
 
 
@@ -167,6 +168,7 @@ def _tests_by_kind(
 
 
 def _planes_run_both_ways(tests: Sequence[CircularTest]) -> set[str]:
+    """Return the planes in which some tests run clockwise and others counterclockwise."""
     planes = set()
     for plane in PLANES:
         directions = {test.direction for test in tests if test.plane == plane}
@@ -335,12 +337,15 @@ def _random_blocks(
 
 
 def _setup(test: CircularTest) -> int:
+    """Return the number of the test's set-up; 1 if the test does not state it."""
     return test.setup or 1
 
 
 def _plane_and_radius(test: CircularTest) -> tuple[str, float]:
+    """Return the plane of the test's circle, and its radius [mm]."""
     return str(test.plane), float(test.radius_mm or 0.0)
 
 
 def _work_ball_deg(test: CircularTest) -> float:
+    """Return the angle by which the work ball is turned in its socket [°]."""
     return test.work_ball_deg

@@ -334,6 +334,7 @@ class _Search:
         return shares_of_machines(campaign.stated, self._goals)[""]
 
     def _is_met(self, campaign: FoundCampaign) -> bool:
+        """Return whether a campaign reaches all goals on enough of the possible machines."""
         return self._share_met(campaign) >= self._probability
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:

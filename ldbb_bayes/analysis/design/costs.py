@@ -46,6 +46,7 @@ class Costs(Result):
     hours: float | None = None  #: longest machine time of the campaign [h]; None for no limit
 
     def __post_init__(self) -> None:
+        """Raise an `InputError` for a negative time or price, or for a zero that is not allowed."""
         for name in (
             "minutes_per_circle",
             "minutes_per_setup",

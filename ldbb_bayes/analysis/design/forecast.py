@@ -561,8 +561,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     first = information_of(bound, phi[0])
     interest = first.interest
     size = len(first.names)
-    # A QR factorisation reduces the number of rows to the number of coefficients, without loss of
-    # information.
+    # The matrix of derivatives of the readings has one row for each reading. A QR factorisation
+    # reduces the number of rows to the number of coefficients, without loss of information.
     row_list = []
     for information in informations_of(bound, phi):
         row_list.append(np.linalg.qr(information.rows(), mode="r"))

@@ -289,7 +289,7 @@ class _Steps:
     done: int = 0
 
     def finish_one(self) -> None:
-        """Count one more step as done."""
+        """Count one more search or forecast as finished, and report this to the caller."""
         self.finish(self.done + 1)
 
     def finish(self, done: int) -> None:

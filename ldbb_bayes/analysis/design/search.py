@@ -108,6 +108,7 @@ def efficient_rounding(share: Array, tests: int) -> Array:
 
 
 def _always_feasible(_counts: Array) -> bool:
+    """Return True: every design is allowed, whatever its numbers of tests."""
     return True
 
 
@@ -336,7 +337,7 @@ class Search:
         return counts, value
 
     def _at_enough_forces(self, counts: Array, rng: np.random.Generator) -> Array:
-        """Return a design with tests at enough different forces.
+        """Return a design with tests at ``levels`` different forces (one or two) or more.
 
         ``counts`` holds the number of tests of each candidate in the original design. This design
         is returned unchanged if it has enough different forces. Otherwise, one of its tests is

@@ -233,6 +233,7 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
     scale = abs(objective.sensitivity(tests * initial)[1] @ initial) * tests
 
     def loss(share: Array) -> tuple[Any, Any]:
+        """Return the scaled negative criterion of some shares, and its derivatives, shape (n,)."""
         try:
             value, slope = objective.sensitivity(tests * np.maximum(share, 0.0))
         except np.linalg.LinAlgError:
@@ -240,9 +241,11 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
         return -value / scale, -tests * slope / scale
 
     def sum_minus_one(share: Array) -> Any:
+        """Return the sum of the shares minus one, which the solver makes zero."""
         return share.sum() - 1.0
 
     def gradient_of_sum(share: Array) -> Array:
+        """Return the derivatives of the sum of the shares: n ones, shape (1, n)."""
         return np.ones((1, len(share)))
 
     minimize: Any = optimize.minimize

@@ -98,7 +98,8 @@ class Space:
         # pilot with foreseen tests replaces the original pilot.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
-        # Call this check last, because it applies the model to the pilot stored above.
+        # Check the parameters of interest last. The check applies the model to the pilot, to which
+        # the foreseen tests must already have been added.
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
