@@ -62,4 +62,5 @@ def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
 
 
 def _count_numbers(row: Row) -> int:
+    """Return how many cells of a row hold a number, with or without a unit."""
     return sum(number_in_cell(cell) is not None for cell in row.cells)

@@ -349,6 +349,7 @@ def states_angles(text: str) -> bool:
 
 
 def _states_where_angles_begin(text: str) -> bool:
+    """Return whether a statement says that angles run clockwise or do not begin at +X."""
     if not _SUBJECT.search(text) or _OTHER_SUBJECT.search(text):
         return False
     is_turned = _ANGLE.search(text) is not None and "CW" in senses_in(text)
@@ -421,6 +422,10 @@ def _check_no_axis(recording: Recording, source: str | CitedLine, text: str) -> 
 
 
 def _unknown_zero(recording: Recording, source: str | CitedLine, shown: str) -> OpenQuestionError:
+    """Return the error for a text about the start of angles from which no axis can be read.
+
+    ``shown`` is the text, and ``source`` tells where it is, such as "line 3".
+    """
     return OpenQuestionError(
         f"{recording.place}: angles must begin at an axis, got {shown!r} in {source}. Say at which:"
         " --angle-zero +X, +Y, -X or -Y.",

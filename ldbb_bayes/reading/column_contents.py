@@ -212,6 +212,7 @@ def _free_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]
 
 
 def _names_plane(header: str) -> bool:
+    """Return whether a header has a word for plane, as in ``PlaneName``."""
     return any(_PLANE_WORD.fullmatch(word) for word in _WORDS.findall(header))
 
 

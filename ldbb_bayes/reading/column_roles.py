@@ -319,6 +319,10 @@ def heads_loads(cells: Sequence[str]) -> bool:
 
 
 def _is_word(cell: str) -> bool:
+    """Return whether a cell holds words: it is not empty, not a number and not a line of dashes.
+
+    A text in place of a missing number, such as NaN, does not count as words.
+    """
     if not cell or looks_like_number(cell) or is_missing(cell):
         return False
     return RULE.fullmatch(cell) is None

@@ -145,6 +145,11 @@ def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> f
 
 
 def _size_in(recording: Recording, role: str, unit: str, source: str | CitedLine) -> float:
+    """Return the size of a unit in the unit that this package uses for the role of a column.
+
+    For readings, for which the package uses µm, the size of mm is 1000. ``source`` says where the
+    unit is stated, such as "line 3". Raise an `InputError` for a unit unknown for this role.
+    """
     size = size_of_unit(role, unit)
     if size is None:
         if role == "reading":
@@ -179,14 +184,17 @@ def _check_sensitivity(recording: Recording, unit: str) -> None:
 
 
 def _option(role: str) -> str:
+    """Return the command-line option that states the unit of a column, such as --angle-unit."""
     return "--unit" if role == "reading" else f"--{role}-unit"
 
 
 def _listed(units: Sequence[str]) -> str:
+    """Return the different units as text for messages: ``mm and um``."""
     return " and ".join(dict.fromkeys(units))[:_UNIT_SHOWN]
 
 
 def _header_source(recording: Recording) -> str:
+    """Return a text for messages that says in which line the header of the table is."""
     return f"line {recording.heading.line}"
 
 
@@ -251,4 +259,5 @@ def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvi
 
 
 def _is_count(units: Sequence[str]) -> bool:
+    """Return whether all units are words for counts (digital steps of an instrument)."""
     return all(COUNT.fullmatch(comparable(unit)) is not None for unit in units)

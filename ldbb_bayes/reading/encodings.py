@@ -96,6 +96,10 @@ def _encoding_of_words(lines: Sequence[bytes]) -> str:
 
 
 def _guess_of_library(text: bytes) -> str:
+    """Return the encoding that charset_normalizer guesses for a text; cp1252 if it cannot guess.
+
+    A text with few bytes outside ASCII is too short for a guess and also gives cp1252.
+    """
     n_bytes = sum(byte > 127 for byte in text)
     if n_bytes >= _FEWEST_BYTES:
         match = charset_normalizer.from_bytes(text).best()

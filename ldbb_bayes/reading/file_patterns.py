@@ -52,6 +52,7 @@ def _path_of(text: str) -> Path:
 
 
 def _first_wild_part(path: Path) -> int | None:
+    """Return the index of the first part of a path that has ``*`` or ``?``; None if none has."""
     for k, name in enumerate(path.parts):
         if "*" in name or "?" in name:
             return k
@@ -86,6 +87,7 @@ def _matches_of(text: str, path: Path, wild_part: int) -> list[Path]:
 
 
 def _is_hidden(path: Path) -> bool:
+    """Return whether a file is hidden, or is a lock file of a spreadsheet program (``~$``)."""
     return path.name.startswith((".", "~$"))
 
 

@@ -181,6 +181,10 @@ def _unit_of_reading(header: str) -> str:
 
 
 def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
+    """Return what is known about the columns of a table without a header: neither names nor units.
+
+    ``block`` is the index of the row at which the numbers of the table begin.
+    """
     first = _first_row_without_header(sheet, block)
     empty = [""] * len(sheet.rows[block].cells)
     return _HeaderRows(0, first, first, empty, list(empty), {}, 0)
@@ -383,6 +387,10 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
 
 
 def _is_header(cells: Sequence[str]) -> bool:
+    """Return whether a row of cells is the header of a table, see `names_columns`.
+
+    A row with numbers above the columns of readings is also a header, see `heads_loads`.
+    """
     return names_columns(cells) or heads_loads(cells)
 
 

@@ -68,6 +68,7 @@ _LIST_SHOWN = 200
 
 
 def _campaign_in_json(campaign: Campaign) -> dict[str, Any]:
+    """Return the name, the number of tests and the number of readings of a campaign, for JSON."""
     return {
         "name": campaign.name,
         "tests": len(campaign.tests),
@@ -76,6 +77,7 @@ def _campaign_in_json(campaign: Campaign) -> dict[str, Any]:
 
 
 def _layout_in_json(layout: Layout) -> dict[str, Any]:
+    """Return the stated fields of a layout as a dict for JSON."""
     return layout.model_dump(by_alias=True, exclude_none=True)
 
 
@@ -390,6 +392,10 @@ def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
 
 
 def _check_names_differ(tests: Sequence[CircularTest], paths: Sequence[Path]) -> None:
+    """Raise an `InputError` if two tests of the campaign have the same name.
+
+    ``paths`` are the imported files, which the message lists.
+    """
     names = set()
     for test in tests:
         if test.name in names:

@@ -95,6 +95,7 @@ def _parsed(sheet: Sheet, text: str) -> Any:
 
 
 def _error_at(sheet: Sheet, line: int) -> InputError:
+    """Return the error for a text that is not valid JSON; ``line`` is the line of the fault."""
     return InputError(
         f"{sheet.place}, line {line}: JSON must be valid, got an error there. Export it again, or"
         " save its readings as CSV."

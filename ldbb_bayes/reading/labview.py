@@ -52,6 +52,10 @@ def rows_of_labview(rows: Sequence[Row]) -> list[Row]:
 
 
 def _has_no_times(labels: dict[str, list[str]]) -> bool:
+    """Return whether the header of a LabVIEW file says that the file has no column of times.
+
+    ``labels`` holds the cells of each line in the header; the keys are the labels of the lines.
+    """
     return labels.get("X_Columns", [""])[0] == "No"
 
 

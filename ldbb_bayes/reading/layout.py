@@ -53,6 +53,7 @@ class TestLayout(TestFields):
 
 
 def _check_encoding(name: str) -> str:
+    """Return the name of an encoding unchanged; raise a ValueError if Python does not know it."""
     try:
         "".encode(name)
     except (LookupError, ValueError):
@@ -182,6 +183,11 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
     @classmethod
     def _check_unit(cls, value: str | None, info: ValidationInfo) -> str | None:
+        """Return the package's name for a stated unit: ``um`` for ``µm``.
+
+        The name of the field begins with a role, such as reading. Raise a ValueError for a unit that
+        is unknown for this role.
+        """
         if value is None:
             return None
         role = str(info.field_name).removesuffix("_unit")
@@ -193,6 +199,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     @field_validator("test")
     @classmethod
     def _check_files_differ(cls, tests: list[TestLayout]) -> list[TestLayout]:
+        """Return the entries [[test]] unchanged; raise a ValueError if two name the same test."""
         files = set()
         for entry in tests:
             if entry.file in files:
@@ -206,6 +213,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     @field_validator("columns")
     @classmethod
     def _check_single_columns(cls, columns: dict[str, _Column]) -> dict[str, _Column]:
+        """Return the stated columns unchanged; raise a ValueError if a role has several columns.
+
+        Only the role of reading may have several columns.
+        """
         for role, column in columns.items():
             if role != "reading" and isinstance(column, list):
                 raise ValueError(f"the {role} must be one column")
@@ -231,6 +242,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
 
 
 def _without(fields: dict[str, Any], keys: set[str]) -> dict[str, Any]:
+    """Return the fields whose names are not among ``keys``."""
     return {key: value for key, value in fields.items() if key not in keys}
 
 

@@ -582,6 +582,10 @@ def not_understood(lines: Lines) -> dict[str, CitedLine]:
 
 
 def _is_understood(line: int | str, text: str) -> bool:
+    """Return whether a line states a field or one direction of travel, or names another quantity.
+
+    Another quantity is, for example, a maximum or an ambient pressure.
+    """
     if statements_in([(line, text)]) or OTHER_QUANTITY.search(text):
         return True
     return len(directions_stated([(line, text)])) == 1

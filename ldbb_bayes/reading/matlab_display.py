@@ -165,6 +165,7 @@ def _end_run(shown: list[_Shown], run: Sequence[Row]) -> None:
 
 
 def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
+    """Raise an `InputError` if lines without a table below hold a common factor of numbers."""
     for row in lines:
         if _FACTOR.fullmatch(row.cells[0]):
             raise InputError(

@@ -108,6 +108,10 @@ def leaves_length_open(text: str) -> bool:
 
 
 def _leaves_open(text: str) -> bool:
+    """Return whether a text names a diameter that may be what the readings measure.
+
+    The result is False if the text states the value of a diameter, or is about another subject.
+    """
     words = _without_numbers_of_others(text)
     if _OTHER.search(words) or OTHER_QUANTITY.search(words) or _states_diameter(words):
         return False

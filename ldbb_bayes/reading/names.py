@@ -191,5 +191,6 @@ def plane_word_in_name(names: Sequence[str]) -> str | None:
 
 
 def _usual_plane(word: str) -> str:
+    """Return the usual name of the plane that a word names: ZX for XZ and for G18."""
     plane = plane_named(word)
     return PLANE_OF_SWAPPED.get(plane, plane)

@@ -103,6 +103,7 @@ def _variables(text: str) -> Iterator[_Variable]:
 
 
 def _check_rows(sheet: Sheet, variable: _Variable) -> None:
+    """Raise an `InputError` if the rows of a matrix differ in their number of cells."""
     for row in variable.rows:
         width = len(variable.rows[0].cells)
         if len(row.cells) != width:

@@ -214,6 +214,7 @@ def _heading_of(sheet: Sheet, layout: Layout, is_optional: bool) -> Heading:
 
 
 def _check_none_transposed(sheets: Sequence[Sheet]) -> None:
+    """Raise an `InputError` if the angles of a sheet stand in a row instead of a column."""
     for sheet in sheets:
         check_not_transposed(sheet)
 
@@ -276,6 +277,7 @@ def _note_other_sheets(sheet: Sheet, log: AssumptionLog) -> None:
 
 
 def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
+    """Return the files of which several sheets are imported."""
     paths = set()
     for sheet, following in pairwise(sheets):
         if sheet.path == following.path:

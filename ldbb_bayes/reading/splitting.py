@@ -482,12 +482,14 @@ def _check_start_of_log(
 
 
 def _place_of_test(columns: _SheetColumns, title: str) -> str:
+    """Return the name of a test for messages: file, sheet and, if not empty, ``title``."""
     if not title:
         return columns.sheet.place
     return f"{columns.sheet.place}, test {title!r}"
 
 
 def _count_left_out(n_rows: int) -> str:
+    """Return how many rows were left out, as words for a note: ``3 rows left out``."""
     if n_rows == 1:
         return "1 row left out"
     return f"{n_rows} rows left out"
@@ -695,6 +697,7 @@ def _holds_quantities(row: Row, heading: Heading) -> bool:
 
 
 def _has_number(row: Row) -> bool:
+    """Return whether a row has a number, or a text such as NaN in place of a missing number."""
     return any(looks_like_number(cell) or is_missing(cell) for cell in row.cells)
 
 

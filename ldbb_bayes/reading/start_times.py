@@ -127,6 +127,7 @@ def _times_of_tests(starts: Sequence[_Start], titles: Sequence[str]) -> _Times:
 
 
 def _states_time(recording: Recording) -> bool:
+    """Return whether the user or a column of the table states the field ``time_s`` of a test."""
     if recording.stated.get("time_s") is not None:
         return True
     return recording.fields.get("time_s") is not None
@@ -152,6 +153,7 @@ def _start_of(recording: Recording) -> _Start | None:
 
 
 def _rank(start: _Start) -> Rank:
+    """Return the rank of a start time; a smaller rank means a more reliable source."""
     return start.stamp.rank
 
 
@@ -213,6 +215,7 @@ def _seconds_of_day(stamps: Sequence[Timestamp]) -> Array:
 
 
 def _is_one_day(stamps: Sequence[Timestamp]) -> bool:
+    """Return whether all timestamps state the same date."""
     days = {(stamp.day_first, stamp.month_first) for stamp in stamps}
     return len(days) == 1
 

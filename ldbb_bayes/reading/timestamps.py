@@ -210,6 +210,11 @@ class _Dates(NamedTuple):
 
 
 def _dates_of(text: str) -> _Dates:
+    """Return the two dates that a text such as 03/04/2026 may mean: day first, and month first.
+
+    Both dates are equal if the form of the text leaves no choice, as in 2026-11-20. A date that
+    does not exist is None.
+    """
     open_date = _OPEN_DATE.fullmatch(text)
     if open_date is None:
         day = _certain_date(text)
@@ -221,6 +226,10 @@ def _dates_of(text: str) -> _Dates:
 
 
 def _certain_date(text: str) -> date | None:
+    """Return the date of a text whose form leaves no choice between day and month.
+
+    An example is 2026-11-20 or 20.11.26. Return None if the date does not exist.
+    """
     short_year = re.fullmatch(r"(.*\.\s?)(\d\d)", text)
     if short_year is not None:
         text = f"{short_year[1]}{_full_year(short_year[2])}"
@@ -231,12 +240,14 @@ def _certain_date(text: str) -> date | None:
 
 
 def _full_year(digits: str) -> int:
+    """Return a year as a number; two digits such as 26 mean a year of this century."""
     if len(digits) == 2:
         return _CENTURY + int(digits)
     return int(digits)
 
 
 def _date_or_none(year: int, month: int, day: int) -> date | None:
+    """Return the date of a year, month and day; None if it does not exist."""
     try:
         return date(year, month, day)
     except ValueError:

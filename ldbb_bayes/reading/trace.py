@@ -120,6 +120,11 @@ def trace_of(recording: Recording, direction: str | None) -> Trace:
 
 
 def _missing_column(recording: Recording, role: str, content: str) -> InputError:
+    """Return the error for a table without a column of angles, or without a column of readings.
+
+    ``role`` is the role of the missing column, and ``content`` says in words what it must hold. If
+    the table has positions along two axes, the message says how to compute angles from them.
+    """
     headers = ", ".join(repr(header) for header in recording.heading.headers)
     positions = position_headers(recording.heading.headers)
     if positions:
@@ -184,6 +189,7 @@ def _check_unit_of_angles(recording: Recording, angle_deg: Array) -> None:
 
 
 def _plane_of(recording: Recording) -> str:
+    """Return the plane of a test: that of the test, or else of the campaign, or else XY."""
     return recording.fields.get("plane") or recording.campaign.get("plane") or "XY"
 
 

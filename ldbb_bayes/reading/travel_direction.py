@@ -100,6 +100,7 @@ class UnreadDirection(NamedTuple):
 
 
 def _senses_by_word() -> dict[str, str]:
+    """Return a dict with CW or CCW for each word that means a sense, such as HORAIRE."""
     senses = {}
     for sense in ("CW", "CCW"):
         for word in _WORDS[sense]:
@@ -281,6 +282,7 @@ def _sense_beside_load(text: str) -> set[str]:
 
 
 def _is_about_angles_and_travel(text: str) -> bool:
+    """Return whether a text has a word for angles and one for another subject, such as travel."""
     return _ANGLES.search(text) is not None and _NO_ANGLES.search(text) is not None
 
 
@@ -292,6 +294,7 @@ def _is_about_travel(text: str) -> bool:
 
 
 def _is_about_angles(text: str) -> bool:
+    """Return whether a text has a word for angles, but none for another subject, such as travel."""
     return _ANGLES.search(text) is not None and _NO_ANGLES.search(text) is None
 
 

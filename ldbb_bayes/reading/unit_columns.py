@@ -74,6 +74,7 @@ def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, 
 
 
 def _name_of(header: str) -> str:
+    """Return the name that a header states, without its unit, in a form for comparison."""
     return comparable(unit_of(header).name)
 
 
@@ -87,6 +88,7 @@ def _have_common_role(header: str, partner: str) -> bool:
 
 
 def _holds_units(header: str, cells: Sequence[str]) -> bool:
+    """Return whether a column holds units: its header says so, or every cell is a unit."""
     if UNIT_COLUMN.fullmatch(comparable(header).strip("[]() ")):
         return True
     return all(_is_plain_unit(cell.strip("[]() "), is_nameless=not header) for cell in cells)

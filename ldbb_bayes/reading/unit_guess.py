@@ -115,6 +115,7 @@ def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -
 
 
 def _lacks_unit(recording: Recording, role: str) -> bool:
+    """Return whether a test has a column with this role, but nothing states the column's unit."""
     return role in recording.numbers and not is_unit_stated(recording, role)
 
 
@@ -134,6 +135,10 @@ def _check_unit_of_forces(recordings: Sequence[Recording]) -> None:
 
 
 def _is_distance(recording: Recording) -> bool:
+    """Return whether readings are distances between the balls in mm.
+
+    They are if their median is near the radius of the circle in mm.
+    """
     median = float(np.median(recording.numbers["reading"]))
     return abs(median / recording.radius_mm - 1.0) < _NEAR_RADIUS
 
@@ -191,6 +196,7 @@ def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str,
 
 
 def _lines_of(recording: Recording) -> Lines:
+    """Return the lines above the table of a test, and the lines of other sheets about all tests."""
     return [*recording.lines_of_all_tests, *recording.heading.lines_above]
 
 
@@ -220,6 +226,10 @@ def _check_factors(recording: Recording) -> None:
 
 
 def _unread_factor(recording: Recording, shown: str) -> OpenQuestionError:
+    """Return the error for a header or line that says that readings are multiplied by a number.
+
+    ``shown`` says what was found, such as "the header 'Reading x10'".
+    """
     return OpenQuestionError(
         f"{recording.place}: the unit of readings must be known, got {shown}. Say which unit the"
         " numbers in the file have: --unit (a tenth of a micrometre: --unit '0.1 um').",
@@ -350,6 +360,7 @@ def _assume_angle_unit(recordings: Sequence[Recording]) -> None:
 
 
 def _angle_unit_of_span(span: float) -> str:
+    """Return deg if the range of the angles is too large for radians, and rad otherwise."""
     return "deg" if span > _LARGEST_SPAN_RAD else "rad"
 
 

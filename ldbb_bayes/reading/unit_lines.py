@@ -462,6 +462,7 @@ def multiplies_readings(text: str) -> bool:
 
 
 def _words_outside_brackets(header: str) -> str:
+    """Return a header with a blank in place of brackets, the texts in them, and underscores."""
     return _IN_BRACKETS.sub(" ", header[:LONGEST_TEXT]).replace("_", " ")
 
 

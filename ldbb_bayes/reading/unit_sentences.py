@@ -122,6 +122,7 @@ def _is_unit_in_words(text: str) -> bool:
 
 
 def _is_of_role(unit: str, role: str) -> bool:
+    """Return whether a unit is known for the role of a column, such as reading."""
     return size_of_unit(role, unit) is not None
 
 

@@ -100,6 +100,7 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
 
 
 def _unreadable(path: Path, state: str) -> InputError:
+    """Return the error for a workbook that cannot be read; ``state`` says what is wrong with it."""
     return InputError(
         f"{path} must hold a workbook that can be read, got {state}. Open and save it again."
     )
@@ -195,6 +196,10 @@ def _check_archive(path: Path, raw: bytes) -> None:
 
 
 def _check_size(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
+    """Raise an `InputError` if a zipped workbook would unpack to too many bytes.
+
+    ``members`` are the files inside the workbook.
+    """
     unpacked = sum(member.file_size for member in members)
     packed = sum(member.compress_size for member in members)
     require(
@@ -206,6 +211,10 @@ def _check_size(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
 
 
 def _check_cells(path: Path, worksheet: bytes) -> None:
+    """Raise an `InputError` if a sheet of an XLSX file has a very high row or column number.
+
+    ``worksheet`` is the XML of the sheet.
+    """
     distant = _DISTANT_CELL.search(worksheet)
     if distant:
         raise InputError(

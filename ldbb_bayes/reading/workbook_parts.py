@@ -61,6 +61,10 @@ def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
 
 
 def _root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
+    """Return the root element of an XML file inside a workbook; ``path`` is its path there.
+
+    Raise a ValueError if the XML file is too large to be examined.
+    """
     if archive.getinfo(path).file_size > _LARGEST_PART:
         raise ValueError(path)
     return ElementTree.fromstring(archive.read(path))
