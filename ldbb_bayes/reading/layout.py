@@ -185,8 +185,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     def _check_unit(cls, value: str | None, info: ValidationInfo) -> str | None:
         """Return the package's name for a stated unit: ``um`` for ``µm``.
 
-        The name of the field begins with a role, such as reading. Raise a ValueError for a unit that
-        is unknown for this role.
+        The name of the field begins with a role, such as reading. Raise a ValueError for a unit
+        that is unknown for this role.
         """
         if value is None:
             return None
