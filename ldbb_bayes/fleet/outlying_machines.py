@@ -104,20 +104,23 @@ def judge_machines(
     n = len(likelihood.shift)
     c = spreads.spread.shape[1]
     separate = estimate_separately(likelihood, c)
-    left_out = _leave_out_each(likelihood, separate, spreads.spread, shared)
+    comparison = _compare_each_with_others(likelihood, separate, spreads.spread, shared)
     weights = np.empty((n, len(spreads.spread)))
     doubtful = np.empty(n, dtype=bool)
     for m in range(n):
-        log_weight = spreads.log_weight - left_out.log_density[:, m]
+        # The posterior of s given the other machines is the posterior given all machines, divided
+        # by the density of the readings of machine m given s and the other machines.
+        log_weight = spreads.log_weight - comparison.log_density[:, m]
         weights[m], pareto_k, good_k = pareto_smooth(log_weight)
         doubtful[m] = pareto_k > good_k
-    p_value, side = _two_sided_p_value(weights, left_out.z)
+    p_value, side = _two_sided_p_value(weights, comparison.z)
     redrawn = np.flatnonzero(doubtful)
     by_p_value = np.argsort(p_value.min(axis=1)[redrawn], kind="stable")
     redrawn = redrawn[by_p_value][:_MOST_REDRAWN]
     for count, m in enumerate(redrawn.tolist(), start=1):
-        new_spreads, z = _draw_without(density, separate, spreads.mode, m, seed)
-        new_p_value, new_side = _two_sided_p_value(new_spreads.weight[None], z)
+        new_spreads = _draw_spreads_without(m, density, mode=spreads.mode, seed=seed)
+        new_z = _compare_with_others(m, density.likelihood, separate, new_spreads.spread)
+        new_p_value, new_side = _two_sided_p_value(new_spreads.weight[None], new_z)
         doubtful[m] = not new_spreads.trusted
         p_value[m] = new_p_value[0]
         side[m] = new_side[0]
@@ -127,7 +130,7 @@ def judge_machines(
     return JudgedMachines(overall, p_value, -side * ndtri(0.5 * p_value), doubtful)
 
 
-class _LeftOut(NamedTuple):
+class _Comparison(NamedTuple):
     """Comparison of each of n machines with the other machines, for k random draws of the spreads.
 
     Spreads are the standard deviations of the machines about the mean of their population.
@@ -143,9 +146,9 @@ class _LeftOut(NamedTuple):
     z: Array
 
 
-def _leave_out_each(
+def _compare_each_with_others(
     likelihood: Gaussian, separate: Estimates, spread: Array, shared: Gaussian
-) -> _LeftOut:
+) -> _Comparison:
     """Return a comparison of each machine with the other machines, for k draws of the spreads.
 
     ``likelihood`` holds the likelihood of each machine, from all its campaigns. ``separate`` holds
@@ -153,6 +156,10 @@ def _leave_out_each(
     which are the standard deviations of the machines' c parameters about the mean of the
     population. ``shared`` is the posterior of the population's mean and the instrument's errors,
     given each draw of the spreads and all machines.
+
+    To leave machine m out, its contribution is subtracted from the precision and the shift of
+    ``shared``. The density of its readings follows from the densities with and without them:
+    ln p(y_m | y_−m, s) = ln p(y | s) − ln p(y_−m | s).
     """
     k, c = spread.shape
     n, q = likelihood.shift.shape
@@ -162,63 +169,80 @@ def _leave_out_each(
     for rows in spread_slices(spread, likelihood):
         system = whitened(likelihood, spread[rows])
         gram = np.einsum("iakn,ibkn->abkn", system[:, c:], system[:, c:])
-        precision = (
+        precision_of_others = (
             np.moveaxis(shared.precision[rows], 0, -1)[..., None]
             - likelihood.precision.T[:, :, None]
             + gram[:q, :q]
         )
-        shift = shared.shift[rows].T[..., None] - likelihood.shift.T[:, None] + gram[:q, q]
-        log_others, z[:, rows] = _compare(separate, precision, shift, spread[rows])
+        shift_of_others = (
+            shared.shift[rows].T[..., None] - likelihood.shift.T[:, None] + gram[:q, q]
+        )
+        prediction = _predict_from_others(
+            separate, precision_of_others, shift_of_others, spread[rows]
+        )
         log_determinant = np.log(system[range(c), range(c)]).sum(axis=0)
         log_machine = 0.5 * gram[q, q] - log_determinant
-        log_density[rows] = log_integral[rows, None] + log_machine - log_others
-    return _LeftOut(log_density, z)
+        log_density[rows] = log_integral[rows, None] + log_machine - prediction.log_integral
+        z[:, rows] = prediction.z
+    return _Comparison(log_density, z)
 
 
-def _draw_without(
-    density: SpreadDensity, separate: Estimates, mode: Array, m: int, seed: int
-) -> tuple[Spreads, Array]:
-    """Draw the spreads without machine m, and compare machine m with the other machines.
+def _without_machine(m: int, likelihood: Gaussian) -> Gaussian:
+    """Return the likelihoods of all machines except the machine with the index m."""
+    other_machines = np.arange(len(likelihood.shift)) != m
+    return Gaussian(likelihood.precision[other_machines], likelihood.shift[other_machines])
 
-    The spreads s are the standard deviations of the machines' c parameters about the mean of the
-    population. k draws are made from the posterior density of s given all machines except the
-    machine with the index m. Return a tuple of these draws and of the deviations z, shape (c, k,
-    1). For each draw, z is the difference between a parameter of machine m and its prediction from
-    the other machines, divided by the standard deviation of the difference. ``density`` is the
-    posterior density of ln s given all machines, and ``mode`` is the mode of this density.
-    ``separate`` holds the estimates from each machine alone. ``seed`` is the seed of the draws.
+
+def _draw_spreads_without(m: int, density: SpreadDensity, *, mode: Array, seed: int) -> Spreads:
+    """Return random draws of the spreads s given all machines except the machine with the index m.
+
+    The spreads are the standard deviations of the machines about the mean of the population.
+    ``density`` is the posterior density of ln s given all machines, and ``mode`` is the mode of
+    this density, shape (c,). ``seed`` is the seed of the draws.
     """
-    likelihood = density.likelihood
-    stays = np.arange(len(likelihood.shift)) != m
-    other_machines = Gaussian(likelihood.precision[stays], likelihood.shift[stays])
-    without = SpreadDensity(other_machines, density.scale)
-    spreads = draw_spreads(without, len(mode), seed=seed, size=_DRAWS_WITHOUT, start=mode)
-    shared = shared_quantities(other_machines, spreads.spread)
+    other_machines = _without_machine(m, density.likelihood)
+    density_of_others = SpreadDensity(other_machines, density.scale)
+    return draw_spreads(density_of_others, len(mode), seed=seed, size=_DRAWS_WITHOUT, start=mode)
+
+
+def _compare_with_others(m: int, likelihood: Gaussian, separate: Estimates, spread: Array) -> Array:
+    """Return the deviations z of the machine with the index m, shape (c, k, 1).
+
+    z is the difference between a parameter of machine m and its prediction from the other machines,
+    divided by the standard deviation of the difference. There are c parameters and k draws of the
+    spreads, ``spread``, shape (k, c). ``likelihood`` holds the likelihoods of all machines, and
+    ``separate`` the estimates from each machine alone.
+    """
+    shared = shared_quantities(_without_machine(m, likelihood), spread)
     machine = Estimates(
         separate.covariance[m : m + 1],
         separate.response[m : m + 1],
         separate.value[m : m + 1],
     )
-    precision = np.moveaxis(shared.precision, 0, -1)[..., None]
-    _, z = _compare(machine, precision, shared.shift.T[..., None], spreads.spread)
-    return spreads, z
+    precision_of_others = np.moveaxis(shared.precision, 0, -1)[..., None]
+    shift_of_others = shared.shift.T[..., None]
+    return _predict_from_others(machine, precision_of_others, shift_of_others, spread).z
 
 
-def _compare(
+class _Prediction(NamedTuple):
+    """Prediction of each of n machines from the other machines, for k draws of the spreads."""
+
+    #: logarithms of the integrals of the Gaussian functions that the readings of the other machines
+    #: give, over the population's mean and the instrument's errors, up to a constant, shape (k, n)
+    log_integral: Array
+    #: differences between c parameters and their predictions from the other machines, divided by
+    #: the standard deviations of these differences, shape (c, k, n)
+    z: Array
+
+
+def _predict_from_others(
     separate: Estimates, precision: Array, shift: Array, spread: Array
-) -> tuple[Array, Array]:
-    """Return how well the other machines predict each machine that is left out.
+) -> _Prediction:
+    """Predict each machine that is left out from the other machines.
 
     n machines are left out one at a time. The spreads (standard deviations of the machines about
     the population's mean μ) are taken from k random draws. For each draw, the readings of the other
-    machines give a Gaussian function of μ and of the instrument's errors b. The result is a tuple
-    of two arrays:
-
-    - The logarithms of the integrals of these Gaussians over μ and b, up to a constant, shape (k,
-      n).
-    - The deviations z of the c parameters, shape (c, k, n). z is the difference between a parameter
-      of the machine left out and its prediction from the other machines, divided by the standard
-      deviation of the difference.
+    machines give a Gaussian function of μ and of the instrument's errors b.
 
     Parameters
     ----------
@@ -240,14 +264,17 @@ def _compare(
     standardised = system[:, q]
     gain = system[:, q + 1 :]
     log_determinant = np.log(system[range(q), range(q)]).sum(axis=0)
-    noise = (parameter_response * separate.covariance).sum(axis=-1).T[:, None]
-    deviation = np.einsum("ka,nja->jkn", spread**2, parameter_response**2)
-    variance = (gain**2).sum(axis=0) + deviation + noise
+    # The difference between estimate and prediction has three sources of variance: the noise of the
+    # readings of the machine left out, the spread of the machines, and the uncertainty of μ and b.
+    noise_variance = (parameter_response * separate.covariance).sum(axis=-1).T[:, None]
+    spread_variance = np.einsum("ka,nja->jkn", spread**2, parameter_response**2)
+    shared_variance = (gain**2).sum(axis=0)
+    variance = shared_variance + spread_variance + noise_variance
     difference = separate.value.T[:, None] - (gain * standardised[:, None]).sum(axis=0)
     z = np.divide(
         difference, np.sqrt(variance), out=np.zeros_like(difference), where=variance > 0.0
     )
-    return 0.5 * (standardised**2).sum(axis=0) - log_determinant, z
+    return _Prediction(0.5 * (standardised**2).sum(axis=0) - log_determinant, z)
 
 
 def _two_sided_p_value(weights: Array, z: Array) -> tuple[Array, Array]:

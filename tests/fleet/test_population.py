@@ -182,7 +182,7 @@ def test_a_machine_against_the_dense_prediction(rng: np.random.Generator) -> Non
     spreads = np.array([TWO, TWO[::-1], 2.0 * TWO])
     x = shared_quantities(six_machines.likelihood, spreads)
     separate = estimate_separately(six_machines.likelihood, 2)
-    log_density, _ = outlying_machines._leave_out_each(
+    log_density, _ = outlying_machines._compare_each_with_others(
         six_machines.likelihood, separate, spreads, x
     )
     log_evidence = shared_quantities(six_machines.likelihood, spreads).log_integral
