@@ -211,7 +211,7 @@ class _TextLayout:
     def text(self) -> str:
         """Return the whole table as text, in lines of the given width if possible."""
         if self._is_too_wide():
-            self._fit()
+            self._make_fit()
         return "\n".join(self._lines(sorted(self._beneath)))
 
     def text_without_columns_beneath(self) -> str:
@@ -220,7 +220,7 @@ class _TextLayout:
         The last line names the columns that are left out.
         """
         if self._is_too_wide():
-            self._fit()
+            self._make_fit()
         lines = self._lines(())
         if self._beneath:
             names = ", ".join(self._heads[column] for column in sorted(self._beneath))
@@ -243,7 +243,7 @@ class _TextLayout:
             lines += wrapped(f"In every row: {entries}", self._width)
         return lines
 
-    def _fit(self) -> None:
+    def _make_fit(self) -> None:
         """Change the layout until the table fits the width, if possible.
 
         First, the headings of columns are broken into lines. If the table is still too wide,
@@ -304,7 +304,7 @@ class _TextLayout:
         [characters].
         """
         for column in self._columns:
-            words = _glued(self._heads[column]).split(" ")
+            words = _with_no_break_spaces(self._heads[column]).split(" ")
             line_width = max(least_width, self._width_with(column, words))
             self._head_lines[column] = textwrap.wrap(" ".join(words), line_width)
 
@@ -349,11 +349,13 @@ class _TextLayout:
         entries = []
         for column in columns:
             if row[column] not in ("", "–"):
-                entries.append(_entry(self._heads[column], row[column], self._numeric[column]))
+                entries.append(
+                    _cell_with_heading(self._heads[column], row[column], self._numeric[column])
+                )
         return "; ".join(entries)
 
 
-def _entry(head: str, value: str, numeric: bool) -> str:
+def _cell_with_heading(head: str, value: str, numeric: bool) -> str:
     """Return the heading of a column and one of its cells as one text.
 
     ``head`` is the heading, and ``value`` the text of the cell. If the column is ``numeric``, the
@@ -368,10 +370,10 @@ def _entry(head: str, value: str, numeric: bool) -> str:
 
 def _typeset_row(row: Sequence[Any]) -> tuple[str, ...]:
     """Return the cells of a row as texts with true minus signs and powers of ten."""
-    return tuple(typeset(_cell(value)) for value in row)
+    return tuple(typeset(_text_of_cell(value)) for value in row)
 
 
-def _cell(value: Any) -> str:
+def _text_of_cell(value: Any) -> str:
     """Return a cell as text: a dash for None, four significant digits for a float."""
     if value is None:
         return "–"
@@ -505,7 +507,7 @@ def table_of(frame: pd.DataFrame) -> Table:
     """
     caption = frame.attrs.get("caption", "")
     frame = _with_named_rows(frame)
-    heads = [str(frame.index.name or ""), *_heads_of(frame)]
+    heads = [str(frame.index.name or ""), *_heads_with_units(frame)]
     numeric = (False, *(kind.kind in "iufb" for kind in frame.dtypes))
     is_long = len(frame) > _MOST_ROWS
     excerpt = frame
@@ -514,7 +516,7 @@ def table_of(frame: pd.DataFrame) -> Table:
     names = list(frame)
     rows = []
     for label, *values in excerpt.itertuples(name=None):
-        rows.append((_row_label(label), *_cells_of(names, values)))
+        rows.append((_row_label(label), *_displayed_cells(names, values)))
     if is_long:
         rows.insert(_MOST_ROWS // 2, ("…",) * len(heads))
         if caption:
@@ -537,7 +539,7 @@ def _with_named_rows(frame: pd.DataFrame) -> pd.DataFrame:
     return frame
 
 
-def _heads_of(frame: pd.DataFrame) -> list[str]:
+def _heads_with_units(frame: pd.DataFrame) -> list[str]:
     """Return the headings of a data frame's columns, each with its unit in brackets, if any."""
     units = frame.attrs.get("units", {})
     heads = []
@@ -554,7 +556,7 @@ def _row_label(label: Hashable) -> Hashable:
     return label
 
 
-def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
+def _displayed_cells(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
     """Return the cells of a row for display: numbers in the display unit, None for missing values.
 
     ``names`` are the names of the columns, and ``values`` the values of the row.
@@ -603,7 +605,7 @@ def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]
     of the first line, and ``then`` in front of every further line.
     """
     lines = textwrap.wrap(
-        _glued(text),
+        _with_no_break_spaces(text),
         width,
         initial_indent=first,
         subsequent_indent=then,
@@ -613,16 +615,16 @@ def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]
     return [line.replace(_NO_BREAK, " ") for line in lines]
 
 
-def _glued(text: str) -> str:
+def _with_no_break_spaces(text: str) -> str:
     """Return a text with no-break spaces wherever a line must not be broken.
 
     A line must not be broken between a number and its unit or sign, or inside a short text in
     brackets.
     """
     text = re.sub(_UNBREAKABLE, _NO_BREAK, text)
-    return re.sub(_SHORT_BRACKETS, _without_breaks, text)
+    return re.sub(_SHORT_BRACKETS, _spaces_replaced, text)
 
 
-def _without_breaks(match: re.Match[str]) -> str:
+def _spaces_replaced(match: re.Match[str]) -> str:
     """Return the matched text with a no-break space in place of every space."""
     return match[0].replace(" ", _NO_BREAK)

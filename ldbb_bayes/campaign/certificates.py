@@ -199,7 +199,11 @@ class CalibrationCertificate(Shown):
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths, length_mm)
         error, U = _error_of_length(quantity, lengths)
-        return {"length_error_um": error, "U_um": U, "certificate": self._label(quantity)}
+        return {
+            "length_error_um": error,
+            "U_um": U,
+            "certificate": self._certificate_name(quantity),
+        }
 
     def _bar_quantity(
         self, lengths: Mapping[str, list[CertifiedQuantity]], length_mm: float | None
@@ -219,7 +223,7 @@ class CalibrationCertificate(Shown):
         if not candidates:
             raise InputError(
                 "the DCC must state the error of a bar's length by a name or refType, got"
-                f" {self._content()}. Give length_error_um and U_um by hand."
+                f" {self._quantities_in_words()}. Give length_error_um and U_um by hand."
             )
         if len(candidates) > 1 and length_mm is not None:
             of_length = []
@@ -256,9 +260,9 @@ class CalibrationCertificate(Shown):
         if not stated:
             raise InputError(
                 "the DCC must state the U of a force device, or its linearity by a name or refType,"
-                f" got {self._content()}. Give U_percent and linearity_percent by hand."
+                f" got {self._quantities_in_words()}. Give U_percent and linearity_percent by hand."
             )
-        return stated | {"certificate": self._label(*sources)}
+        return stated | {"certificate": self._certificate_name(*sources)}
 
     def _force_scale(self) -> CertifiedQuantity | None:
         """Return the certified gain of a force device [N/bar], or the largest certified force [N].
@@ -268,8 +272,8 @@ class CalibrationCertificate(Shown):
         """
         gains = self._quantities_by_role("N/bar").get("gain", [])
         if gains:
-            return _only(gains)
-        return _largest(self._forces())
+            return _only_quantity(gains)
+        return _largest_quantity(self._forces())
 
     def _forces(self) -> list[CertifiedQuantity]:
         """Return the certified forces, which are those quantities whose unit is the newton."""
@@ -298,7 +302,7 @@ class CalibrationCertificate(Shown):
         size = linearity.magnitude()
         if linearity.dimension == "":
             return size
-        largest_force = _largest(self._forces())
+        largest_force = _largest_quantity(self._forces())
         if largest_force is None or not largest_force.magnitude():
             raise InputError(
                 f"{linearity.title!r} in newtons must come with forces, got none. Give"
@@ -323,11 +327,11 @@ class CalibrationCertificate(Shown):
         if quantity is None:
             raise InputError(
                 "the DCC must state the form of a ball by a name or refType, got"
-                f" {self._content()}. Give sphericity_um by hand."
+                f" {self._quantities_in_words()}. Give sphericity_um by hand."
             )
         return {
             "sphericity_um": _without_rounding(largest_bound),
-            "certificate": self._label(quantity),
+            "certificate": self._certificate_name(quantity),
         }
 
     def _quantities_by_role(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
@@ -343,7 +347,7 @@ class CalibrationCertificate(Shown):
                 by_role.setdefault(quantity.role, []).append(quantity)
         return by_role
 
-    def _label(self, *quantities: CertifiedQuantity) -> str:
+    def _certificate_name(self, *quantities: CertifiedQuantity) -> str:
         """Return a name for the certificate, on one line, for campaign.toml.
 
         The name has at most 200 characters. It consists of the file's name, the identifier of the
@@ -356,7 +360,7 @@ class CalibrationCertificate(Shown):
             label += sign if sign.isprintable() else " "
         return label
 
-    def _content(self) -> str:
+    def _quantities_in_words(self) -> str:
         """Return the names and units of the certified quantities as text, for error messages."""
         return _listed(self.quantities) or "no number at all"
 
@@ -382,7 +386,7 @@ def _error_of_length(
     if quantity.role == "length":
         nominals = lengths["nominal"]
         beside = [nominal for nominal in nominals if nominal.holders == quantity.holders]
-        nominal, _ = _only(beside or nominals).numbers(_METRES_PER_MICROMETRE)
+        nominal, _ = _only_quantity(beside or nominals).numbers(_METRES_PER_MICROMETRE)
         return _without_rounding(nominal - value), U
     return value, U
 
@@ -427,7 +431,7 @@ def _several_errors(
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:
         error, U = _error_of_length(quantity, lengths)
-        name = _name_apart(quantity, candidates)
+        name = _distinguishing_name(quantity, candidates)
         texts.append(f"{name!r} (length_error_um {error:g}, U_um {U:g})")
     return InputError(
         f"the DCC must state the error of the bar's length once, got {', '.join(texts)}. Give these"
@@ -436,7 +440,7 @@ def _several_errors(
     )
 
 
-def _name_apart(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]) -> str:
+def _distinguishing_name(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]) -> str:
     """Return a string that distinguishes a certified quantity from the quantities ``others``.
 
     The string consists of the names of the XML elements that contain the quantity and of the
@@ -465,7 +469,7 @@ def _title_with_holder(quantity: CertifiedQuantity) -> str:
     return quantity.title
 
 
-def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
+def _largest_quantity(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
     """Return the quantity with the largest absolute value.
 
     Of several equally large quantities, return the last one. Return None if ``quantities`` is
@@ -476,7 +480,7 @@ def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | Non
     return sorted(quantities, key=CertifiedQuantity.magnitude)[-1]
 
 
-def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
+def _only_quantity(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
     """Return the only entry of ``quantities``; raise an `InputError` if there are several."""
     require(
         len(quantities) == 1,

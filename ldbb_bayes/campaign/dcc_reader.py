@@ -192,7 +192,7 @@ def _quantities_of(
     """
     units = _words(element, "unit")
     uncertainty = _uncertainty_of(element, name)
-    values = _numbers(element, "value", name)
+    values = _numbers_in(element, "value", name)
     for k, value in enumerate(values[: _shortest_list(units, uncertainty)]):
         if math.isfinite(value):
             yield CertifiedQuantity(
@@ -200,10 +200,10 @@ def _quantities_of(
                 ref_type=ref_type,
                 holders=holders,
                 value=value,
-                unit=_entry(units, k),
-                U=_entry(uncertainty.U, k),
-                k=_entry(uncertainty.k, k),
-                coverage=_entry(uncertainty.coverage, k),
+                unit=_entry_for_quantity(units, k),
+                U=_entry_for_quantity(uncertainty.U, k),
+                k=_entry_for_quantity(uncertainty.k, k),
+                coverage=_entry_for_quantity(uncertainty.coverage, k),
             )
 
 
@@ -220,12 +220,12 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
         stated = _Uncertainty()
         if tag in _EXPANDED_UNCERTAINTIES:
             stated = _Uncertainty(
-                _numbers(inner, _EXPANDED_UNCERTAINTIES[tag], name),
-                _numbers(inner, "coverageFactor", name),
-                _numbers(inner, "coverageProbability", name),
+                _numbers_in(inner, _EXPANDED_UNCERTAINTIES[tag], name),
+                _numbers_in(inner, "coverageFactor", name),
+                _numbers_in(inner, "coverageProbability", name),
             )
         elif tag in _STANDARD_UNCERTAINTIES:
-            stated = _Uncertainty(_numbers(inner, _STANDARD_UNCERTAINTIES[tag], name), [1.0])
+            stated = _Uncertainty(_numbers_in(inner, _STANDARD_UNCERTAINTIES[tag], name), [1.0])
         if stated.U:
             uncertainty = stated
     return uncertainty
@@ -244,7 +244,7 @@ def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | Non
     return min(lengths, default=None)
 
 
-def _entry(entries: Sequence[_T], k: int) -> _T | None:
+def _entry_for_quantity(entries: Sequence[_T], k: int) -> _T | None:
     """Return the entry of ``entries`` that applies to quantity ``k``, counted from 0.
 
     A single entry applies to all quantities and is returned for each of them. From a longer list,
@@ -267,7 +267,7 @@ def _words(element: ElementTree.Element, tag: str) -> list[str]:
     return text.split()
 
 
-def _numbers(element: ElementTree.Element, tag: str, name: str) -> list[float]:
+def _numbers_in(element: ElementTree.Element, tag: str, name: str) -> list[float]:
     """Return the numbers in the inner element named ``tag`` of an XML element.
 
     ``name`` is the name of the quantity for error messages. Raise an `InputError` for a word that

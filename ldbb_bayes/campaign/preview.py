@@ -403,7 +403,7 @@ def _preview_readings(
     noise_um = None
     spikes = 0
     if len(reading) in _FITTED_READINGS:
-        noise_um, spikes = _path(test, stated_um, closes, remarks)
+        noise_um, spikes = _noise_and_spikes(test, stated_um, closes, remarks)
     is_usual = _SMALLEST_SPAN_RESOLUTIONS * stated_um <= span <= _LARGEST_SPAN_UM
     remarks.add(
         RemarkKind.UNIT,
@@ -421,7 +421,7 @@ def _preview_readings(
     return _Readings(resolution_um, spikes, noise_um, start_end_um, span)
 
 
-def _path(
+def _noise_and_spikes(
     test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks
 ) -> tuple[float, int]:
     """Return the scatter of readings about a Fourier series of order 12, and the number of spikes.
@@ -432,15 +432,15 @@ def _path(
     computed from this fit. Remarks on the jump and on spikes are added to ``remarks``.
     ``resolution_um`` is the resolution of the readout [µm].
     """
-    turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
+    phases = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
     reading = np.asarray(test.reading_um)
-    path = np.hstack([turns.real, turns.imag[:, 1:]])
+    fourier_columns = np.hstack([phases.real, phases.imag[:, 1:]])
     turn = test.angle_deg / 360.0
-    columns = path
+    columns = fourier_columns
     if closes:
-        columns = np.column_stack([path, turn])
-    regular = _regular_readings(columns, reading)
-    fit = _fit(columns, reading, regular)
+        columns = np.column_stack([fourier_columns, turn])
+    regular = _find_regular_readings(columns, reading)
+    fit = _fit_regular_readings(columns, reading, regular)
     deviation = fit.deviation
     if closes:
         drift = (turn[-1] - turn[0]) * fit.coefficients[-1]
@@ -462,7 +462,7 @@ def _path(
             off_um=float(deviation[largest]),
             count=len(spikes),
         )
-    return _fit(path, reading, regular).scatter, len(spikes)
+    return _fit_regular_readings(fourier_columns, reading, regular).scatter, len(spikes)
 
 
 class _Fit(NamedTuple):
@@ -479,7 +479,7 @@ class _Fit(NamedTuple):
     scatter: float
 
 
-def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
+def _fit_regular_readings(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
     """Fit a curve to the n readings of a test by least squares, without the spikes.
 
     ``columns`` (n, k) are the values of the k fitted functions at the angles of the readings, and
@@ -494,7 +494,7 @@ def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
     return _Fit(coefficients, deviation, scatter)
 
 
-def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
+def _find_regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
     """Return a mask of the n readings of a test, shape (n,), that is false for spikes.
 
     A reading is a spike if it deviates from a fitted curve by more than eight standard deviations.
@@ -514,7 +514,7 @@ def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
         regular = np.abs(deviation) <= _SPIKE_SCATTERS * max(scatter, 1e-9)
         if np.array_equal(previous, regular) or np.count_nonzero(regular) <= p:
             break
-        deviation = _fit(columns, reading, regular).deviation
+        deviation = _fit_regular_readings(columns, reading, regular).deviation
     return regular
 
 

@@ -191,8 +191,8 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
     two columns with different units, for the angles or for the readings. Also raise it if the range
     of the angles contradicts their unit.
     """
-    angle = _one_of(path, columns, _ANGLES)
-    reading = _one_of(path, columns, _READINGS)
+    angle = _present_name(path, columns, _ANGLES)
+    reading = _present_name(path, columns, _READINGS)
     span = float(np.ptp(columns[angle]))
     if angle == "angle_deg":
         require(
@@ -209,7 +209,7 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
     return {angle: columns[angle], reading: columns[reading]}
 
 
-def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
+def _present_name(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
     """Return the one of two column names that occurs in a table; ``names`` holds both names.
 
     ``columns`` holds the columns of the table; the keys are the names of the columns. Raise an

@@ -72,7 +72,7 @@ def import_(
         (*parts_of(result), *_unit_notes(result.campaign)),
         {IMPORT_NAME: layout_to_toml(result.layout)},
         write_more=partial(write_campaign_into, result.campaign),
-        note=f"{_size(result.campaign)}. Look at it: ldbb-bayes check {out}",
+        note=f"{_counts_in_brackets(result.campaign)}. Look at it: ldbb-bayes check {out}",
     )
 
 
@@ -85,7 +85,7 @@ def _unit_notes(campaign: lb.Campaign) -> list[str]:
     return notes
 
 
-def _size(campaign: lb.Campaign) -> str:
+def _counts_in_brackets(campaign: lb.Campaign) -> str:
     """Return the numbers of tests and readings of a campaign as text, in brackets."""
     return f" ({len(campaign.tests)} tests, {campaign.readings} readings)"
 
@@ -168,5 +168,5 @@ def simulate(
         (),
         {TRUTH_NAME: record},
         write_more=partial(write_campaign_into, simulation.campaign),
-        note=f"{_size(simulation.campaign)}, the truth in {out}/truth.json",
+        note=f"{_counts_in_brackets(simulation.campaign)}, the truth in {out}/truth.json",
     )

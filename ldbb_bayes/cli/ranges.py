@@ -27,7 +27,7 @@ def read_range(entry: str, flag: str) -> tuple[float, ...]:
     """
     if ":" not in entry:
         return numbers_in(entry, flag)
-    limits = _numbers_or_none(entry.split(":"))
+    limits = _finite_numbers(entry.split(":"))
     if len(limits) != 3 or limits[2] <= 0 or limits[1] < limits[0]:
         raise InputError(
             f"{flag} must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got {entry!r}. For"
@@ -48,7 +48,7 @@ def read_range(entry: str, flag: str) -> tuple[float, ...]:
     return (*(low + step * k for k in range(values_below)), high)
 
 
-def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
+def _finite_numbers(entries: Sequence[str]) -> tuple[float, ...]:
     """Return the numbers in strings; an empty tuple if any string is not a finite number."""
     try:
         numbers = tuple(map(float, entries))

@@ -199,8 +199,8 @@ def run_batch(
         tolerances=dict(tolerances or {}),
     )
     folder = Path(out)
-    jobs = _number(gather(campaigns))
-    with open_journal(folder) as journal, _started(executor) as workers:
+    jobs = _numbered_jobs(gather(campaigns))
+    with open_journal(folder) as journal, _running_executor(executor) as workers:
         identity = batch_identity(settings)
         resumed = begin_batch(journal, folder, jobs, identity, resume=resume, force=force)
         start = time.perf_counter()
@@ -261,7 +261,7 @@ def _checked_probability(prob: float) -> float:
     return float(prob)
 
 
-def _number(paths: Iterable[str]) -> list[Job]:
+def _numbered_jobs(paths: Iterable[str]) -> list[Job]:
     """Return the campaigns with these file paths as jobs, which are numbered from 0."""
     return [Job(number, path, os.path.abspath(path)) for number, path in enumerate(paths)]
 
@@ -275,7 +275,7 @@ def _canonical_toml(model: HybridModel) -> str:
 
 
 @contextmanager
-def _started(
+def _running_executor(
     executor: Executor | Callable[[], AbstractContextManager[Executor | None]] | None,
 ) -> Iterator[Executor | None]:
     """Yield the executor that runs the fits of a batch, or None if the fits run in this process.
@@ -316,7 +316,7 @@ def _fit_campaigns(
     with closing(done(fit, jobs, executor)) as results:  # type: ignore[type-var]
         for index, result in results:
             job = jobs[index]
-            row = _row_of(settings, job, result)
+            row = _row_of_result(settings, job, result)
             save_row(journal, job.number, row)
             failed.discard(job.number)
             if row["status"] == "failed":
@@ -327,7 +327,7 @@ def _fit_campaigns(
     return len(jobs)
 
 
-def _row_of(settings: Settings, job: Job, result: dict[str, Any] | Lost) -> dict[str, Any]:
+def _row_of_result(settings: Settings, job: Job, result: dict[str, Any] | Lost) -> dict[str, Any]:
     """Return the row of a campaign, given the result of its job.
 
     The result is the row itself, or `Lost` if the worker process died twice. In the second case,

@@ -107,7 +107,7 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
     origin: dict[str, Any] = {}
     try:
         with warnings.catch_warnings(action="ignore"):
-            campaign = _read(settings, job.absolute_path)
+            campaign = _read_campaign(settings, job.absolute_path)
             origin = _origin_columns(campaign)
             fit = _fit_columns(settings, campaign)
     except Exception as error:  # noqa: BLE001 - one campaign must not end the others
@@ -132,7 +132,7 @@ def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
     }
 
 
-def _read(settings: Settings, path: str) -> Campaign:
+def _read_campaign(settings: Settings, path: str) -> Campaign:
     """Read a campaign, and apply the settings of the batch that replace what its files state.
 
     The settings state certified properties of the instrument, tolerances and, for a tidy CSV file,

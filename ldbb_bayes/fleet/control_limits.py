@@ -93,7 +93,7 @@ def chart_points(
     response = np.linalg.solve(np.eye(p) + total_precision[:, :p], total_precision[:, p:])
     common_variance = np.einsum("as,su,au->a", response, instrument_covariance, response)
 
-    history = _history(carried)
+    history = _posteriors_of_earlier_campaigns(carried)
     log_weight = np.log(scatter_weight)[:, None] + history.log_integral
     weight = np.exp(log_weight - logsumexp(log_weight, axis=0))
     next_response = separate.response[1:]
@@ -117,7 +117,7 @@ def chart_points(
     )
 
 
-def _history(carried: Gaussian) -> Gaussian:
+def _posteriors_of_earlier_campaigns(carried: Gaussian) -> Gaussian:
     """Return, for every campaign but the first, the posterior from all campaigns before it.
 
     ``carried``, shape (r, n, q), holds the likelihoods of q parameters and instrument errors from n

@@ -110,13 +110,13 @@ def write_dataset(
     import pyarrow.parquet as pq
 
     schema = _schema(rows(), about)
-    flat_rows = map(_flatten, rows())
+    flat_rows = map(_one_value_per_column, rows())
     unfinished = target.with_name(PART)
     try:
         with pq.ParquetWriter(
             unfinished, schema, compression="zstd", write_page_checksum=True
         ) as writer:
-            for group in _groups(flat_rows, _ROWS_PER_GROUP):
+            for group in _groups_of_rows(flat_rows, _ROWS_PER_GROUP):
                 writer.write_table(pa.Table.from_pylist(group, schema=schema))
         os.replace(unfinished, target)
     except (OSError, pa.ArrowException) as error:
@@ -142,20 +142,20 @@ def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.S
     quantities: dict[str, None] = {}
     for row in rows:
         quantities |= dict.fromkeys(row.get("conformity", {}))
-        for name, numbers in _numbers_of(row).items():
+        for name, numbers in _numbers_by_quantity(row).items():
             unit_by_parameter.setdefault(name, numbers["unit"])
-    fields = [_field(name, kind, _unit_in(name)) for name, kind in COLUMN_TYPES.items()]
+    fields = [_arrow_field(name, kind, _unit_in(name)) for name, kind in COLUMN_TYPES.items()]
     for name, unit in unit_by_parameter.items():
-        fields += [_field(f"{name}.{column}", "double", unit) for column in PARAMETER_COLUMNS]
+        fields += [_arrow_field(f"{name}.{column}", "double", unit) for column in PARAMETER_COLUMNS]
     for name in quantities:
         for column, kind in _CONFORMITY_TYPES.items():
-            fields.append(_field(f"{name}.{column}", kind))
-    fields += [_field(name, kind) for name, kind in STATISTICS_TYPES.items()]
+            fields.append(_arrow_field(f"{name}.{column}", kind))
+    fields += [_arrow_field(name, kind) for name, kind in STATISTICS_TYPES.items()]
     metadata = json.dumps({"schema": _SCHEMA, **about}, ensure_ascii=False, sort_keys=True)
     return pa.schema(fields, metadata={_METADATA_KEY: metadata.encode()})
 
 
-def _field(name: str, kind: str, unit: str = "") -> pa.Field:
+def _arrow_field(name: str, kind: str, unit: str = "") -> pa.Field:
     """Return a column of a Parquet table: its name, Arrow type and unit.
 
     ``kind`` is the name of the type, such as ``double`` or ``list<double>``. The unit is stored in
@@ -180,7 +180,7 @@ def _unit_in(column: str) -> str:
     return unit if column.endswith(("_N", "_um")) else ""
 
 
-def _flatten(row: dict[str, Any]) -> dict[str, Any]:
+def _one_value_per_column(row: dict[str, Any]) -> dict[str, Any]:
     """Return the row of a campaign without nested dictionaries: every value has its own column.
 
     In the given row, the entries ``parameters`` and ``stiffness`` hold the mean, sd, median and
@@ -189,7 +189,7 @@ def _flatten(row: dict[str, Any]) -> dict[str, Any]:
     result, the columns of these values have names such as C_XXX.mean and C_XXX.decision.
     """
     flat = dict(row)
-    for name, numbers in _numbers_of(row).items():
+    for name, numbers in _numbers_by_quantity(row).items():
         for column in PARAMETER_COLUMNS:
             flat[f"{name}.{column}"] = numbers[column]
     for name, decision in row.get("conformity", {}).items():
@@ -198,7 +198,7 @@ def _flatten(row: dict[str, Any]) -> dict[str, Any]:
     return flat
 
 
-def _numbers_of(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+def _numbers_by_quantity(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """Return the mean, sd, median and credible interval of each parameter and stiffness.
 
     ``row`` is one row of a batch: the results of one campaign. The keys of the result are the names
@@ -207,7 +207,7 @@ def _numbers_of(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     return {**row.get("parameters", {}), **row.get("stiffness", {})}
 
 
-def _groups(rows: Iterator[dict[str, Any]], size: int) -> Iterator[list[dict[str, Any]]]:
+def _groups_of_rows(rows: Iterator[dict[str, Any]], size: int) -> Iterator[list[dict[str, Any]]]:
     """Yield lists of up to ``size`` consecutive rows."""
     group = list(islice(rows, size))
     while group:

@@ -219,8 +219,8 @@ def _check_same_identity(
     """
     for name in sorted({*identity_there, *identity_here}):
         if identity_there.get(name) != identity_here.get(name):
-            value_there = _shown(identity_there.get(name))
-            value_here = _shown(identity_here.get(name))
+            value_there = _value_in_message(identity_there.get(name))
+            value_here = _value_in_message(identity_here.get(name))
             raise InputError(
                 f"{out} must be of this batch, got {name} {value_there} where this run has"
                 f" {value_here}. Resume with what the batch was begun with, or begin anew"
@@ -228,7 +228,7 @@ def _check_same_identity(
             )
 
 
-def _shown(value: Any) -> Any:
+def _value_in_message(value: Any) -> Any:
     """Return a value for an error message: the word nothing if the value is None."""
     return "nothing" if value is None else value
 
@@ -261,11 +261,11 @@ def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -
     """
     journal.execute(
         "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
-        (row["status"], row.get("state"), json.dumps(_plain(row)), number),
+        (row["status"], row.get("state"), json.dumps(_storable(row)), number),
     )
 
 
-def _plain(value: Any) -> Any:
+def _storable(value: Any) -> Any:
     """Return a value of a campaign's row in a form that can be stored as JSON and Parquet.
 
     The value may be nested. Numbers that are not finite become None (null in JSON), and tuples
@@ -273,9 +273,9 @@ def _plain(value: Any) -> Any:
     marks.
     """
     if isinstance(value, Mapping):
-        return {name: _plain(entry) for name, entry in value.items()}
+        return {name: _storable(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
+        return [_storable(entry) for entry in value]
     if isinstance(value, str):
         return value.encode("utf-8", "replace").decode()
     if isinstance(value, float) and not np.isfinite(value):

@@ -535,7 +535,9 @@ class _Moments(NamedTuple):
     interval: Array
 
 
-def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _Moments:
+def _average_over_draws(
+    weight: Array, mean: Array, sd: Array, tails: tuple[float, float]
+) -> _Moments:
     """Return mean, sd and interval of c parameters, averaged over weighted draws of the spreads.
 
     Spreads are the standard deviations of the machines about the mean of their population. For each
@@ -596,8 +598,8 @@ def _pool_parameters(
     weight = first_spreads.weight
     mean = shared.mean[:, :c]
     sd = shared.sd[:, :c]
-    population_mean = _mix(weight, mean, sd, tails)
-    next_machine = _mix(weight, mean, np.hypot(sd, first_spreads.spread), tails)
+    population_mean = _average_over_draws(weight, mean, sd, tails)
+    next_machine = _average_over_draws(weight, mean, np.hypot(sd, first_spreads.spread), tails)
     spread_mean, spread_sd = mixture_moments(
         spreads.weight, spreads.spread, np.zeros_like(spreads.spread)
     )
@@ -682,7 +684,7 @@ def _pool_machines(
     names = statistics.parameters
     scale = statistics.prior_sd[: len(names)]
     estimates = machine_estimates(likelihood, spreads.spread, shared)
-    pooled = _mix(spreads.weight, estimates.mean, estimates.sd, tails)
+    pooled = _average_over_draws(spreads.weight, estimates.mean, estimates.sd, tails)
     separate = _estimate_machines_separately(likelihood, len(names), spreads.weight, shared, tails)
     campaigns = Counter(statistics.machines)
     by_name = {}
@@ -690,8 +692,12 @@ def _pool_machines(
         by_name[machine] = PooledMachine(
             name=machine,
             campaigns=campaigns[machine],
-            estimate=dict(zip(names, _summarize(scale, _of_machine(pooled, m)), strict=True)),
-            alone=dict(zip(names, _summarize(scale, _of_machine(separate, m)), strict=True)),
+            estimate=dict(
+                zip(names, _summarize(scale, _moments_of_machine(pooled, m)), strict=True)
+            ),
+            alone=dict(
+                zip(names, _summarize(scale, _moments_of_machine(separate, m)), strict=True)
+            ),
         )
         if judged is not None:
             p_value = float(judged.p_value[m])
@@ -704,7 +710,7 @@ def _pool_machines(
     return by_name
 
 
-def _of_machine(moments: _Moments, m: int) -> _Moments:
+def _moments_of_machine(moments: _Moments, m: int) -> _Moments:
     """Return the moments of the parameters of the machine with the index ``m``."""
     return _Moments(moments.mean[m], moments.sd[m], moments.interval[:, m])
 

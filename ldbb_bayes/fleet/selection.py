@@ -139,7 +139,7 @@ def choose(
     is_repeated = digests.notna() & digests.duplicated()
     relied = _leave_out(CaveatKind.GIVEN_AGAIN, relied, is_repeated, caveats)
     if not include_misfits:
-        is_misfit = _has_kind(relied, _MISFIT_KINDS)
+        is_misfit = _reports_any_of(relied, _MISFIT_KINDS)
         relied = _leave_out(CaveatKind.UNEXPECTED, relied, is_misfit, caveats)
     if relied.empty:
         reasons = " ".join(caveat_words(caveat) for caveat in caveats)
@@ -147,9 +147,9 @@ def choose(
             f"campaigns must be left to rely on, got none of {len(rows)}. {reasons} Mend these, or"
             " exclude fewer."
         )
-    not_white = _has_kind(relied, _NOISE_KINDS) & ~_has_kind(relied, _MISFIT_KINDS)
-    _note(CaveatKind.NOT_CONVERGED, relied[relied["converged"].eq(False)], caveats)
-    _note(CaveatKind.NOT_WHITE, relied[not_white], caveats)
+    not_white = _reports_any_of(relied, _NOISE_KINDS) & ~_reports_any_of(relied, _MISFIT_KINDS)
+    _add_caveat(CaveatKind.NOT_CONVERGED, relied[relied["converged"].eq(False)], caveats)
+    _add_caveat(CaveatKind.NOT_WHITE, relied[not_white], caveats)
     return relied, caveats
 
 
@@ -165,11 +165,13 @@ def _leave_out(
     ``is_left_out`` states for each row of a batch's table whether the row is left out. If at least
     one row is left out, a caveat with the given kind and text is added to the list ``caveats``.
     """
-    _note(kind, rows[is_left_out], caveats, text)
+    _add_caveat(kind, rows[is_left_out], caveats, text)
     return rows[~is_left_out]
 
 
-def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = "") -> None:
+def _add_caveat(
+    kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = ""
+) -> None:
     """Add a caveat that names the campaigns in the given rows to the list ``caveats``.
 
     The caveat has the given kind and text. If there are no rows, no caveat is added.
@@ -178,7 +180,7 @@ def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str
         caveats.append(Caveat(kind, tuple(labels(rows)), text=text))
 
 
-def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
+def _reports_any_of(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
     """Return for each campaign whether its fit has a warning or a failed check of the given kinds.
 
     The kind "order", for example, means that the difference between readings and model is too large

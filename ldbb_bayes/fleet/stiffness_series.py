@@ -79,30 +79,30 @@ def stiffness_series(
     for name in names:
         visits = []
         for campaign, (_, row) in zip(campaigns, rows.iterrows(), strict=True):
-            visits.append(_visit(name, campaign, row))
+            visits.append(_stiffness_of_visit(name, campaign, row))
         series[name] = tuple(visits)
     return series
 
 
-def _visit(name: str, campaign: str, row: pd.Series) -> StiffnessOfVisit:
+def _stiffness_of_visit(name: str, campaign: str, row: pd.Series) -> StiffnessOfVisit:
     """Return the stiffness ``name`` from one campaign alone.
 
     ``row`` is the campaign's row in the table of a batch, and ``campaign`` is its label. The name
     of the stiffness is, for example, k_min; its columns are k_min.mean, k_min.sd and so on.
     """
-    sd = _number(row[f"{name}.sd"])
+    sd = _number_or_none(row[f"{name}.sd"])
     return StiffnessOfVisit(
         campaign=campaign,
         force_N=float(row["reference_force_N"]),
         unit=_unit_of(name),
-        mean=_number(row[f"{name}.mean"]),
+        mean=_number_or_none(row[f"{name}.mean"]),
         sd=sd,
         U_k2=None if sd is None else 2.0 * sd,
-        interval=(_number(row[f"{name}.ci_low"]), _number(row[f"{name}.ci_high"])),
+        interval=(_number_or_none(row[f"{name}.ci_low"]), _number_or_none(row[f"{name}.ci_high"])),
     )
 
 
-def _number(value: float | None) -> float | None:
+def _number_or_none(value: float | None) -> float | None:
     """Return the number in a cell of a table; None if the cell is empty."""
     return None if pd.isna(value) else float(value)
 
