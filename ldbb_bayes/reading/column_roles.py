@@ -500,6 +500,7 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
     candidates = _candidates(role, free, headers)
     if role == "reading":
         roles.readings = _several_readings(free, candidates, headers)
+        _check_are_no_angles(place, [headers[column] for column in roles.readings])
         candidates = roles.readings[:1] or candidates
     if role == "test" and len(candidates) > 1 and _numbered(candidates, headers):
         # Each of the columns "Run 1", "Run 2" holds the readings of one test.
@@ -619,6 +620,21 @@ def _several_readings(
     if len(candidates) > 1 and _numbered(candidates, headers):
         return list(candidates)
     return []
+
+
+def _check_are_no_angles(place: str, headers: Sequence[str]) -> None:
+    """Raise an `InputError` if one of the columns of readings holds angles by its header.
+
+    An example is ``Angle 238 N (deg)``: each test then has a column of angles of its own. ``place``
+    names the table.
+    """
+    for header in headers:
+        if has_role(unit_of(header).name, "angle") or unit_of(header).unit in UNITS["angle"]:
+            raise InputError(
+                f"{place}: a table with several columns of readings must have one column of angles,"
+                f" got another: {header[:LONGEST_NAME]!r}. Order the columns as angle, reading,"
+                " angle, reading … from the first column on, and leave out --angle-column."
+            )
 
 
 def _numbered(columns: Sequence[int], headers: Sequence[str]) -> bool:

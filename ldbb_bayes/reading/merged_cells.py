@@ -17,7 +17,8 @@ def with_merged_cells_filled(row: Row, names: Sequence[str]) -> Row:
     """Return a row above the header with the text of merged cells repeated in all their columns.
 
     The columns form several groups, and the row must have exactly one text for each group. Each
-    group begins at a column of angles. If only the first column holds angles, each filled cell
+    group begins at a column of angles. Columns before the first column of angles, such as the
+    number of the row, belong to no group. If only the first column holds angles, each filled cell
     after the first cell of the row begins a group, and all groups must have the same number of
     columns. The first cell of the row may also be a label, such as ``Force [N]``. Any other row is
     returned unchanged.
@@ -33,9 +34,9 @@ def with_merged_cells_filled(row: Row, names: Sequence[str]) -> Row:
     if len(cells) > len(names) or all(cells[1:]):
         return row
     starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
-    if not starts or starts[0] != 0:
+    if not starts:
         return row
-    if len(starts) == 1:
+    if starts == [0]:
         starts = _starts_of_even_groups(cells)
     if len(starts) < 2:
         return row

@@ -29,12 +29,13 @@ _SMALLEST_GAP_DEG = 60.0
 def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     """Return the tables that stand beside each other in a sheet, each as a separate sheet.
 
-    A new table begins at each column of angles. The first column of the sheet must hold angles, and
-    all tables must have the same number of columns. If ``layout`` names columns, every table must
-    have columns with these names. A sheet that does not meet these conditions is returned
-    unchanged. A table is named after the header of its second column without the unit, such as "100
-    N". Tables may differ in length: if all cells of a table are empty in a row, the row is left out
-    of this table.
+    A new table begins at each column of angles. The first column of the sheet must hold angles, or
+    else the columns before the first column of angles must number the rows. All tables must have
+    the same number of columns. If ``layout`` names columns, every table must have columns with
+    these names. A sheet that does not meet these conditions is returned unchanged. A table is named
+    after the header of its second column without the unit, such as "100 N". Tables may differ in
+    length: if all cells of a table are empty in a row, the row is left out of this table. Columns
+    that number the rows stand at the end of each table.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -43,16 +44,38 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     width = _width_of_tables(names)
     if not width:
         return [sheet]
-    starts = range(0, len(names), width)
+    first_start = _columns_of_angles(names)[0]
+    numbering = range(first_start)
+    if not all(_numbers_rows(sheet.rows[header + 1 :], column) for column in numbering):
+        return [sheet]
+    starts = range(first_start, len(names), width)
     headers = [names[start : start + width] for start in starts]
     if not all(_has_stated_columns(layout, table_names) for table_names in headers):
         return [sheet]
-    titles = _titles([table_names[1] for table_names in headers])
+    titles = _titles(headers)
     tables = []
     for start, title in zip(starts, titles, strict=True):
-        tables.append(_columns_of(sheet, header, range(start, start + width), title))
+        columns = range(start, start + width)
+        tables.append(_columns_of(sheet, header, columns, numbering, title))
     _check_whole_circles(sheet, [_angles_of(table) for table in tables])
     return tables
+
+
+def _columns_of_angles(names: Sequence[str]) -> list[int]:
+    """Return the indices of the columns whose headers, in ``names``, name an angle."""
+    return [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
+
+
+def _numbers_rows(rows: Sequence[Row], column: int) -> bool:
+    """Return whether the cells of a column count the rows from 0 or from 1 on."""
+    numbers = []
+    for row in rows:
+        cell = row.cells[column] if column < len(row.cells) else ""
+        if cell:
+            numbers.append(cell)
+    counted_from_0 = [str(number) for number in range(len(numbers))]
+    counted_from_1 = [str(number) for number in range(1, len(numbers) + 1)]
+    return bool(numbers) and numbers in (counted_from_0, counted_from_1)
 
 
 def _angles_of(table: Sheet) -> list[float]:
@@ -97,11 +120,11 @@ def _with_last_gap(names: Sequence[str]) -> list[str]:
     are added so that all tables have the same number of columns.
     """
     padded = list(names)
-    starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
+    starts = _columns_of_angles(names)
     if len(starts) < 2:
         return padded
     width = starts[1] - starts[0]
-    n_missing = -len(names) % width
+    n_missing = (starts[0] - len(names)) % width
     if not any(names[starts[1] - n_missing : starts[1]]):
         padded += [""] * n_missing
     return padded
@@ -111,28 +134,34 @@ def _width_of_tables(names: Sequence[str]) -> int:
     """Return the number of columns that each of several tables beside each other has.
 
     The result is 0 if there is only one table, or if tables differ in their number of columns.
-    ``names`` are the headers of all columns.
+    Columns before the first column of angles belong to no table. ``names`` are the headers of all
+    columns.
     """
-    starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
-    if len(starts) < 2 or starts[0] != 0:
+    starts = _columns_of_angles(names)
+    if len(starts) < 2:
         return 0
-    width = starts[1]
-    is_even = len(names) % width == 0 and starts == list(range(0, len(names), width))
+    width = starts[1] - starts[0]
+    n_columns = len(names) - starts[0]
+    is_even = n_columns % width == 0 and starts == list(range(starts[0], len(names), width))
     if width < _FEWEST_COLUMNS or not is_even:
         return 0
     return width
 
 
-def _columns_of(sheet: Sheet, header: int, columns: range, title: str) -> Sheet:
+def _columns_of(sheet: Sheet, header: int, columns: range, numbering: range, title: str) -> Sheet:
     """Return the table in the given columns of a sheet as a separate sheet with a title.
 
     ``header`` is the index of the row of headers. The rows above this row are kept in every table.
+    ``numbering`` are the columns that number the rows of the sheet; they are put behind the columns
+    of the table.
     """
     rows = list(sheet.rows[:header])
     for row in sheet.rows[header:]:
         cells = row.cells[columns.start : columns.stop]
         if any(cells):
-            rows.append(Row(row.line, cells))
+            n_missing = len(columns) - len(cells)
+            number_cells = row.cells[numbering.start : numbering.stop]
+            rows.append(Row(row.line, [*cells, *[""] * n_missing, *number_cells]))
     formulas = set()
     for line, column in sheet.formulas_without_value:
         formulas.add((line, column - columns.start))
@@ -173,13 +202,15 @@ def _of_columns(units: Mapping[tuple[int, int], str], columns: range) -> dict[tu
     return in_table
 
 
-def _titles(headers: Sequence[str]) -> list[str]:
-    """Return a name for each table: the header of its readings without the unit, or a number.
+def _titles(headers: Sequence[Sequence[str]]) -> list[str]:
+    """Return a name for each table: a header of its columns without the unit, or a number.
 
-    If two tables have the same header of readings, or if one such header is empty, all tables are
-    numbered.
+    The name is the header of the second column, the readings. If these headers are not different,
+    or if one of them is empty, it is the header of the first column, the angles. If these are not
+    different either, the tables are numbered. ``headers`` are the headers of each table.
     """
-    titles = [BRACKET.split(header)[0].strip() for header in headers]
-    if len(set(titles)) < len(titles) or not all(titles):
-        return [f"table {number}" for number in range(1, len(headers) + 1)]
-    return titles
+    for column in (1, 0):
+        titles = [BRACKET.split(of_table[column])[0].strip() for of_table in headers]
+        if len(set(titles)) == len(titles) and all(titles):
+            return titles
+    return [f"table {number}" for number in range(1, len(headers) + 1)]

@@ -26,7 +26,8 @@ from ldbb_bayes.reading.unused_segments import unused_segments
 
 __all__ = ["note_unstated"]
 
-# At most this number of unused texts get separate notes; one further note counts the others.
+# Unused texts on conventions all get separate notes, and so do others as long as the notes are not
+# more than this number; one further note counts the rest.
 _MOST_TEXTS = 6
 # A note shows at most this number of characters of a text.
 _TEXT_SHOWN = 160
@@ -146,14 +147,17 @@ def _note_unused_texts(unused: Sequence[_Text], log: AssumptionLog) -> None:
 def _most_important(texts: Sequence[_Text]) -> list[_Text]:
     """Return those unused texts that get separate notes.
 
-    Texts on angles, signs, units, directions and the mount come first, because they may change the
-    numbers of the campaign. Of texts that differ only in their numbers, only the first is returned.
+    Texts on angles, signs, units, directions and the mount come first, and all of them are
+    returned, because they may change the numbers of the campaign. Of texts that differ only in
+    their numbers, only the first is returned.
     """
     distinct: dict[str, _Text] = {}
     for text in texts:
         distinct.setdefault(_NUMBER.sub("", text.text), text)
-    ordered = sorted(distinct.values(), key=_may_be_convention, reverse=True)
-    return ordered[:_MOST_TEXTS]
+    conventions = [text for text in distinct.values() if _may_be_convention(text)]
+    others = [text for text in distinct.values() if not _may_be_convention(text)]
+    n_others = max(0, _MOST_TEXTS - len(conventions))
+    return conventions + others[:n_others]
 
 
 def _may_be_convention(text: _Text) -> bool:

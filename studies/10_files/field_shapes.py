@@ -175,4 +175,34 @@ def wide_cases() -> dict[str, FieldCase]:
             ),
             circles=tuple(replace(circle, direction="CCW") for circle in TRUTH),
         )
+    return {**cases, **numbered_pair_cases()}
+
+
+def numbered_pair_cases() -> dict[str, FieldCase]:
+    """Return tables beside each other, behind a column that numbers the rows."""
+    of_readings = "No.;Angle [deg];100 N [um];Angle [deg];300 N [um];Angle [deg];600 N [um]"
+    of_angles = (
+        "No.;Angle 100 N [deg];Dev [um];Angle 300 N [deg];Dev [um];Angle 600 N [deg];Dev [um]"
+    )
+    plain = "No.;Angle [deg];Dev [um];Angle [deg];Dev [um];Angle [deg];Dev [um]"
+    headers = {
+        "loads of the readings": ("", of_readings),
+        "loads of the angles": ("", of_angles),
+        "loads in the row above": (";100 N;;300 N;;600 N;", plain),
+    }
+
+    def row(k: int) -> list[str]:
+        cells = [f"{k + 1}"]
+        for reading in field.readings_of(k):
+            cells += [f"{5 * k}", reading]
+        return cells
+
+    cases = {}
+    for number, (where, (above, header)) in enumerate(headers.items()):
+        cases[f"numbered_pairs_{number}"] = FieldCase(
+            "pairs of columns behind the number of the row",
+            f"three pairs of columns, {where}",
+            field.wide(header, row, above=above),
+            told="columns not used: No.",
+        )
     return cases

@@ -132,6 +132,43 @@ def test_pairs_of_angle_and_reading_are_tests(tmp_path: Path) -> None:
     np.testing.assert_allclose(second.reading_um, readings(300.0)[18:])
 
 
+def numbered_pairs(tmp_path: Path, headers: list[str]) -> Path:
+    """Write two tables of angles and readings behind a column that numbers the rows."""
+    lines = list(headers)
+    both = zip(rows(100.0, ";"), rows(300.0, ";"), strict=True)
+    for number, (left, right) in enumerate(both, start=1):
+        lines.append(f"{number};{left};{right}")
+    return file(tmp_path, "wide.csv", lines)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        ["No.;Angle [deg];100 N [um];Angle [deg];300 N [um]"],
+        ["No.;Angle 100 N [deg];Dev [um];Angle 300 N [deg];Dev [um]"],
+        [";100 N;;300 N;", "No.;Angle [deg];Dev [um];Angle [deg];Dev [um]"],
+        ["Force [N];100;;300;", "No.;Angle [deg];Dev [um];Angle [deg];Dev [um]"],
+    ],
+)
+def test_pairs_may_stand_behind_the_number_of_the_row(headers: list[str], tmp_path: Path) -> None:
+    first, second = read_tests(numbered_pairs(tmp_path, headers))
+    check_test(first, 100.0)
+    check_test(second, 300.0)
+
+
+def test_a_number_of_the_row_beside_pairs_is_told(tmp_path: Path) -> None:
+    path = numbered_pairs(tmp_path, ["No.;Angle [deg];100 N [um];Angle [deg];300 N [um]"])
+    notes = lb.import_campaign([path]).assumptions
+    (told,) = [note.value for note in notes if note.what == "columns not used"]
+    assert told == "No."
+
+
+def test_a_column_of_angles_with_a_load_holds_no_readings(tmp_path: Path) -> None:
+    path = numbered_pairs(tmp_path, ["No.;Angle 100 N [deg];D1;Angle 300 N [deg];Dev 300 N"])
+    columns = {"angle": 2}
+    refuses("one column of angles", read_tests, path, columns=columns, reading_unit="um")
+
+
 def test_pairs_of_equal_headers_need_forces(tmp_path: Path) -> None:
     path = pairs(tmp_path, "Angle [deg];Deviation [um];Angle [deg];Deviation [um]")
     refuses("force", read_tests, path)

@@ -305,3 +305,14 @@ def test_the_type_of_a_machine_ends_before_the_next_name_and_value(tmp_path: Pat
 def test_a_plus_sign_that_means_longer_is_no_sum_of_lengths(tmp_path: Path) -> None:
     notes = notes_of(tmp_path, ["Analogue input ball bar, 1 V = 10 µm, + = longer"])
     assert notes["sign of the reading"] == "1: a longer bar is positive (line 1)"
+
+
+def test_all_texts_on_conventions_are_told(tmp_path: Path) -> None:
+    colours = ("red", "green", "blue", "white", "black", "brown", "grey", "pink")
+    lines = [f"# the {colour} cable turns cw or ccw" for colour in colours]
+    rows = [f"{5 * k},{k % 7}.25" for k in range(72)]
+    path = tmp_path / "100 N.csv"
+    path.write_text("\n".join([*lines, "angle [deg],dR [um]", *rows, ""]))
+    notes = lb.import_campaign(path).assumptions
+    told = [note.value for note in notes if note.what == "texts not used"]
+    assert len(told) == len(lines)
