@@ -15,6 +15,7 @@ that the parameter is zero (Hoeting, Madigan, Raftery and Volinsky 1999).
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -299,7 +300,7 @@ def _draw_priors(
     ``weighted`` holds the models. ``draws`` is the number of draws from all models together; it is
     rounded up to a multiple of the number of models.
     """
-    size = -(-draws // len(weighted.nodes))
+    size = math.ceil(draws / len(weighted.nodes))
     draws_of_models = []
     for bound in weighted.bounds:
         beta, phi = prior_draws_of(bound, size, rng)

@@ -292,23 +292,32 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
 
 
 def _budget_of_model(model: AveragedModel) -> _ModelBudget:
-    """Return the variance of the parameters under one model, and the sources of this variance."""
+    """Return the variance of the parameters under one model, and the sources of this variance.
+
+    The variances of the parameters are those of the posterior draws in ``model``. The shares of the
+    sources are averaged over draws of the hyper-parameters; a more probable model gets more draws.
+    All other results are computed at the mean of the hyper-parameters.
+    """
     bound = model.bound
     phi = model.phi.mean(axis=0)
     information = information_of(bound, phi)
     interest = information.interest
     scale = information.scale[interest]
-    drawn = np.atleast_2d(np.cov(model.beta[:, model.places].T, ddof=0))
+    covariance_of_draws = np.atleast_2d(np.cov(model.beta[:, model.places].T, ddof=0))
+    scaled_covariance = covariance_of_draws / np.outer(scale, scale)
     covariance = information.covariance()
-    before = np.diag(covariance)[interest]
-    count = int(np.ceil(_MOST_AVERAGED * model.probability))
+    present_variance = np.diag(covariance)[interest]
+    ratio_if_known = {}
+    for term in information.terms:
+        ratio_if_known[term] = information.variances([term]) / present_variance
+    number_of_draws = int(np.ceil(_MOST_AVERAGED * model.probability))
     return _ModelBudget(
         model=model,
         information=information,
-        variance=np.diag(drawn),
+        variance=np.diag(covariance_of_draws),
         covariance=covariance,
-        shares=_average_shares(bound, model.phi, drawn / np.outer(scale, scale), count),
-        ratio_if_known={term: information.variances([term]) / before for term in information.terms},
+        shares=_average_shares(bound, model.phi, scaled_covariance, number_of_draws),
+        ratio_if_known=ratio_if_known,
         phi=dict(zip(bound.hyper_prior.names, phi.tolist(), strict=True)),
         origins=origins(bound, information),
     )
@@ -327,8 +336,9 @@ def _variance_of_parameter(
     rows = []
     weights = []
     for budget in budgets:
-        found = np.flatnonzero(budget.model.places == i)
-        for row in found.tolist():
+        # The parameter has one row in the arrays of a model that has it, and none in other models.
+        rows_of_parameter = np.flatnonzero(budget.model.places == i)
+        for row in rows_of_parameter.tolist():
             with_parameter.append(budget)
             rows.append(row)
             weights.append(budget.model.probability * float(budget.variance[row]))

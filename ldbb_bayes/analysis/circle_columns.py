@@ -62,9 +62,9 @@ def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns
     The effects are computed at the force ``force_N`` of the bar [N], which may differ from the
     force of the test.
     """
-    geometric = np.array([parameter.group == "geometric" for parameter in bound.parameters])
+    is_geometric = np.array([parameter.group == "geometric" for parameter in bound.parameters])
     elastic = force_N * bound.setting.elastic[r] @ bound.compliance_at(force_N)
-    return MachineColumns(elastic, np.where(geometric, bound.interest[r], 0.0))
+    return MachineColumns(elastic, np.where(is_geometric, bound.interest[r], 0.0))
 
 
 def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:

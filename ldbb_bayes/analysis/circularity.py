@@ -320,6 +320,7 @@ def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
     hysteresis = {}
     for plane in bound.setting.both_ways:
         r = _first_travelled_circle(bound, plane)
+        # The direction of travel is 1 for clockwise and −1 for counterclockwise.
         travel = bound.setting.travel[r]
         travel_per_newton = travel / bound.setting.force_N[r]
         plane_hysteresis = _Hysteresis(

@@ -97,23 +97,17 @@ def joint_difference(
     first, second = campaigns
     common = _common_coefficients(first, second)
     all_names = [*first.names, *(name for name in second.names if name not in common)]
-    size = len(all_names)
-    # The product of the two posteriors contains the prior of the common instrument's coefficients
-    # twice. Divide by this prior once.
-    common_places = np.array([first.names.index(name) for name in common], dtype=int)
-    prior_precision = np.zeros((size, size))
-    prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0
-    joint = Gaussian(-prior_precision, np.zeros(size))
-    joint_rows = np.zeros((2, len(rows[0]), size))
-    for k, campaign in enumerate(campaigns):
-        places = _places(campaign, all_names, common, is_first=k == 0)
-        root = campaign.information.root()[0] / campaign.information.scale
-        precision = np.zeros((size, size))
-        shift = np.zeros(size)
-        precision[np.ix_(places, places)] = root.T @ root
-        shift[places] = root.T @ (root @ campaign.mean)
-        joint = joint + Gaussian(precision, shift)
-        joint_rows[k][:, places[: rows[k].shape[1]]] = rows[k]
+    places = [
+        _joint_places(campaign, all_names, common, is_first=campaign is first)
+        for campaign in campaigns
+    ]
+    joint = _joint_posterior(campaigns, places, common, len(all_names))
+    # The matrices ``rows`` apply to the parameters of one campaign, which come first in its list of
+    # coefficients. The matrices ``joint_rows`` apply to the joint list of all coefficients.
+    joint_rows = np.zeros((2, len(rows[0]), len(all_names)))
+    for k, rows_of_campaign in enumerate(rows):
+        parameter_places = places[k][: rows_of_campaign.shape[1]]
+        joint_rows[k][:, parameter_places] = rows_of_campaign
     difference_rows = joint_rows[1] - joint_rows[0]
     return JointDifference(
         joint_rows @ joint.mean,
@@ -187,7 +181,44 @@ def _common_coefficients(first: _Campaign, second: _Campaign) -> list[str]:
     return common
 
 
-def _places(
+def _joint_posterior(
+    campaigns: Sequence[_Campaign],
+    places: Sequence[Sequence[int]],
+    common: Sequence[str],
+    size: int,
+) -> Gaussian:
+    """Return the posterior of all coefficients, given the readings of both campaigns.
+
+    The result is the product of the posteriors of the two campaigns, divided by the prior of the
+    coefficients that both campaigns have. The product contains this prior twice.
+
+    Parameters
+    ----------
+    campaigns
+        Posterior of each campaign's coefficients.
+    places
+        For each campaign, the indices of its coefficients in the joint list of all coefficients.
+    common
+        Names of the coefficients that both campaigns have.
+    size
+        Number of coefficients in the joint list.
+    """
+    first = campaigns[0]
+    common_places = np.array([first.names.index(name) for name in common], dtype=int)
+    prior_precision = np.zeros((size, size))
+    prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0
+    joint = Gaussian(-prior_precision, np.zeros(size))
+    for campaign, places_of_campaign in zip(campaigns, places, strict=True):
+        root = campaign.information.root()[0] / campaign.information.scale
+        precision = np.zeros((size, size))
+        shift = np.zeros(size)
+        precision[np.ix_(places_of_campaign, places_of_campaign)] = root.T @ root
+        shift[places_of_campaign] = root.T @ (root @ campaign.mean)
+        joint = joint + Gaussian(precision, shift)
+    return joint
+
+
+def _joint_places(
     campaign: _Campaign, all_names: Sequence[str], common: Sequence[str], *, is_first: bool
 ) -> list[int]:
     """Return the indices of a campaign's coefficients in the joint list of both campaigns.
@@ -251,16 +282,19 @@ def worst_conflict(
         common_means.append(means[k][places])
     scale = np.array(scales)
     variance = np.array(variances)
-    gained = 1.0 / variance - 1.0
-    precision = gained / scale**2
-    informed = precision.min(axis=0) * scale[0] ** 2 > _LEAST_INFORMATION
-    if not informed.any():
+    # ``variance`` is in units of the prior variance. Without the prior, the readings of a campaign
+    # alone give the coefficient the precision ``precision`` and the estimate ``estimate``.
+    precision_in_prior_units = 1.0 / variance - 1.0
+    precision = precision_in_prior_units / scale**2
+    is_informed = precision.min(axis=0) * scale[0] ** 2 > _LEAST_INFORMATION
+    if not is_informed.any():
         return None
-    stated = np.array(common_means) / (variance * np.maximum(gained, _LEAST_INFORMATION))
+    shrinkage = variance * np.maximum(precision_in_prior_units, _LEAST_INFORMATION)
+    estimate = np.array(common_means) / shrinkage
     distances = {}
-    for j in np.flatnonzero(informed).tolist():
+    for j in np.flatnonzero(is_informed).tolist():
         sd = np.sqrt((1.0 / precision[:, j]).sum())
-        distances[common[j]] = float(abs(stated[0, j] - stated[1, j]) / sd)
+        distances[common[j]] = float(abs(estimate[0, j] - estimate[1, j]) / sd)
     worst = ranked(distances, distances.__getitem__)[0]
     p_value = float(2.0 * ndtr(-distances[worst])) * len(distances)
     return Conflict(worst, min(1.0, p_value))

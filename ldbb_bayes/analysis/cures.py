@@ -131,12 +131,13 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     if degeneracy.term != candidate.term:
         return False
     if degeneracy.term:
-        return _pattern(degeneracy.nuisances[0]) == _pattern(candidate.nuisances[0])
+        name = _name_without_details(degeneracy.nuisances[0])
+        return name == _name_without_details(candidate.nuisances[0])
     shared = set(degeneracy.parameters) & set(candidate.parameters)
     return len(shared) >= min(2, len(degeneracy.parameters))
 
 
-def _pattern(nuisance: str) -> str:
+def _name_without_details(nuisance: str) -> str:
     """Return a nuisance coefficient's name without the parts that state ball, phase and radius.
 
     These parts are ``work_`` or ``tool_`` at the beginning, ``_cos`` or ``_sin``, and a number at

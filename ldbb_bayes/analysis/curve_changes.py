@@ -99,6 +99,8 @@ def _joint_load_weights(bound: BoundModel, information: Information, axis: str) 
         if isinstance(term, JointLoad):
             force_N = bound.setting.force_N
             ends_N = np.array([force_N.min(), force_N.max()])
+            # ``secants`` holds the change of the compliance per unit of each coefficient, at the
+            # smallest and at the largest force.
             secants = term.secants(bound.setting, ends_N)
             weights[places] = secants[1] - secants[0]
     return weights

@@ -222,9 +222,13 @@ def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: f
     ``bound`` is the model of one campaign, with p parameters at its own reference force. The
     matrix, shape (n, p), multiplied by these p parameters gives the n parameters ``names`` at the
     reference force ``reference_force_N`` [N].
+
+    A compliance is a polynomial in F − F0, the force minus the reference force. Its coefficients
+    for another reference force follow from the binomial theorem. Geometric errors do not depend on
+    the reference force.
     """
     rows = np.zeros((len(names), len(bound.names)))
-    lever = reference_force_N - bound.setting.reference_force_N
+    shift_N = reference_force_N - bound.setting.reference_force_N
     for i, name in enumerate(names):
         target = bound.parameters[bound.names.index(name)]
         if target.group == "geometric":
@@ -236,5 +240,5 @@ def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: f
             )
             power = parameter.degree - target.degree
             if same_compliance and power >= 0:
-                rows[i, j] = comb(parameter.degree, target.degree) * lever**power
+                rows[i, j] = comb(parameter.degree, target.degree) * shift_N**power
     return rows

@@ -200,7 +200,7 @@ def validate_gum(
     sd = beta.std(axis=0, ddof=1)
     low, high = mixtures.quantiles(levels)
     errors = _STANDARD_ERRORS * mixtures.quantile_errors(levels).max(axis=0)
-    linear = model.bound.given(model.phi.mean(axis=0)[None])[1]
+    _, linear = model.bound.given(model.phi.mean(axis=0)[None])
     expanded = float(ndtri(1.0 - tail)) * linear.sd[0]
     parameters = bound.parameters
     comparisons = ByName[GumComparison]()

@@ -60,7 +60,11 @@ class NullSpace:
         self.scaled = scaled
         self.parameters = parameters
         self.limit = limit
+        #: largest change of a reading when each of the m coefficients alone changes by its prior
+        #: standard deviation, shape (m,)
         self.largest = np.abs(scaled).max(axis=0)
+        # Triangular factor R of ``scaled`` = Q R. It has fewer rows than ``scaled``, but the same
+        # null space and the same singular values.
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
 
     def sparse_basis(self) -> list[tuple[int, Array]]:
@@ -108,7 +112,12 @@ class NullSpace:
         ``NullSpace.limit`` counts as no change.
         """
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
+        # If there are fewer readings than coefficients, the remaining singular values are zero.
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))
+        # The singular value of a combination is the root sum of squares of the changes of all n
+        # readings. If it exceeds the limit times √n, some reading changes by more than the limit.
+        # Of the remaining combinations, those with the largest singular values are left out until
+        # no reading changes by more than the limit.
         basis = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
         while basis.shape[1] and np.abs(self.scaled[:, columns] @ basis).max() > self.limit:
             basis = basis[:, 1:]

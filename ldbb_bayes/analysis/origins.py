@@ -30,7 +30,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from enum import StrEnum
 from functools import cache
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.information import Information
@@ -123,8 +123,9 @@ def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
     usual = _with_usual_sizes(bound, term)
     if usual == term:
         return False
-    size = _prior_size(term, bound, coefficient)
-    return size != _prior_size(usual, bound, coefficient)
+    stated_size = _prior_size(term, bound, coefficient)
+    usual_size = _prior_size(usual, bound, coefficient)
+    return stated_size != usual_size
 
 
 def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
@@ -141,15 +142,20 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
     return with_usual_sizes
 
 
-def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object, ...] | None:
-    """Return the three values that determine the prior sd of a coefficient.
+class _PriorSize(NamedTuple):
+    """The three values that determine the prior sd of a coefficient."""
 
-    The result holds three values:
+    #: the prior sd, or a factor of it if the prior sd is proportional to hyper-parameters
+    sd: float
+    #: the hyper-parameters by which ``sd`` is multiplied
+    hyper_parameters: object
+    #: the part of the prior sd that is not multiplied by hyper-parameters, because the user or a
+    #: certificate states it
+    stated: float
 
-    - the prior sd, or a factor of it if the prior sd is proportional to hyper-parameters;
-    - the hyper-parameters by which this factor is multiplied;
-    - the part of the prior sd that is not multiplied by hyper-parameters, because the user or a
-      certificate states it.
+
+def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> _PriorSize | None:
+    """Return the values that determine the prior sd of a coefficient of a model term.
 
     Return None if the term has no coefficient of this name.
     """
@@ -157,7 +163,7 @@ def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object
         if isinstance(columns, Columns) and coefficient in columns.names:
             k = columns.names.index(coefficient)
             stated = 0.0 if columns.stated is None else float(columns.stated[k])
-            return float(columns.sd[k]), columns.sources[k], stated
+            return _PriorSize(float(columns.sd[k]), columns.sources[k], stated)
     return None
 
 

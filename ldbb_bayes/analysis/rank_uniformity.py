@@ -61,6 +61,9 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     """
     level = np.arange(1, draws + 1) / (draws + 1)
     counts = np.arange(replicates + 1.0)[:, None]
+    # For each k, the number of ranks that are at most k has a binomial distribution. ``at_most``
+    # and ``more_than`` are the probabilities that it is at most n, or more than n, for n from 0 to
+    # ``replicates`` (rows) and every k (columns).
     at_most = bdtr(counts, replicates, level)
     more_than = bdtrc(counts, replicates, level)
 

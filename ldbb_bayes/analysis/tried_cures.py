@@ -272,12 +272,13 @@ def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     sorted, and the k-th test of the new order gets the k-th time.
     """
     forces = np.array([float(test.force_N or 0.0) for test in tests])
-    place = np.arange(len(tests)) - 0.5 * (len(tests) - 1)
+    centred_positions = np.arange(len(tests)) - 0.5 * (len(tests) - 1)
     rng = np.random.default_rng(0)
     orders = [rng.permutation(len(tests)) for _ in range(_ORDERS_TRIED)]
-    relation = {k: -abs(float(place @ forces[order])) for k, order in enumerate(orders)}
-    best = orders[ranked(relation, relation.__getitem__)[0]]
+    # The correlation is proportional to the product of the positions and the forces.
+    merit = {k: -abs(float(centred_positions @ forces[order])) for k, order in enumerate(orders)}
+    best = orders[ranked(merit, merit.__getitem__)[0]]
     times: list[float | None] = [None] * len(tests)
-    stated = sorted(test.time_s for test in tests if test.time_s is not None)
-    times[: len(stated)] = stated
+    stated_times = sorted(test.time_s for test in tests if test.time_s is not None)
+    times[: len(stated_times)] = stated_times
     return tuple(replace(tests[k], time_s=time) for k, time in zip(best, times, strict=True))

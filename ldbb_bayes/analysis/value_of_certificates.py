@@ -71,9 +71,9 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     certified_campaign = replace(bound.campaign, instrument=instrument)
     certified = BoundModel(bound.model, certified_campaign, pilot=bound.pilot)
     carried = certified.hyper_prior.carried(bound.hyper_prior, phi)
-    given = certified.given(carried)[1]
-    error_of_mean = given.mean - weight @ given.mean
-    return np.asarray(np.sqrt(weight @ (given.sd**2 + error_of_mean**2)))
+    _, posterior = certified.given(carried)
+    error_of_mean = posterior.mean - weight @ posterior.mean
+    return np.asarray(np.sqrt(weight @ (posterior.sd**2 + error_of_mean**2)))
 
 
 class Moments(NamedTuple):
@@ -184,13 +184,13 @@ def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]
     """
     uncertified = Instrument()
     missing = {}
-    named: set[str] = set()
+    stated_fields: set[str] = set()
     for name, statements in CERTIFICATES.items():
         fields = list(statements)
-        lacking = all(getattr(instrument, key) == getattr(uncertified, key) for key in fields)
-        if lacking and named.isdisjoint(fields):
+        is_missing = all(getattr(instrument, key) == getattr(uncertified, key) for key in fields)
+        if is_missing and stated_fields.isdisjoint(fields):
             missing[name] = statements
-            named.update(fields)
+            stated_fields.update(fields)
     return missing
 
 

@@ -113,8 +113,9 @@ class ModelVariance:
         covariance has the shape (q, q) for the errors of the q quantities. The covariances are
         scaled so that the sum of their diagonals is ``sd``², the variances of the quantities.
         """
-        drawn = self.sd / np.sqrt(np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1))
-        scale = np.outer(drawn, drawn)
+        gaussian_sd = np.sqrt(np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1))
+        sd_ratio = self.sd / gaussian_sd
+        scale = np.outer(sd_ratio, sd_ratio)
         information = self.information
         errors: dict[tuple[str, Origin], Array] = {}
         for key, covariance in information.error_covariances(self.weights).items():
@@ -124,12 +125,15 @@ class ModelVariance:
                 errors[source] = errors.get(source, 0.0) + scale * covariance
         if information.flat:
             return errors
-        total = self.weights @ information.covariance()[:, information.interest]
+        # Coefficients are in units of their prior sds. If the true value of a parameter differs
+        # from the prior mean by one prior sd, each quantity has an error. The size of the error is
+        # the posterior covariance of quantity and parameter.
+        error_by_prior = self.weights @ information.covariance()[:, information.interest]
         for j, name in enumerate(self.bound.names):
             origin = Origin.ASSUMED
             if is_prior_stated(self.bound, name):
                 origin = Origin.STATED
-            errors[name, origin] = scale * np.outer(total[:, j], total[:, j])
+            errors[name, origin] = scale * np.outer(error_by_prior[:, j], error_by_prior[:, j])
         return errors
 
     def variance_if_known(self, names: Sequence[str]) -> Array:

@@ -11,6 +11,7 @@ has taken. The step then adds all subsets that differ from this subset in one sl
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -241,7 +242,7 @@ def averaged_curves(
     for nodes, count in zip(weighed, counts, strict=True):
         if count:
             repeats = int(np.clip(count // _FEWEST_NODES, 1, _DRAWS_PER_NODE))
-            free = nodes.integral.resample(-(-int(count) // repeats), rng)
+            free = nodes.integral.resample(math.ceil(count / repeats), rng)
             of_model = draw_with_shared(nodes.bound, free, repeats, rng)
             machine = ModelDraws(nodes.bound, of_model.phi, of_model.beta)
             curves_of_model = elastic_draws_with(of_model.shared, machine, (), forces).compliances

@@ -319,7 +319,7 @@ def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
     return SampledSd(bound.prior_sd, np.array([entry.sd for entry in expected.values()]))
 
 
-def _relative_to(
+def _scaled_to_forecast(
     expected: SampledSd, bound: BoundModel, certificates: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
     """Return standard uncertainties with further certificates, scaled to match a plan's forecast.
@@ -411,7 +411,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         effective_parameters -= float(information.variances().sum())
         certificates = worth_of_certificates(bound, weight, nodes)
     if expected is not None and certificates:
-        certificates = _relative_to(expected, bound, certificates)
+        certificates = _scaled_to_forecast(expected, bound, certificates)
     changes = curve_changes(bound, information)
     variance = _averaged_over_scales(bound, information, changes, weight, nodes)
     prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
@@ -880,8 +880,8 @@ def _remedies_of(
     entries += parameters.values()
     entries += changes.values()
     sd = np.array([entry.sd for entry in entries])
-    scatter = np.array([entry.origin_shares.get(Origin.MEASURED, 0.0) for entry in entries])
-    return remedies(tried, sd, scatter)
+    measured_share = np.array([entry.origin_shares.get(Origin.MEASURED, 0.0) for entry in entries])
+    return remedies(tried, sd, measured_share)
 
 
 def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:

@@ -321,7 +321,9 @@ def _left_out_circles(
 ) -> dict[str, LeftOutCircle]:
     """Return the comparison of every circle with the prediction from the other circles.
 
-    The keys are names of tests. The arguments have the same meaning as in `judge_tests`.
+    The keys are names of tests. ``nodes_by_model`` holds the posterior of each model given all
+    tests; ``left_out_nodes`` holds, for each model and each test, the posterior given all other
+    tests. ``seed`` is the seed of the circles that are simulated as the prediction.
     """
     judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
     circles = {}

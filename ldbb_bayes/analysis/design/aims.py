@@ -137,8 +137,8 @@ def total_distance(aims: Sequence[Aim], covariance: Array) -> Array:
     total = np.zeros(covariance.shape[1:-2])
     for aim in aims:
         distance = aim.distance(covariance)
-        counts = 1.0
+        weight = 1.0
         if aim.is_reached:
-            counts = _REACHED
-        total = total + counts * np.where(distance > 0.0, distance, _REACHED * distance)
+            weight = _REACHED
+        total = total + weight * np.where(distance > 0.0, distance, _REACHED * distance)
     return total

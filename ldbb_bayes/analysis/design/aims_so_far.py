@@ -232,8 +232,10 @@ class ToleranceState:
     def so_far(self, after: Array) -> ToleranceSoFar:
         """Return the present decision, and the probability of a decision after the next circle.
 
-        ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
-        circle, at K values of the hyper-parameters.
+        The estimate after the next circle is not known yet. It is taken to be normally distributed
+        about the present estimate. A decision is made if the new estimate is at least a guard band
+        away from each limit. ``after``, shape (K, p, p), are the covariances of the p parameters
+        after the best next circle, at K values of the hyper-parameters.
         """
         sd = self.now.sd
         sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), sd)
@@ -269,9 +271,11 @@ def tolerance_states(
     states = {}
     for name, now in decisions.items():
         values = draws[name]
-        standard = (parameters - known.mean) / known.bound.scale
-        standard = standard[evenly_spaced(len(standard), len(values))]
-        weights = np.linalg.lstsq(standard, values - values.mean())[0]
+        # There may be fewer draws of the quantity than of the parameters. Use the draws of the
+        # parameters from which the draws of the quantity were computed.
+        scaled_parameters = (parameters - known.mean) / known.bound.scale
+        same_draws = scaled_parameters[evenly_spaced(len(scaled_parameters), len(values))]
+        weights = np.linalg.lstsq(same_draws, values - values.mean())[0]
         limits = [limit for limit in now.limits if np.isfinite(limit)]
         distance = min(abs(now.mean - limit) for limit in limits)
         target = max(distance, _LEAST_DISTANCE * now.sd) / float(ndtri(confidence))

@@ -107,9 +107,12 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     The normal score of a hyper-parameter is the standard normal quantile of its cumulative prior
     probability.
 
-    ``truth``, shape (K, h), are the true scores of K possible machines. ``information``, shape (K,
-    h, h), is the Fisher information of the readings about the scores. ``error``, shape (K, h), are
-    standard normal random numbers, from which the errors of the estimated scores are computed.
+    With the information I and a random estimate v̂ ~ N(v, I⁻¹) of the true scores v, the posterior
+    has the mean (1 + I)⁻¹ I v̂ and the covariance (1 + I)⁻¹, where 1 is the identity matrix.
+
+    ``truth``, shape (K, h), are the true scores v of K possible machines. ``information``, shape
+    (K, h, h), is the Fisher information I of the readings about the scores. ``error``, shape (K,
+    h), are standard normal random numbers, from which the errors of the estimates v̂ are computed.
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
@@ -154,6 +157,9 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
         Fisher information, shape (K, h, h).
     """
     points, size = scores.shape
+    # Derivatives are central differences. For each set of scores, the variances of the effects are
+    # computed at 2 h + 1 points: at the scores (index 0), with each of the h scores increased by a
+    # step (indices 1 to h), and with each score decreased by a step (indices h + 1 to 2 h).
     steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
     stepped = (scores[:, None] + steps).reshape(-1, size)
     phi = bound.hyper_prior.quantile(ndtr(stepped))
@@ -198,6 +204,12 @@ def _information_at(
     information about the effects. The normal score of a hyper-parameter is the standard normal
     quantile of its cumulative prior probability.
 
+    The information about the scores v_i and v_j is I_ij = ½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV), where V is the
+    covariance of the readings and ∂_iV its derivative with respect to v_i. V is the sum of s_c x_c
+    x_cᵀ over all effects c, plus the white noise. Here x_c are the changes of the readings per unit
+    of effect c, and s_c is the variance of this effect. The sum for I_ij therefore has three parts:
+    for pairs of effects, for pairs of an effect and the noise, and for the noise alone.
+
     Parameters
     ----------
     blocks
@@ -215,19 +227,25 @@ def _information_at(
         (h,).
     """
     precision = _precision(blocks, variances, noise)
+    # Only effects whose variance depends on a hyper-parameter contribute to the information.
     is_changing: Array = np.asarray(slopes.any(axis=0))
-    changing = []
+    changing_blocks = []
     for block in blocks:
         columns = block.columns[:, is_changing[block.effects]]
-        changing.append(block._replace(columns=columns))
-    of_blocks = [precision[:, block.readings] @ block.columns for block in changing]
+        changing_blocks.append(block._replace(columns=columns))
+    # ``weighted`` is V⁻¹ X, where the columns of X are the x_c of these effects. ``overlap`` holds
+    # the squares of the elements of Xᵀ V⁻¹ X.
+    of_blocks = [precision[:, block.readings] @ block.columns for block in changing_blocks]
     weighted = np.concatenate(of_blocks, axis=1)
-    overlaps = [block.columns.T @ weighted[block.readings] for block in changing]
+    overlaps = [block.columns.T @ weighted[block.readings] for block in changing_blocks]
     overlap = np.concatenate(overlaps) ** 2
-    between = slopes[:, is_changing] @ overlap @ slopes[:, is_changing].T
-    with_noise = np.outer(slopes[:, is_changing] @ (weighted**2).sum(axis=0), noise_slope)
-    of_noise = (precision**2).sum() * np.outer(noise_slope, noise_slope)
-    return np.asarray(0.5 * (between + with_noise + with_noise.T + of_noise))
+    slopes_of_effects = slopes[:, is_changing]
+    pairs_of_effects = slopes_of_effects @ overlap @ slopes_of_effects.T
+    effects_and_noise = np.outer(slopes_of_effects @ (weighted**2).sum(axis=0), noise_slope)
+    noise_alone = (precision**2).sum() * np.outer(noise_slope, noise_slope)
+    return np.asarray(
+        0.5 * (pairs_of_effects + effects_and_noise + effects_and_noise.T + noise_alone)
+    )
 
 
 def _precision(blocks: list[_EffectBlock], variances: Array, noise: float) -> Array:
@@ -275,21 +293,27 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
     are computed for each set.
     """
     values = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
-    of_block = [_on_all_tests(bound, values)]
-    for r in range(len(bound.reduced)):
-        of_block.append(_on_one_test(bound, values, r))
-    first = of_block[0].columns
-    blocks = [_EffectBlock(slice(0, len(first)), slice(0, first.shape[1]), first)]
+    on_all_tests = _on_all_tests(bound, values)
+    on_single_tests = [_on_one_test(bound, values, r) for r in range(len(bound.reduced))]
+    all_readings, common_effects = on_all_tests.columns.shape
+    first_block = _EffectBlock(
+        slice(0, all_readings), slice(0, common_effects), on_all_tests.columns
+    )
+    blocks = [first_block]
+    # Each test has its own readings and effects. ``readings`` and ``effects`` are the numbers of
+    # readings and effects in the list before those of the test.
     readings = 0
-    effects = first.shape[1]
-    for block in of_block[1:]:
-        n, c = block.columns.shape
-        blocks.append(
-            _EffectBlock(slice(readings, readings + n), slice(effects, effects + c), block.columns)
-        )
+    effects = common_effects
+    for on_one_test in on_single_tests:
+        n, c = on_one_test.columns.shape
+        readings_of_test = slice(readings, readings + n)
+        effects_of_test = slice(effects, effects + c)
+        blocks.append(_EffectBlock(readings_of_test, effects_of_test, on_one_test.columns))
         readings += n
         effects += c
-    variances = np.concatenate([block.variances for block in of_block], axis=1)
+    variances = np.concatenate(
+        [group.variances for group in (on_all_tests, *on_single_tests)], axis=1
+    )
     return _Effects(blocks, variances, values["sigma"] ** 2)
 
 
@@ -316,7 +340,7 @@ def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _EffectColu
             of_tests = [factor @ effect.values[r] for r, factor in enumerate(factors)]
             columns.append(np.concatenate(of_tests))
             sds.append(effect.sd_at(values))
-    return _scaled(columns, sds, len(values["sigma"]))
+    return _combine_groups(columns, sds, len(values["sigma"]))
 
 
 def _on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _EffectColumns:
@@ -335,10 +359,10 @@ def _on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _Eff
         elif effect.private:
             columns.append(factor @ effect.values[r])
             sds.append(effect.sd_at(values, r))
-    return _scaled(columns, sds, len(values["sigma"]))
+    return _combine_groups(columns, sds, len(values["sigma"]))
 
 
-def _scaled(columns: list[Array], sds: list[Array], sets: int) -> _EffectColumns:
+def _combine_groups(columns: list[Array], sds: list[Array], sets: int) -> _EffectColumns:
     """Return one design matrix for several groups of effects, with the variances of the effects.
 
     ``columns`` and ``sds`` hold the design matrix and the standard deviations of each group.

@@ -283,7 +283,9 @@ def _bind_to_pilot(
 
     ``pilot`` is the campaign that the plan starts from; the model takes its reference force and
     force range from this campaign. If ``keep_pilot_tests`` is true, the model is applied to the
-    tests of the pilot and of the plan together; the tests of the pilot come first.
+    tests of the pilot and of the plan together; the tests of the pilot come first. In both cases,
+    the model has the parameters that the pilot's tests would determine if they stated no direction
+    of travel.
     """
     tests = plan.tests
     pilot_tests = pilot.plan().tests

@@ -219,16 +219,17 @@ def find_cheapest(
             break
         entry = heapq.heappop(queue)
         progress = entry.progress
+        # The search in a family goes on until a campaign is found, or no campaign can be found.
         if not progress.started:
-            follows = search.start(progress)
+            goes_on = search.start(progress)
         else:
             campaign = search.attempt(progress)
-            follows = campaign is None
+            goes_on = campaign is None
             if campaign is not None:
                 found.append(campaign)
                 on_campaign()
             progress.circles += 1
-        if follows and progress.circles <= _MOST_CIRCLES:
+        if goes_on and progress.circles <= _MOST_CIRCLES:
             price = progress.family.lowest_price(costs, progress.circles)
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
     found.sort(key=lambda campaign: campaign.price(costs))
@@ -377,7 +378,7 @@ class _Search:
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))
         self.effort += len(campaign.tests) ** 2
-        self._learn(progress, campaign, counts)
+        self._store_inflation(progress, campaign, counts)
         return campaign
 
     def _with_fewer_circles(self, progress: _Progress, campaign: FoundCampaign) -> FoundCampaign:
@@ -403,7 +404,7 @@ class _Search:
             best = shorter
         return best
 
-    def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
+    def _store_inflation(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
         """Store by how much the uncertainties of a full forecast exceed those of a quick forecast.
 
         The ratio of the uncertainties is computed from both forecasts of ``campaign``. The

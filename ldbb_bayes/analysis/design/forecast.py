@@ -292,8 +292,8 @@ def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
     scales = believed_scales(bound, phi, _BELIEFS, _SEED)
-    given = bound.given(scales.reshape(-1, scales.shape[-1]))[1]
-    relative_spread = given.spread() / bound.scale[:, None]
+    _, posterior = bound.given(scales.reshape(-1, scales.shape[-1]))
+    relative_spread = posterior.spread() / bound.scale[:, None]
     covariance = relative_spread @ np.swapaxes(relative_spread, -1, -2)
     p = len(bound.names)
     return np.asarray(covariance.reshape(len(phi), _BELIEFS, p, p))
@@ -333,7 +333,13 @@ def _undetermined_forecast(bound: BoundModel) -> Forecast:
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(
-            parameter.unit, parameter.prior_sd, np.inf, np.inf, np.inf, np.inf, np.inf
+            unit=parameter.unit,
+            prior_sd=parameter.prior_sd,
+            sd=np.inf,
+            sd_error=np.inf,
+            likely_sd=np.inf,
+            untruncated_sd=np.inf,
+            floor_sd=np.inf,
         )
     return Forecast(expected, np.inf, None)
 
@@ -446,8 +452,10 @@ def _is_possible(bound: BoundModel, states: States) -> Array:
     """
     if not bound.truncation.active:
         return np.ones(len(states.beta), bool)
-    is_possible = bound.truncation.holds(states.beta)
-    return np.asarray(is_possible | (not is_possible.any()))
+    is_possible = np.asarray(bound.truncation.holds(states.beta))
+    if not is_possible.any():
+        return np.ones(len(states.beta), bool)
+    return is_possible
 
 
 def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple[Array, Array]:
@@ -571,6 +579,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
         rank = np.linalg.matrix_rank(rows[..., interest], tol=_RANK_TOLERANCE).min()
         if rank < len(interest):
             return None, np.zeros(0)
+    # The first entry of ``once_and_often`` stands for one run of every test, the second entry for a
+    # million runs. N runs are N times the information, and therefore √N times the derivatives.
     once_and_often = np.array([1.0, np.sqrt(_REPETITIONS_OF_FLOOR)])[:, None, None, None] * rows
     no_reading = np.zeros(once_and_often.shape[:-1])
     if first.flat:

@@ -275,9 +275,9 @@ def design_for_goals(
         augment=augment,
         seed=seed,
     )
-    known = _what_is_known(space, goals)
+    known = _present_estimates(space, goals)
     needed = {name: goal for name, goal in goals.items() if not known[name].met_by_pilot}
-    return _describe(space, known, needed, costs, offers, probability, _Steps(progress))
+    return _search_campaigns(space, known, needed, costs, offers, probability, _Steps(progress))
 
 
 @dataclass
@@ -310,7 +310,7 @@ def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
     return _DIRECTIONS
 
 
-def _what_is_known(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
+def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
     """Return each goal with the estimate of its parameter and the uncertainty of the estimate.
 
     Estimate and uncertainty are computed from the readings of the pilot (the campaign that the
@@ -340,7 +340,7 @@ def _what_is_known(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedG
     return stated
 
 
-def _describe(
+def _search_campaigns(
     space: Space,
     known: dict[str, StatedGoal],
     needed: Mapping[str, Goal],

@@ -496,8 +496,8 @@ class _ModelOdds:
         circle, at K values of the hyper-parameters.
         """
         scale = self.known.bound.scale[self.columns]
-        given = self.known.bound.given(self.known.phi)[1]
-        now = Gaussian.factored(given.mean, given.root, given.scale).marginal(self.columns)
+        _, present = self.known.bound.given(self.known.phi)
+        now = Gaussian.factored(present.mean, present.root, present.scale).marginal(self.columns)
         expected = discrimination_of(
             after[:, self.columns][:, :, self.columns],
             tuple(self.known.bound.names[k] for k in self.columns),

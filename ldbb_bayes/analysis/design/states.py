@@ -166,8 +166,10 @@ def states_before(
         posterior = _hyper_posterior(model, pilot)
         beta = draw_parameters_given(posterior.bound, bound.hyper_prior.free(phi), rng)
     if augment and not pilot.is_plan:
-        given_phi = bound.given(phi)[1]
-        before = Gaussian.factored(given_phi.mean, given_phi.root, given_phi.scale)
+        _, posterior_given_phi = bound.given(phi)
+        before = Gaussian.factored(
+            posterior_given_phi.mean, posterior_given_phi.root, posterior_given_phi.scale
+        )
         return States(phi, beta, before)
     prior_mean = np.broadcast_to(bound.prior_mean, (nodes, p))
     prior_variance = np.broadcast_to(bound.prior_sd**2, (nodes, p))
