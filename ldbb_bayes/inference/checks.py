@@ -231,18 +231,18 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
-    power = np.ones(1)
+    variance_ratio = np.ones(1)
     if fails.any():
-        excess = np.maximum(_power_beyond(bound) / phi[sigma] ** 2, 1.0)
-        power = np.where(fails, excess, 1.0)
+        measured_ratio = _noise_variance_above_order_12(bound) / phi[sigma] ** 2
+        variance_ratio = np.where(fails, np.maximum(measured_ratio, 1.0), 1.0)
     noisy = phi.copy()
-    noisy[sigma] *= np.sqrt(power.mean())
+    noisy[sigma] *= np.sqrt(variance_ratio.mean())
     variance = information_of(bound, phi).variances()
     variance_with_noise = information_of(bound, noisy).variances()
     return float(np.sqrt((variance_with_noise / variance).max()) - 1.0)
 
 
-def _power_beyond(bound: BoundModel) -> Array:
+def _noise_variance_above_order_12(bound: BoundModel) -> Array:
     """Return the variance of white noise that explains each test's readings at orders 13 to 16.
 
     The orders are Fourier orders. The variances are in mm², shape (tests,). The mean Fourier
@@ -251,22 +251,22 @@ def _power_beyond(bound: BoundModel) -> Array:
     ``bound`` is the model of the campaign.
     """
     setting = bound.setting
-    waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])
-    power = np.zeros(len(waves))
-    kinds = list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True))
-    for kind in set(kinds):
-        tests = [r for r, other in enumerate(kinds) if other == kind]
-        deviation = waves[tests]
+    coefficients = np.array([_coefficients_above_order_12(test) for test in tests_in_order(bound)])
+    mean_square = np.zeros(len(coefficients))
+    conditions = list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True))
+    for condition in set(conditions):
+        tests = [r for r, of_test in enumerate(conditions) if of_test == condition]
+        deviation = coefficients[tests]
         freedom = len(tests)
         if len(tests) > 1:
             deviation = deviation - deviation.mean(axis=0)
             freedom = len(tests) - 1
-        power[tests] = np.mean(deviation**2, axis=1) * (len(tests) / freedom)
+        mean_square[tests] = np.mean(deviation**2, axis=1) * (len(tests) / freedom)
     # White noise of variance s² in n readings gives a Fourier coefficient the variance 2 s² / n.
-    return power * np.array([reduced.readings for reduced in bound.reduced]) / 2.0
+    return mean_square * np.array([reduced.readings for reduced in bound.reduced]) / 2.0
 
 
-def _waves_beyond(test: CircularTest) -> Array:
+def _coefficients_above_order_12(test: CircularTest) -> Array:
     """Return the Fourier coefficients of a test's readings at the orders 13 to 16 [mm].
 
     The eight coefficients, four cosines and then four sines, are fitted by least squares together

@@ -261,6 +261,11 @@ def _joint_load_of(bound: BoundModel) -> JointLoad | None:
 
 
 def _names_of_shared(bound: BoundModel) -> list[str]:
+    """Return the names of the nuisance coefficients that tests share, in the model's order.
+
+    Nuisances are effects that are modelled but not of interest. ``bound`` is the model of the
+    campaign.
+    """
     names: list[str] = []
     for term in shared_terms(bound.nuisance_columns):
         names += term.names

@@ -224,13 +224,14 @@ def _fit_widths(
     those of the polynomials of degree two in the other k rows. ``deviation``, shape (n, h), holds
     the deviations of h coordinates from their means at n points; ``weight``, shape (n,), holds the
     weights of the points. ``is_before``, shape (k, h), is True where the coordinate of the row has
-    a smaller index than the coordinate of the column. The coefficients maximise the likelihood of
-    the deviations under normal distributions. They are computed with Fisher's method of scoring
+    a smaller index than the coordinate of the column; all other coefficients are zero, and so are
+    coefficients that are not significant. The coefficients maximise the likelihood of the
+    deviations under normal distributions. They are computed with Fisher's method of scoring
     (Harvey, Econometrica 44 (1976) 461).
     """
     values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
-    counts = np.concatenate([is_before, is_before])
-    coefficients = np.zeros(counts.shape)
+    is_fitted = np.concatenate([is_before, is_before])
+    coefficients = np.zeros(is_fitted.shape)
     ess = 1.0 / (weight**2).sum()
     for step in range(_STEPS):
         standard = deviation * np.exp(-_limited(values @ coefficients))
@@ -238,6 +239,6 @@ def _fit_widths(
         moment = 0.5 * (values.T * weight) @ excess
         if step == 0:
             standard_error = 0.5 * np.sqrt(weight @ excess**2 / ess)
-            counts = counts & (np.abs(moment) > _SIGNIFICANT * standard_error)
-        coefficients = coefficients + np.where(counts, moment, 0.0)
+            is_fitted = is_fitted & (np.abs(moment) > _SIGNIFICANT * standard_error)
+        coefficients = coefficients + np.where(is_fitted, moment, 0.0)
     return coefficients

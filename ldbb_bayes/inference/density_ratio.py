@@ -125,11 +125,15 @@ class _Sample:
 
     @cached_property
     def _decomposition(self) -> _Decomposition:
+        """Singular value decomposition of the matrix with which the polynomial is fitted.
+
+        The matrix has a row for each of the m nodes and a column for each term of the polynomial.
+        """
         root_weight = np.sqrt(self.weight)[:, None]
         weighted = self.polynomials[self.nodes] * root_weight
         left, singular, right = np.linalg.svd(weighted, full_matrices=False)
-        kept = singular > _DEPENDENT * singular[0]
-        return _Decomposition(left[:, kept], right[kept].T / singular[kept])
+        is_nonzero = singular > _DEPENDENT * singular[0]
+        return _Decomposition(left[:, is_nonzero], right[is_nonzero].T / singular[is_nonzero])
 
     @cached_property
     def leverage(self) -> Array:
@@ -202,8 +206,8 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
     residual = np.expm1(log_residual - log_mean)
     error = np.inf
     if _is_trusted(share, residual, log_residual):
-        of_new_values = residual / (1.0 - sample.leverage)
-        error = _STANDARD_ERRORS * float(np.linalg.norm(share * of_new_values))
+        enlarged_residual = residual / (1.0 - sample.leverage)
+        error = _STANDARD_ERRORS * float(np.linalg.norm(share * enlarged_residual))
     return _MeanRatio(log_mean, error, share)
 
 

@@ -175,6 +175,10 @@ class Evidences(Shown):
         modes: Mapping[tuple[Hyper, ...], Array],
         progress: Callable[[], object] = _silent,
     ) -> Evidences:
+        """Return a new, still empty ``Evidences`` object that knows modes of similar posteriors.
+
+        The arguments are those of the class, and ``modes``, which is explained at `without_test`.
+        """
         evidences = Evidences(
             self.campaign, tolerance=tolerance, progress=progress, keep_tests=keep_tests
         )
@@ -183,6 +187,7 @@ class Evidences(Shown):
 
     @cached_property
     def _rough(self) -> Evidences:
+        """Evidences for the same readings with a tolerance of at least ``_ROUGH_TOLERANCE``."""
         rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
         # The models applied to the campaign, and the modes of their posteriors, do not depend on
         # the tolerance and are used again.

@@ -109,9 +109,9 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
             draws = _propose_tilted(posterior, proposal, rng)
         else:
             draws = _propose_untruncated(posterior, proposal, share_inside, rng)
-        free.append(draws[0])
-        beta.append(draws[1])
-        accepted = accepted + len(draws[0])
+        free.append(draws.free)
+        beta.append(draws.beta)
+        accepted = accepted + len(draws.free)
         proposed = proposed + CHUNK
         if accepted >= size:
             order = rng.permutation(size)
@@ -121,37 +121,44 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     raise TooRoughError(f"{accepted} of {size} draws from {proposed} proposals")
 
 
+class _AcceptedDraws(NamedTuple):
+    """Draws of hyper-parameters φ and parameters β that a rejection sampler has accepted.
+
+    ``free``, shape (accepted, h), holds the h hyper-parameters φ in unbounded coordinates;
+    ``beta``, shape (accepted, p), holds a draw of the p parameters β for each of these φ.
+    """
+
+    free: Array
+    beta: Array
+
+
 def _propose_tilted(
     posterior: HyperPosterior, proposal: Integral, rng: np.random.Generator
-) -> tuple[Array, Array]:
+) -> _AcceptedDraws:
     """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
     φ is drawn from ``proposal`` and accepted with a probability proportional to its weight. The
     weight is the posterior density of φ under the condition that no compliance is negative, divided
-    by the density of the proposal. β is drawn given the accepted φ, under the same condition. The
-    result is a tuple of two arrays: the accepted values of φ in unbounded coordinates, shape
-    (accepted, h), and the accepted values of β, shape (accepted, p). h is the number of
-    hyper-parameters, p the number of parameters.
+    by the density of the proposal. β is drawn given the accepted φ, under the same condition, from
+    a density that is shifted (tilted) towards compliances that are not negative.
     """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
     log_weight = -proposal.log_proposal(free) - log_scale
     accepted = free[_accept(log_weight + posterior.log_density(free), rng)]
-    return accepted, draw_parameters_given(posterior.bound, accepted, rng)
+    return _AcceptedDraws(accepted, draw_parameters_given(posterior.bound, accepted, rng))
 
 
 def _propose_untruncated(
     posterior: HyperPosterior, proposal: Integral, share_inside: float, rng: np.random.Generator
-) -> tuple[Array, Array]:
+) -> _AcceptedDraws:
     """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
     φ is drawn from ``proposal``. For each φ, several β are drawn, and negative compliances are
     allowed at first. φ is accepted with a probability proportional to its weight, the posterior
     density divided by the proposal. If compliances must not be negative, the weight is multiplied
     by the share of these β that have no negative compliance; ``share_inside`` is an estimate of the
-    mean of this share. The result is a tuple of two arrays: the accepted values of the h
-    hyper-parameters φ in unbounded coordinates, shape (accepted, h), and for each of them one draw
-    of the p parameters β without negative compliances, shape (accepted, p).
+    mean of this share. For each accepted φ, one β without negative compliances is returned.
     """
     tries = 1
     if posterior.truncated:
@@ -170,7 +177,7 @@ def _propose_untruncated(
         z = rng.standard_normal(z.shape)
     root = conditional.root[index]
     beta = conditional.mean[index] + solve_upper(root, z) * conditional.scale[index]
-    return free[index], beta
+    return _AcceptedDraws(free[index], beta)
 
 
 def _accept(log_weight: Array, rng: np.random.Generator) -> Index:

@@ -256,6 +256,10 @@ class Integral:
         return self._sample_proposal().log_density(free)
 
     def _sample_proposal(self) -> ProposalDensity:
+        """Return the density from which the nodes of this sample were drawn.
+
+        Raise a `TypeError` for a lattice, which has no such density.
+        """
         if self.proposal is None:
             raise TypeError("a lattice has no proposal to draw from. Use importance_sample.")
         return self.proposal

@@ -93,7 +93,7 @@ def grow_lattice(
     coarser_difference = 0.0
     while True:
         starts = [np.linalg.solve(root, mode - centre) / step for mode, _ in modes]
-        lattice = _lattice(
+        lattice = _integrate_on_grids(
             log_density, centre, step * root, starts, depth, max_nodes, coarser_difference
         )
         nodes_of_finer = len(lattice.free) * _FINER**-h
@@ -119,7 +119,7 @@ def _first_step(h: int, tolerance: float) -> float:
     return float(_STEP_MARGIN * np.pi * np.sqrt(2.0 / np.log(3.0 * h / tolerance)))
 
 
-def _lattice(
+def _integrate_on_grids(
     log_density: LogDensity,
     centre: Array,
     cell: Array,
@@ -145,7 +145,7 @@ def _lattice(
     log_half_cell = np.linalg.slogdet(cell)[1] - np.log(2.0)
     estimate = np.repeat([0, 1], [len(grid.places) for grid in grids])
     return Integral(
-        _points(centre, cell, places),
+        _grid_coordinates(centre, cell, places),
         values,
         np.full(len(values), log_half_cell),
         estimate,
@@ -155,7 +155,7 @@ def _lattice(
     )
 
 
-def _points(centre: Array, cell: Array, places: Array) -> Array:
+def _grid_coordinates(centre: Array, cell: Array, places: Array) -> Array:
     """Return the coordinates of grid points, shape (n, h).
 
     ``places``, shape (n, h), holds the positions of the n points relative to ``centre``, shape
@@ -199,25 +199,25 @@ def _grow_grid(
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])
     front = _first_front(starts, offset)
-    keys = np.zeros(0, dtype=np.int64)
-    index = np.zeros((0, h))
+    known_ids = np.zeros(0, dtype=np.int64)
+    places = np.zeros((0, h))
     values = np.zeros(0)
     highest = -np.inf
     last = 0
-    while len(front) and len(index) <= max_nodes:
-        value = in_chunks(log_density, _points(centre, cell, front + offset))
-        index = np.concatenate([index, front])
+    while len(front) and len(places) <= max_nodes:
+        value = in_chunks(log_density, _grid_coordinates(centre, cell, front + offset))
+        places = np.concatenate([places, front])
         values = np.concatenate([values, value])
-        keys = np.union1d(keys, _keys(front))
+        known_ids = np.union1d(known_ids, _grid_point_ids(front))
         highest = max(highest, float(value.max()))
         last = len(front)
         candidates = (front[value > highest - depth][:, None] + neighbours).reshape(-1, h)
-        candidate_keys, first = np.unique(_keys(candidates), return_index=True)
-        front = candidates[first[~np.isin(candidate_keys, keys)]]
+        candidate_ids, first = np.unique(_grid_point_ids(candidates), return_index=True)
+        front = candidates[first[~np.isin(candidate_ids, known_ids)]]
     edge = values <= highest - depth
-    if len(index) > max_nodes:
+    if len(places) > max_nodes:
         edge[-last:] = True
-    return _Grid(index + offset, values, edge)
+    return _Grid(places + offset, values, edge)
 
 
 def _first_front(starts: Sequence[Array], offset: float) -> Array:
@@ -236,7 +236,7 @@ def _first_front(starts: Sequence[Array], offset: float) -> Array:
     return np.unique(np.concatenate([np.rint(start) + corners for start in starts]), axis=0)
 
 
-def _keys(index: Array) -> NDArray[np.int64]:
+def _grid_point_ids(index: Array) -> NDArray[np.int64]:
     """Return integers that identify n grid points in h dimensions, shape (n,).
 
     ``index``, shape (n, h), holds the positions of the points in whole steps of the grid.
@@ -245,5 +245,5 @@ def _keys(index: Array) -> NDArray[np.int64]:
     reach = 1 << 62 // h - 1
     limited = np.clip(index, -reach, reach - 1).astype(np.int64)
     powers = (2 * reach) ** np.arange(h, dtype=np.int64)
-    keys: NDArray[np.int64] = (limited + reach) @ powers
-    return keys
+    ids: NDArray[np.int64] = (limited + reach) @ powers
+    return ids

@@ -196,8 +196,8 @@ class HyperPosterior:
         height = self._smooth_of_scores(np.array(summits))
         modes: list[Array] = []
         for k in np.argsort(-height):
-            counts = height[k] > height.max() - _NEGLIGIBLE_DEPTH
-            if counts and _is_separate(summits[k], modes):
+            is_high = height[k] > height.max() - _NEGLIGIBLE_DEPTH
+            if is_high and _is_separate(summits[k], modes):
                 modes.append(summits[k])
         return [(mode, _inverse_root(self._derivatives(mode, exact=True)[1])) for mode in modes]
 
@@ -350,9 +350,9 @@ class HyperPosterior:
         # The probability has two errors at each node. An error that may have the same sign at all
         # nodes does not cancel, and is added. Random errors are independent; their squares are
         # added.
-        counts = truncated.weight > 0.0
-        weight = truncated.weight[counts]
-        error = float(weight @ errors[counts] + np.linalg.norm(weight * noise[counts]))
+        has_weight = truncated.weight > 0.0
+        weight = truncated.weight[has_weight]
+        error = float(weight @ errors[has_weight] + np.linalg.norm(weight * noise[has_weight]))
         return Nodes(self, truncated, error)
 
     def probability_inside(self, integral: Integral, tolerance: float) -> ProbabilityInside:
@@ -374,10 +374,10 @@ class HyperPosterior:
         picked = _FEWEST_PICKED
         while True:
             free = integral.resample(picked, np.random.default_rng(self._seed))
-            found = self._mean_probability(free, tolerance)
+            probability = self._mean_probability(free, tolerance)
             picked *= _PICKED_GROWTH
-            if found.error <= tolerance or picked > len(integral.free):
-                return found
+            if probability.error <= tolerance or picked > len(integral.free):
+                return probability
 
     def _mean_probability(self, free: Array, tolerance: float) -> ProbabilityInside:
         """Return the mean of P(T | y, φ) over n values of the hyper-parameters φ, with its error.
@@ -567,10 +567,10 @@ class HyperPosterior:
         Unless ``exact`` is True, mixed second derivatives with respect to two noise factors are not
         computed, so that the work grows in proportion to the number of circles.
         """
-        of_circle = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
+        is_noise_factor = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)
         if not exact:
-            coupled = ~np.outer(of_circle, of_circle)
+            coupled = ~np.outer(is_noise_factor, is_noise_factor)
         return central_differences(self._smooth_of_scores, point, _DIFFERENCE_STEP, coupled=coupled)
 
 

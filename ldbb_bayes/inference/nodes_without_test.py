@@ -131,6 +131,8 @@ class NodesWithoutTest:
         factor = fit_factor(self._integral, axis)
 
         def evaluate(index: Index) -> LogValues:
+            # Log posterior density at the nodes with these indices, with the Gaussian density
+            # ``factor`` in place of the prior of the noise factor.
             free = self._integral.free[index]
             values = log_values(posterior, free, self._tolerance)
             change = factor.log_density(free) - self._prior.log_density_of_log_noise(free[:, axis])

@@ -361,6 +361,7 @@ def _require_tree(posterior: object) -> None:
 
 
 def _require_record(posterior: xr.DataTree) -> None:
+    """Raise an `InputError` unless ``posterior`` is a DataTree with the group ``provenance``."""
     _require_tree(posterior)
     if "provenance" not in posterior.children:
         raise InputError(
@@ -425,7 +426,10 @@ def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
 
 @lru_cache(maxsize=16)
 def _campaign_text(record_json: str) -> str:
-    """Return the entry ``campaign`` of a posterior's record as JSON text."""
+    """Return the entry ``campaign`` of a posterior's record as JSON text.
+
+    ``record_json`` is the whole record as JSON text.
+    """
     return json.dumps(json.loads(record_json)["campaign"])
 
 

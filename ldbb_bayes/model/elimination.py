@@ -499,14 +499,24 @@ class DesignRows:
         return self._eliminate(columns, self._signs[self._shared :], np.arange(0))
 
     def _eliminate(self, columns: Array, signs: Array, last: NDArray[np.intp]) -> Elimination:
+        """Return the Cholesky elimination of the coefficients of some columns.
+
+        ``columns`` are columns of the design matrix, shape (rows, columns), and ``signs`` the signs
+        ±1 of the prior variances of their coefficients. ``last`` holds the indices of the columns
+        that are eliminated after all others.
+        """
         pattern = columns != 0.0
-        plan = _plan(np.packbits(pattern).tobytes(), pattern.shape, last.tobytes(), signs.tobytes())
+        plan = _elimination_plan(
+            np.packbits(pattern).tobytes(), pattern.shape, last.tobytes(), signs.tobytes()
+        )
         return Elimination(plan, columns, self._values, self._kinds)
 
 
 @lru_cache(maxsize=_KEPT_PLANS)
-def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> EliminationPlan:
-    """Return the order in which the columns of a design matrix are eliminated.
+def _elimination_plan(
+    pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes
+) -> EliminationPlan:
+    """Return the plan for the elimination of the columns of a design matrix.
 
     ``pattern`` holds one bit for each element of the design matrix; the bit is set if the element
     is not zero. ``shape`` is the shape of the matrix. ``last`` holds the indices of the columns

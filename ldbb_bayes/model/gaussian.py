@@ -351,6 +351,10 @@ class Gaussian(Shown):
         return np.sqrt((self.spread() ** 2).sum(axis=-1))
 
     def __add__(self, other: Gaussian) -> Gaussian:
+        """Return the product of this function and another one of the same coefficients.
+
+        The product is written as a sum, because the logarithms of the two functions are added.
+        """
         return Gaussian(
             self.precision + other.precision,
             self.shift + other.shift,

@@ -164,13 +164,15 @@ def _sparse_gram(
     row, column = np.nonzero(table)
     element = table[row, column]
     # ``table`` is the design matrix with the readings as last column. Its nonzero elements are
-    # listed row by row. Each element, except a reading, is multiplied by itself and by all later
-    # elements of its row.
+    # listed row by row and numbered. Each element, except a reading, is multiplied by itself and by
+    # all later elements of its row. ``first`` and ``second`` are the numbers of the two elements of
+    # each product.
     end_of_row = np.cumsum(np.bincount(row, minlength=len(table)))
     number = np.arange(len(row))
-    factors = np.where(column < len(order), end_of_row[row] - number, 0)
-    first = np.repeat(number, factors)
-    second = first + np.arange(len(first)) - np.repeat(np.cumsum(factors) - factors, factors)
+    products = np.where(column < len(order), end_of_row[row] - number, 0)
+    first = np.repeat(number, products)
+    first_product = np.cumsum(products) - products
+    second = first + np.arange(len(first)) - np.repeat(first_product, products)
     index = (place_in_order[column[first], column[second]], kinds[row[first]])
     shape = (size, kinds.max(initial=-1) + 1)
     # The conversion to a CSR matrix adds up the products from all rows with the same variance (rows

@@ -169,6 +169,11 @@ class HybridModel(Result):
         self._check_terms()
 
     def _check_terms(self) -> None:
+        """Raise an `InputError` unless the model's nuisance terms are valid and fit together.
+
+        Each term must be an object of a dataclass derived from `Term`, and each class may occur
+        only once. Names of hyper-parameters must differ. A flat prior must have no nuisance terms.
+        """
         kinds = [type(term) for term in self.nuisances]
         for kind in kinds:
             derived = issubclass(kind, Term) and "__dataclass_fields__" in vars(kind)

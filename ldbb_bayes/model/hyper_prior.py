@@ -132,7 +132,7 @@ class HyperPrior:
         return values
 
     @cached_property
-    def _decay(self) -> NDArray[np.bool_]:
+    def _is_decay(self) -> NDArray[np.bool_]:
         return np.array([law == "decay" for law in self.laws])
 
     @cached_property
@@ -145,8 +145,8 @@ class HyperPrior:
 
         Lengths are in mm. The upper bound is infinite for lengths and for noise factors.
         """
-        low = np.where(self._decay, _LEAST_DECAY, self.lower)
-        high = np.where(self._decay, _MOST_DECAY, np.inf)
+        low = np.where(self._is_decay, _LEAST_DECAY, self.lower)
+        high = np.where(self._is_decay, _MOST_DECAY, np.inf)
         return np.stack([low, high], axis=1)
 
     def log_density(self, phi: Array) -> Array:
@@ -157,13 +157,18 @@ class HyperPrior:
         circle is not positive.
         """
         total = self._log_density_of_lengths(phi[..., self.in_mm])
-        if self._decay.any():
-            total = total + self._log_density_of_decay(phi[..., self._decay])
+        if self._is_decay.any():
+            total = total + self._log_density_of_decay(phi[..., self._is_decay])
         if self._is_noise_factor.any():
             total = total + self._log_density_of_noise_factors(phi[..., self._is_noise_factor])
         return np.asarray(total)
 
     def _log_density_of_lengths(self, length: Array) -> Array:
+        """Return the log of the joint prior density of the hyper-parameters that are lengths.
+
+        Each length has a half-normal prior, truncated at its lower bound. ``length``, shape (...,
+        lengths), holds the lengths in mm; the result has the shape (...).
+        """
         scale = self.scale[self.in_mm]
         with np.errstate(over="ignore"):
             quadratic = -0.5 * (length / scale) ** 2
@@ -173,8 +178,13 @@ class HyperPrior:
         return total
 
     def _log_density_of_decay(self, decay: Array) -> Array:
+        """Return the log of the joint prior density of the decays, shape (...).
+
+        A decay is the exponent with which form errors decrease with their order. Its prior is
+        normal and truncated at its bounds. ``decay`` has the shape (..., decays).
+        """
         low, high = self._decay_levels
-        white = (decay - self.scale[self._decay]) / self.decay_sd
+        white = (decay - self.scale[self._is_decay]) / self.decay_sd
         constant = -np.log(self.decay_sd * np.sqrt(2.0 * np.pi) * (high - low))
         inside = (decay >= _LEAST_DECAY) & (decay <= _MOST_DECAY)
         total: Array = np.where(inside, constant - 0.5 * white**2, -np.inf).sum(axis=-1)
@@ -216,8 +226,8 @@ class HyperPrior:
         """
         with np.errstate(divide="ignore"):
             free = np.log(phi - self.lower)
-            decay = phi[..., self._decay]
-            free[..., self._decay] = np.log((decay - _LEAST_DECAY) / (_MOST_DECAY - decay))
+            decay = phi[..., self._is_decay]
+            free[..., self._is_decay] = np.log((decay - _LEAST_DECAY) / (_MOST_DECAY - decay))
         return free
 
     def phi(self, free: Array) -> Array:
@@ -228,8 +238,8 @@ class HyperPrior:
         """
         with np.errstate(over="ignore"):
             phi = self.lower + np.exp(free)
-        share = expit(free[..., self._decay])
-        phi[..., self._decay] = _LEAST_DECAY + (_MOST_DECAY - _LEAST_DECAY) * share
+        share = expit(free[..., self._is_decay])
+        phi[..., self._is_decay] = _LEAST_DECAY + (_MOST_DECAY - _LEAST_DECAY) * share
         return phi
 
     def log_density_of_free(self, free: Array) -> Array:
@@ -239,8 +249,8 @@ class HyperPrior:
         defines them. The density includes the Jacobian of the transformation from coordinates to
         hyper-parameters.
         """
-        jacobian = free[..., ~self._decay].sum(axis=-1)
-        logit = free[..., self._decay]
+        jacobian = free[..., ~self._is_decay].sum(axis=-1)
+        logit = free[..., self._is_decay]
         if logit.shape[-1]:
             slope = np.log(_MOST_DECAY - _LEAST_DECAY) + log_expit(logit) + log_expit(-logit)
             jacobian = jacobian + slope.sum(axis=-1)
@@ -266,7 +276,7 @@ class HyperPrior:
         bound in the first row and the upper bound in the second.
         """
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
-        return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))
+        return np.asarray(ndtr((limits - self.scale[self._is_decay]) / self.decay_sd))
 
     def draw(self, size: int, rng: np.random.Generator) -> Array:
         """Return ``size`` random draws of the h hyper-parameters from the prior, shape (size, h).
@@ -294,9 +304,9 @@ class HyperPrior:
         length = erfcinv((1.0 - level[..., self.in_mm]) * self._mass)
         phi[..., self.in_mm] = self.scale[self.in_mm] * np.sqrt(2.0) * length
         low, high = self._decay_levels
-        standard_normal = ndtri(low + (high - low) * level[..., self._decay])
-        decay = self.scale[self._decay] + self.decay_sd * standard_normal
-        phi[..., self._decay] = np.clip(decay, _LEAST_DECAY, _MOST_DECAY)
+        standard_normal = ndtri(low + (high - low) * level[..., self._is_decay])
+        decay = self.scale[self._is_decay] + self.decay_sd * standard_normal
+        phi[..., self._is_decay] = np.clip(decay, _LEAST_DECAY, _MOST_DECAY)
         noise_level = level[..., self._is_noise_factor]
         phi[..., self._is_noise_factor] = np.sqrt(_RATE / gammainccinv(_SHAPE, noise_level))
         return phi
@@ -321,8 +331,8 @@ class HyperPrior:
         length = phi[..., self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)
         level[..., self.in_mm] = 1.0 - erfc(length) / self._mass
         low, high = self._decay_levels
-        white = (phi[..., self._decay] - self.scale[self._decay]) / self.decay_sd
-        level[..., self._decay] = (ndtr(white) - low) / (high - low)
+        white = (phi[..., self._is_decay] - self.scale[self._is_decay]) / self.decay_sd
+        level[..., self._is_decay] = (ndtr(white) - low) / (high - low)
         noise_factor = phi[..., self._is_noise_factor]
         level[..., self._is_noise_factor] = gammaincc(_SHAPE, _RATE / noise_factor**2)
         return np.clip(level, 0.0, 1.0)
@@ -334,8 +344,8 @@ class HyperPrior:
         Standard deviations of lengths are in mm; standard deviations of other hyper-parameters have
         no unit.
         """
-        centre = np.where(self._decay, self.scale, 0.0)
-        spread = np.where(self._decay, self.decay_sd, self.scale)
+        centre = np.where(self._is_decay, self.scale, 0.0)
+        spread = np.where(self._is_decay, self.decay_sd, self.scale)
         edges = (self.bounds - centre[:, None]) / spread[:, None]
         mass = -np.diff(ndtr(-edges))
         density = np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi)

@@ -383,14 +383,15 @@ class Information:
         if len(nuisances) == 0:
             return sd
         rows = self._all_rows[:, nuisances]
-        seen = self._range_of_parameters()
-        remaining = rows - seen @ (seen.T @ rows)
+        basis = self._range_of_parameters()
+        remaining = rows - basis @ (basis.T @ rows)
         stacked = np.concatenate([remaining, np.eye(len(nuisances))])
         root = np.linalg.qr(stacked, mode="r")
         inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))
         precision = 1.0 / np.sum(inverse**2, axis=1) - 1.0
-        visible = precision > _ROUNDING
-        sd[nuisances] = np.where(visible, np.where(visible, precision, 1.0) ** -0.5, np.inf)
+        is_informed = precision > _ROUNDING
+        finite_sd = np.where(is_informed, precision, 1.0) ** -0.5
+        sd[nuisances] = np.where(is_informed, finite_sd, np.inf)
         return sd
 
     def _range_of_parameters(self) -> Array:

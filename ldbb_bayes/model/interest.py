@@ -272,11 +272,18 @@ def _check_slope_has_compliance(
     for each tested force; the product of this array and the parameters is the compliance at the
     force. ``reference_force_N`` is the reference force F0 [N], for the error message.
     """
-    belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
-    degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]
-    if degrees != [1]:
+    belongs_to_compliance = [
+        parameter.group != "geometric" and parameter.compliance == label for parameter in parameters
+    ]
+    degrees = [
+        parameter.degree
+        for parameter, belongs in zip(parameters, belongs_to_compliance, strict=True)
+        if belongs
+    ]
+    only_linear_slope_is_free = degrees == [1]
+    if not only_linear_slope_is_free:
         return
-    signs = {float(np.sign(row @ belongs)) for row in rows}
+    signs = {float(np.sign(row @ belongs_to_compliance)) for row in rows}
     require(
         not {-1.0, 1.0} <= signs,
         f"{label} must not be fixed at zero while {label}_1 is free: about F0 ="

@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ldbb_bayes.model.elimination import BLAS_MULTIPLE, FEWEST_PHI, DesignRows
 from ldbb_bayes.model.fourier import SIZE
@@ -52,6 +53,22 @@ _MALLOC_BYTES = 31 << 20
 # absolute value is smaller, because the likelihood divides by variances. The number is so small
 # that a coefficient with this prior variance is practically zero.
 _LEAST_VARIANCE = 1e-60
+
+
+class _InterestRows(NamedTuple):
+    """The k rows of the observation equations z − H β = A x + noise that depend on β.
+
+    z are the readings, β the p parameters of interest, and x the coefficients of nuisances.
+    """
+
+    #: Transpose of the design matrix A in these rows, shape (coefficients, k), dense or sparse.
+    transposed_columns: Array | csr_array
+    #: Design matrix H of the parameters of interest in these rows, shape (k, p).
+    interest: Array
+    #: Readings z in these rows, shape (k,).
+    values: Array
+    #: Index of the kind of each of these rows, shape (k,). Rows of one kind have the same variance.
+    kinds: NDArray[np.intp]
 
 
 class _Batch(NamedTuple):
@@ -150,8 +167,8 @@ class StructuredGaussian:
         # Some observation equations depend on the parameters of interest and must be evaluated in
         # every call of a method. For all others, everything that does not depend on the
         # hyper-parameters is computed here, once.
-        depends = (rows.interest != 0.0).any(axis=1)
-        known_values = np.where(depends, 0.0, rows.values)
+        contains_interest = (rows.interest != 0.0).any(axis=1)
+        known_values = np.where(contains_interest, 0.0, rows.values)
         self._design = DesignRows(
             rows.columns,
             known_values,
@@ -159,10 +176,12 @@ class StructuredGaussian:
             signs=observed.signs,
             shared=observed.shared,
         )
-        self._moving_columns = sparse_or_dense(rows.columns[depends].T)
-        self._moving_interest = rows.interest[depends]
-        self._moving_values = rows.values[depends]
-        self._moving_kinds = self._kinds[depends]
+        self._interest_rows = _InterestRows(
+            transposed_columns=sparse_or_dense(rows.columns[contains_interest].T),
+            interest=rows.interest[contains_interest],
+            values=rows.values[contains_interest],
+            kinds=self._kinds[contains_interest],
+        )
         count = np.zeros((len(reduced) + 1, len(first)))
         squares = np.zeros((len(reduced) + 1, len(first)))
         np.add.at(count, (rows.test, self._kinds), rows.readings)
@@ -352,10 +371,11 @@ class StructuredGaussian:
             shift = None
             if beta is not None:
                 stacked = np.broadcast_to(beta, (len(phi), beta.shape[-1]))[index]
-                residual = self._moving_values[:, None] - self._moving_interest @ stacked.T
-                weighted = residual * weight[self._moving_kinds]
+                rows = self._interest_rows
+                residual = rows.values[:, None] - rows.interest @ stacked.T
+                weighted = residual * weight[rows.kinds]
                 square += np.ones((1, len(residual))) @ (residual * weighted)
-                shift = self._moving_columns @ weighted
+                shift = rows.transposed_columns @ weighted
             log_density = self._log_constant - 0.5 * square[0]
             yield _Batch(index, weight, shift, log_density)
 

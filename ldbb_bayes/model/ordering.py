@@ -90,7 +90,7 @@ class _Node(NamedTuple):
         """
         return self.columns.bit_count(), self.border.bit_count()
 
-    def into(self, parent: _Node) -> _Node:
+    def merged_into(self, parent: _Node) -> _Node:
         """Return a node with the columns of this node and of its ``parent``.
 
         A node is a set of columns that are eliminated together.
@@ -240,7 +240,7 @@ def _merge(single: list[_Node]) -> list[_Node]:
                 continue
             above = node_of[next(_members(node.border))]
             parent = nodes[above]
-            union = node.into(parent)
+            union = node.merged_into(parent)
             apart = _cost(node.shape, copies[k]) + _cost(parent.shape, copies[above])
             if _cost(union.shape, copies[above]) > apart:
                 continue

@@ -359,6 +359,7 @@ class Orthant:
         """
         d, w = self._tilted.bound.shape
         x = np.zeros((d, w))
+        # indices of the vectors for which no proposal has been accepted yet
         open_members = np.arange(w)
         tries = 2
         proposals = 0
@@ -614,8 +615,8 @@ def _bound_by_pairs(
     usable = np.abs(correlation[1, 0]) < 1.0 - _LEAST_DIFFERENCE
     loss = np.zeros(len(unit))
     for j in range(2, m):
-        first_loss = _loss_to_row(distance[j], distance[0], correlation[j, 0])
-        second_loss = _loss_to_row(distance[j], distance[1], correlation[j, 1])
+        first_loss = _probability_j_fails_i_holds(distance[j], distance[0], correlation[j, 0])
+        second_loss = _probability_j_fails_i_holds(distance[j], distance[1], correlation[j, 1])
         row_loss = np.minimum(tail[j], np.minimum(first_loss, second_loss))
         loss += np.maximum(row_loss, 0.0)
     middle = pair - 0.5 * loss
@@ -624,7 +625,7 @@ def _bound_by_pairs(
     return np.log(middle), np.where(reliable, error, np.inf)
 
 
-def _loss_to_row(
+def _probability_j_fails_i_holds(
     distance: Array,
     tight_distance: Array,
     correlation: Array,

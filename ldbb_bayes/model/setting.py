@@ -415,7 +415,7 @@ def setting_of(
         temperature_K=_relative_to_mean("temperature_C", campaign, pilot),
         direction=columns.direction,
         elastic=columns.elastic,
-        geometric=_by_setup(campaign, columns.geometric),
+        geometric=_with_offsets_by_setup(campaign, columns.geometric),
         reference_force_N=float(reference_force_N),
         force_range_N=float(forces.max() - forces.min()),
         two_balls=clocked,
@@ -464,7 +464,7 @@ def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) 
     return of_campaign[names]
 
 
-def _by_setup(campaign: Campaign, columns: Array) -> Array:
+def _with_offsets_by_setup(campaign: Campaign, columns: Array) -> Array:
     """Return the columns of a campaign's geometric errors, with separate offsets for each set-up.
 
     A column is the change of the reading per unit of one error, as Fourier coefficients.
@@ -497,9 +497,9 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     the names of the pilot's tests, the times of these tests follow from their order in the pilot.
     All further tests are assumed to be at the mean.
     """
-    stated_s = _recorded("time_s", campaign)
+    stated_s = _field_of_tests("time_s", campaign)
     relative_s = np.zeros(len(stated_s))
-    pilot_s = _recorded("time_s", pilot or campaign)
+    pilot_s = _field_of_tests("time_s", pilot or campaign)
     if np.isfinite(pilot_s).all():
         relative_s = np.nan_to_num(stated_s - pilot_s.mean())
     elif np.isfinite(stated_s).all():
@@ -550,8 +550,8 @@ def _relative_to_mean(
     campaign is subtracted, and tests without a value get NaN. All values are NaN if there is no
     value from which the mean can be computed.
     """
-    values = _recorded(field, campaign)
-    reference = _recorded(field, pilot or campaign)
+    values = _field_of_tests(field, campaign)
+    reference = _field_of_tests(field, pilot or campaign)
     if not np.isfinite(reference).any():
         return values * np.nan
     relative: Array = values - np.nanmean(reference)
@@ -560,7 +560,7 @@ def _relative_to_mean(
     return np.where(np.isfinite(relative), relative, 0.0)
 
 
-def _recorded(field: str, campaign: Campaign) -> Array:
+def _field_of_tests(field: str, campaign: Campaign) -> Array:
     """Return the values of one field of all tests of a campaign, shape (tests,).
 
     ``field`` is the name of the field, such as time_s. The result is NaN for tests without a value.

@@ -216,7 +216,7 @@ class Tilted(NamedTuple):
         x = np.zeros((d, uniform.shape[1], w))
         log_weight = np.zeros((uniform.shape[1], w))
         for j in range(d):
-            interval = _measure_interval(*self._edges(j, x))
+            interval = _measure_interval(*self._limits(j, x))
             log_weight += interval.log_mass
             if draw_last or j < d - 1:
                 tilt = self.tilt[j]
@@ -234,11 +234,11 @@ class Tilted(NamedTuple):
         """
         log_mass = np.zeros(x.shape[1:])
         for j in range(len(x)):
-            log_mass = log_mass + _measure_interval(*self._edges(j, x)).log_mass
+            log_mass = log_mass + _measure_interval(*self._limits(j, x)).log_mass
         tilt = self.tilt[:, None]
         return np.asarray(log_mass + (tilt * (0.5 * tilt - x)).sum(axis=0))
 
-    def _edges(
+    def _limits(
         self,
         j: int,
         x: Array,

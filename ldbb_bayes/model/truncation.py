@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,10 +89,10 @@ class Truncation:
         p = self.rows.shape[1]
         bounds = np.empty((p, 2))
         for j in range(p):
-            # Put the parameter with the index j first, because `_support` computes limits for the
-            # first coordinate only.
+            # Put the parameter with the index j first, because `_limits_of_first` computes limits
+            # for the first coordinate only.
             reordered = [j, *(k for k in range(p) if k != j)]
-            bounds[j] = _support(self.rows[:, reordered], np.zeros(len(self.rows)))
+            bounds[j] = _limits_of_first(self.rows[:, reordered], np.zeros(len(self.rows)))
         return bounds
 
     def quantile(
@@ -134,6 +135,34 @@ class Truncation:
         return mean + z * sd
 
 
+class _Limits(NamedTuple):
+    """Lower and upper limits of the values of a variable, infinite where there is no limit."""
+
+    low: Array
+    high: Array
+
+
+class _DensityOnGrid(NamedTuple):
+    """Values of a density, which is not normalised, at the points of a grid, each (..., points)."""
+
+    grid: Array
+    density: Array
+
+
+class _DistributionOnGrid(NamedTuple):
+    """Distribution function of a variable: the probability of values below each point of a grid.
+
+    ``grid`` and ``probability`` have the shape (points,).
+    """
+
+    grid: Array
+    probability: Array
+
+    def quantile(self, level: Array) -> Array:
+        """Return the quantiles at the probabilities ``level``, by linear interpolation."""
+        return np.asarray(np.interp(level, self.probability, self.grid))
+
+
 def _quantile_inside(
     level: Array,
     rows: Array,
@@ -151,51 +180,48 @@ def _quantile_inside(
     edges = edge[None]
     for j in range(k):
         if j + 1 == k:
-            z[:, j] = _quantile_between(level[:, j], *_support(rows[:, j:], edges))
+            limits = _limits_of_first(rows[:, j:], edges)
+            z[:, j] = _quantile_between(level[:, j], limits)
         elif j == 0:
-            distribution = _distribution(rows.tobytes(), edge.tobytes())
-            z[:, j] = np.interp(level[:, j], *distribution)
+            distribution = _distribution_of_first(rows.tobytes(), edge.tobytes())
+            z[:, j] = distribution.quantile(level[:, j])
         else:
             later_rows = rows[:, j:].tobytes()
             for i in range(n):
-                distribution = _distribution(later_rows, edges[i].tobytes())
-                z[i, j] = np.interp(level[i, j], *distribution)
+                distribution = _distribution_of_first(later_rows, edges[i].tobytes())
+                z[i, j] = distribution.quantile(level[i, j])
         edges = edges - z[:, j, None] * rows[:, j]
     return z
 
 
 @lru_cache(maxsize=64)
-def _distribution(
+def _distribution_of_first(
     rows: bytes,
     edge: bytes,
-) -> tuple[Array, Array]:
-    """Return the distribution function of the first coordinate of z, and the grid of its values.
+) -> _DistributionOnGrid:
+    """Return the distribution function of the first coordinate of a truncated normal vector z.
 
     z is a standard normal vector of k elements, truncated by the m constraints rows · z ≥ edge,
     where ``rows`` has the shape (m, k) and ``edge`` the shape (m,). The two arrays are passed as
-    bytes, because arguments of a cached function must be hashable. The results, both of shape
-    (1025,), are the probabilities that the coordinate is below the values of the grid, and the
-    values of the grid.
+    bytes, because arguments of a cached function must be hashable. The grid of the result has 1025
+    points.
     """
     edges = np.frombuffer(edge)
     coefficients = np.frombuffer(rows).reshape(len(edges), -1)
-    grid, density = _first_density(coefficients, edges, _GRID)
+    grid, density = _density_of_first(coefficients, edges, _GRID)
     cumulative = np.cumsum(np.diff(grid) * (density[1:] + density[:-1]))
     cumulative = np.insert(cumulative, 0, 0.0)
-    return cumulative / cumulative[-1], grid
+    return _DistributionOnGrid(grid, cumulative / cumulative[-1])
 
 
-def _quantile_between(
-    level: Array,
-    low: Array,
-    high: Array,
-) -> Array:
-    """Return quantiles of a standard normal variable truncated to an interval, shape (n,).
+def _quantile_between(level: Array, limits: _Limits) -> Array:
+    """Return quantiles of standard normal variables truncated to intervals, shape (n,).
 
-    ``level``, shape (n,), holds the probabilities of the n quantiles; ``low`` and ``high`` are the
-    endpoints of the interval. If the interval is above zero, its mirror image below zero is used,
-    which reduces rounding errors.
+    ``level``, shape (n,), holds the probabilities of the n quantiles; ``limits`` holds the limits
+    of an interval for each quantile, or of one interval for all of them. If an interval is above
+    zero, its mirror image below zero is used, which reduces rounding errors.
     """
+    low, high = limits
     flip = low > 0.0
     lower_end = np.where(flip, -high, low)
     upper_end = np.where(flip, -low, high)
@@ -204,24 +230,24 @@ def _quantile_between(
     return np.clip(np.where(flip, -quantile, quantile), low, high)
 
 
-def _first_density(
+def _density_of_first(
     rows: Array,
     edge: Array,
     size: int,
-) -> tuple[Array, Array]:
-    """Return a grid over the range of the first coordinate of z, and the density on this grid.
+) -> _DensityOnGrid:
+    """Return the density of the first coordinate of a truncated normal vector z on a grid.
 
     z is a standard normal vector of k elements, truncated by m constraints rows · z ≥ edge. The
     coefficients ``rows`` have the shape (m, k). The lower bounds ``edge`` have the shape (..., m)
-    for many sets of bounds. The density is not normalised. Grid and density have the shape (...,
-    size), where ``size`` is the number of grid points.
+    for many sets of bounds. The grid has ``size`` points and covers the range of the coordinate.
     """
-    low, high = _support(rows, edge)
+    low, high = _limits_of_first(rows, edge)
     low = np.maximum(low, np.minimum(-_REACH, high - _LEAST_WIDTH))
     high = np.minimum(high, np.maximum(_REACH, low + _LEAST_WIDTH))
     grid = low[..., None] + (high - low)[..., None] * np.linspace(0.0, 1.0, size)
     later_edge = edge[..., None, :] - grid[..., None] * rows[:, 0]
-    return grid, np.exp(-0.5 * grid**2) * _probability_inside(rows[:, 1:], later_edge)
+    density = np.exp(-0.5 * grid**2) * _probability_inside(rows[:, 1:], later_edge)
+    return _DensityOnGrid(grid, density)
 
 
 def _probability_inside(rows: Array, edge: Array) -> Array:
@@ -231,23 +257,20 @@ def _probability_inside(rows: Array, edge: Array) -> Array:
     lower bounds ``edge``, shape (..., m) for many sets of bounds. The result has the shape (...).
     """
     if rows.shape[1] > 1:
-        grid, density = _first_density(rows, edge, _COARSE_GRID)
+        grid, density = _density_of_first(rows, edge, _COARSE_GRID)
         return np.asarray(trapezoid(density, grid, axis=-1))
-    low, high = _support(rows, edge)
+    low, high = _limits_of_first(rows, edge)
     upper_tail = ndtr(-low) - ndtr(-high)
     lower_tail = ndtr(high) - ndtr(low)
     return np.maximum(np.where(low > 0.0, upper_tail, lower_tail), 0.0)
 
 
-def _support(
-    rows: Array,
-    edge: Array,
-) -> tuple[Array, Array]:
+def _limits_of_first(rows: Array, edge: Array) -> _Limits:
     """Return the limits of the first coordinate of the points z with rows · z ≥ edge.
 
     The m constraints on the k elements of z have the coefficients ``rows``, shape (m, k), and the
-    lower bounds ``edge``, shape (..., m) for many sets of bounds. Both results have the shape
-    (...); they are infinite where there is no limit. The other coordinates of z are eliminated from
+    lower bounds ``edge``, shape (..., m) for many sets of bounds. Both limits have the shape (...);
+    they are infinite where there is no limit. The other coordinates of z are eliminated from
     the inequalities one by one, the last coordinate first (Fourier-Motzkin elimination).
     """
     while rows.shape[1] > 1:
@@ -259,7 +282,7 @@ def _support(
     upper_limit = np.where(column < 0.0, limit, np.inf)
     low = lower_limit.max(axis=-1, initial=-np.inf)
     high = upper_limit.min(axis=-1, initial=np.inf)
-    return low, high
+    return _Limits(low, high)
 
 
 def _eliminate_last(
@@ -269,17 +292,18 @@ def _eliminate_last(
     """Eliminate the last coordinate of z from the constraints rows · z ≥ edge.
 
     The m constraints on the k coordinates of z have the coefficients ``rows``, shape (m, k), and
-    the lower bounds ``edge``, shape (..., m) for many sets of bounds. Coefficients and bounds for
-    the first k − 1 coordinates are returned in the same form. Constraints that do not contain the
-    last coordinate are kept. Each new constraint is the sum of two old ones: one bounds the last
-    coordinate from below, the other bounds it from above. They are scaled so that the last
-    coordinate cancels.
+    the lower bounds ``edge``, shape (..., m) for many sets of bounds. The result is a pair in the
+    same form: coefficients and lower bounds of constraints on the first k − 1 coordinates.
+    Constraints that do not contain the last coordinate are kept. Each new constraint is the sum of
+    two old ones: one bounds the last coordinate from below, the other bounds it from above. They
+    are scaled so that the last coordinate cancels.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)
     below, above = _opposite_pairs(last)
 
     def combine(values: Array) -> Array:
+        # ``values`` are the coefficients or the lower bounds, with one row for each constraint.
         scale = last.reshape(-1, *[1] * (values.ndim - 1))
         pairs = values[below] / scale[below] - values[above] / scale[above]
         return np.concatenate([values[free], pairs])

@@ -17,7 +17,7 @@ from scipy.special import gammaln
 from ldbb_bayes.inference.diagnostics import pareto_k
 from ldbb_bayes.inference.importance_sampling import importance_sample
 from ldbb_bayes.inference.integrals import Integral
-from ldbb_bayes.inference.lattice import _keys, grow_lattice
+from ldbb_bayes.inference.lattice import _grid_point_ids, grow_lattice
 from ldbb_bayes.inference.quadrature import integrate
 from ldbb_bayes.model.newton import central_differences, newton
 
@@ -335,10 +335,10 @@ def test_every_point_of_a_lattice_has_a_key_of_its_own() -> None:
     for h in range(1, 6):
         rng = np.random.default_rng(h)
         points = np.unique(rng.integers(-1000, 1000, (5000, h)).astype(float), axis=0)
-        assert len(np.unique(_keys(points))) == len(points)
+        assert len(np.unique(_grid_point_ids(points))) == len(points)
     origin_and_step = np.zeros((2, 5))
     origin_and_step[1, 4] = 256.0
-    assert np.diff(_keys(origin_and_step))[0]
+    assert np.diff(_grid_point_ids(origin_and_step))[0]
 
 
 @pytest.mark.slow

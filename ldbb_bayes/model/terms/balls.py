@@ -86,6 +86,10 @@ class _Form(NamedTuple):
 
 
 def _harmonic_names(stem: str, orders: Sequence[int]) -> tuple[str, ...]:
+    """Return names of the coefficients of cos nθ and sin nθ, such as form_cos2 and form_sin2.
+
+    The names begin with ``stem``; ``orders`` holds the orders n. Each order has two names.
+    """
     names = []
     for order in orders:
         names += [f"{stem}_cos{order}", f"{stem}_sin{order}"]

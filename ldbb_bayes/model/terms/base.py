@@ -216,6 +216,11 @@ class Term(Shown):
     on_demand: ClassVar[bool]
 
     def __init_subclass__(cls) -> None:
+        """Register a new class of terms, and give it default names.
+
+        The defaults for ``stem`` and ``words`` are made from the name of the class. Raise an
+        `InputError` if a term of another module has the same name.
+        """
         super().__init_subclass__()
         namesake = Term.kinds.get(cls.__name__)
         if namesake is not None and namesake.__module__ != cls.__module__:
@@ -231,6 +236,11 @@ class Term(Shown):
         Term.kinds[cls.__name__] = cls
 
     def __post_init__(self) -> None:
+        """Raise an `InputError` if a setting of the term has a value that is not permitted.
+
+        Numbers must be positive, but a curvature may be zero. Settings whose type is a ``Literal``
+        must have one of its values.
+        """
         choices: dict[str, tuple[Any, ...]] = {}
         # The annotations of a term's class state the permitted choices of its settings. If a user
         # defines the class inside a function, the names in the annotations may be unknown here. The
