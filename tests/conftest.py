@@ -24,7 +24,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
 from ldbb_bayes.cli import app
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.report.findings import find
+from ldbb_bayes.report.findings import findings_of_fit
 from ldbb_bayes.report.page import Document, compose, html_page
 
 # The command line, read once: Typer reads all commands and options anew for every call of an app.
@@ -76,7 +76,9 @@ def compared(recovered: Campaign) -> Comparison:
 @pytest.fixture(scope="session")
 def published(recovered: Campaign, compared: Comparison) -> tuple[Document, str]:
     """The page of the recovered experiment."""
-    document = compose(find(fitted(HybridModel.first(1), recovered), comparison=compared))
+    document = compose(
+        findings_of_fit(fitted(HybridModel.first(1), recovered), comparison=compared)
+    )
     return document, html_page(document)
 
 

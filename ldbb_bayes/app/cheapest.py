@@ -244,12 +244,14 @@ def _campaign_row(plan: GoalPlan, pilot: lb.Campaign) -> dict[str, Any]:
 
 
 def _passage_record(passage: Passage) -> dict[str, Any]:
+    """Return a table or a sentence as a dictionary that can be written as JSON."""
     if isinstance(passage, Table):
         return {"table": asdict(passage)}
     return {"text": passage}
 
 
 def _passage_from(record: Mapping[str, Any]) -> Passage:
+    """Return the table or the sentence from which `_passage_record` made ``record``."""
     if "text" in record:
         return str(record["text"])
     table = record["table"]

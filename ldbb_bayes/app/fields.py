@@ -105,7 +105,11 @@ def _type_read(field_option: Option) -> Any:
     return kind.typed if isinstance(kind, Kind) else kind
 
 
-def _field(name: str, group_name: str, field_option: Option) -> Field:
+def _entry_field(name: str, group_name: str, field_option: Option) -> Field:
+    """Return the entry field for the option ``name``, with the kind and the values of its entry.
+
+    ``group_name`` is the name of the group to which the option belongs.
+    """
     choices = tuple((value, value) for value in _CHOICES.get(name, ()))
     if name == "topology":
         choices = tuple(
@@ -120,11 +124,12 @@ def _field(name: str, group_name: str, field_option: Option) -> Field:
 
 
 def _all_fields() -> dict[str, Field]:
+    """Return all entry fields for options of a report. The keys are the names of the options."""
     fields = {}
     for group_name, options in _GROUPS.items():
         for name, field_option in options.items():
             if group_name != "report" or name in _REPORT_FIELDS:
-                fields[name] = _field(name, group_name, field_option)
+                fields[name] = _entry_field(name, group_name, field_option)
     return fields
 
 
@@ -165,9 +170,9 @@ def typed_value(field_option: Option, name: str, text: str, folder: Path) -> Any
     if typed is Path:
         return _added_file(text, flag, folder)
     if typed == list[str]:
-        return _lines(name, text)
+        return _typed_lines(name, text)
     if typed in (int, float):
-        return _number(field_option, flag, text)
+        return _typed_number(field_option, flag, text)
     if field_option.kind is NUMBERS and ";" in text:
         # The text has decimal commas, and semicolons between numbers. Replace the commas by decimal
         # points, and the semicolons by commas.
@@ -176,6 +181,11 @@ def typed_value(field_option: Option, name: str, text: str, folder: Path) -> Any
 
 
 def _added_file(name: str, flag: str, folder: Path) -> Path:
+    """Return the path of a file that the user added and then chose in an entry field.
+
+    ``name`` is the name of the file, and ``flag`` the flag of the option at a terminal. Raise an
+    `InputError` if no added file has this name.
+    """
     names = [path.name for path in (folder / FILES).iterdir()]
     require(
         name in names,
@@ -184,7 +194,11 @@ def _added_file(name: str, flag: str, folder: Path) -> Path:
     return folder / FILES / name
 
 
-def _lines(name: str, text: str) -> list[str]:
+def _typed_lines(name: str, text: str) -> list[str]:
+    """Return the lines that the user typed into an entry field. Empty lines are left out.
+
+    ``name`` is the name of the option. Decimal commas in tolerances are replaced by decimal points.
+    """
     lines = [line.strip() for line in text.splitlines()]
     lines = [line for line in lines if line]
     if name == "tolerance":
@@ -192,7 +206,7 @@ def _lines(name: str, text: str) -> list[str]:
     return lines
 
 
-def _number(field_option: Option, flag: str, text: str) -> float:
+def _typed_number(field_option: Option, flag: str, text: str) -> float:
     """Return the number that the user typed into a field.
 
     A decimal comma is accepted. Raise an `InputError` if the text is no number or has marks between
@@ -226,7 +240,7 @@ def _number(field_option: Option, flag: str, text: str) -> float:
     return number
 
 
-def _argument(
+def _make_from_entries(
     group_name: str, make: Callable[..., Any], choices: Mapping[str, str], folder: Path
 ) -> Any:
     """Return the result of calling a function with the values of a group of options.
@@ -280,7 +294,7 @@ def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     InputError
         If an entry cannot be read.
     """
-    settings: dict[str, Any] = _argument("report", dict, choices, folder)
+    settings: dict[str, Any] = _make_from_entries("report", dict, choices, folder)
     return settings
 
 
@@ -324,14 +338,14 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
 
     stated: dict[str, Any] = {}
     for group_name in ("name", "table", "labels"):
-        stated |= _argument(group_name, dict, choices, folder)
+        stated |= _make_from_entries(group_name, dict, choices, folder)
     instrument_of_length = partial(instrument_fields, bar_length_mm=stated.get("radius_mm"))
     return ReportSource(
         typed_paths=files,
         paths=matching(files),
-        layout=_argument("layout", LAYOUT_OPTIONS.make, choices, folder),
+        layout=_make_from_entries("layout", LAYOUT_OPTIONS.make, choices, folder),
         campaign_fields=campaign_fields(**stated),
-        certificates=_argument("certificates", instrument_of_length, choices, folder),
+        certificates=_make_from_entries("certificates", instrument_of_length, choices, folder),
     )
 
 

@@ -52,6 +52,7 @@ class Guard:
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int) -> None:
+        """Store the application and the token, and the hosts to which a request may be sent."""
         self._app = app
         self._token = token
         self._hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
@@ -69,6 +70,7 @@ class Guard:
             return
 
         async def send_with_headers(message: Message) -> None:
+            """Send a part of the response, with security headers that the response lacks so far."""
             if message["type"] == "http.response.start":
                 names = {name.lower() for name, _ in message["headers"]}
                 for name, value in _HEADERS.items():

@@ -65,6 +65,11 @@ _COSTS = {
 
 
 def _slider_values(settings: Mapping[str, Any], sliders: Mapping[str, _Slider]) -> dict[str, float]:
+    """Return the values of sliders as numbers; a slider without a value has its default.
+
+    ``settings`` are the values that the page sent, and ``sliders`` the defaults and limits. The
+    keys are the names of the sliders. Raise an `InputError` if a value is outside its limits.
+    """
     values = {}
     for name, slider in sliders.items():
         value = settings.get(name, slider.default)
@@ -79,6 +84,13 @@ def _slider_values(settings: Mapping[str, Any], sliders: Mapping[str, _Slider]) 
 
 
 def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
+    """Return the values of the sliders that describe the next tests.
+
+    The names are circles, levels (number of forces), low and high (lowest and highest force [N]),
+    work and tool (number of angles of each ball), turn (step between these angles [°]) and radius
+    [mm]. The defaults depend on the campaign ``pilot``, on which the plan is based. Raise an
+    `InputError` if a value is outside its limits, or if the lowest force exceeds the highest.
+    """
     lowest_force = float(pilot.forces_N.min())
     highest_force = float(pilot.forces_N.max())
     from_force = min(1.0, lowest_force)
@@ -130,6 +142,7 @@ class _Pilot(NamedTuple):
 
 @lru_cache(maxsize=12)
 def _pilot_of(report: _Report) -> _Pilot:
+    """Return the campaign of a report, with the estimates and standard uncertainties of its fit."""
     result = report.folder / RESULT
     summary = json.loads((result / "summary.json").read_text(encoding="utf-8"))
     sd = {name: entry["sd"] for name, entry in summary["parameters"].items()}
@@ -138,6 +151,10 @@ def _pilot_of(report: _Report) -> _Pilot:
 
 
 def _report_of(folder: Path) -> _Report:
+    """Return the folder of a session and the time of its report, which identify the report.
+
+    Raise an `InputError` if the session has no report yet.
+    """
     path = folder / RESULT / "summary.json"
     require(path.is_file(), "a plan must follow a fit, got none yet. Fit first.")
     return _Report(folder, path.stat().st_mtime_ns)
@@ -234,7 +251,7 @@ def _equally_spaced_tests(
     lowest and highest force.
     """
     number = int(sliders["circles"])
-    kinds = _kinds_of_test(space, sliders["low"])
+    kinds = _tests_of_all_settings(space, sliders["low"])
     forces_N = _force_levels(sliders["low"], sliders["high"], int(min(sliders["levels"], number)))
     tests = []
     for force_N, kind in _pairs_in_turn(forces_N, kinds, number):
@@ -267,7 +284,7 @@ def _space_of_sliders(
     )
 
 
-def _kinds_of_test(space: Space, force_N: float) -> list[lb.CircularTest]:
+def _tests_of_all_settings(space: Space, force_N: float) -> list[lb.CircularTest]:
     """Return one test for every combination of ball angles, radius and direction of travel.
 
     All these tests have the force ``force_N``.
@@ -295,7 +312,7 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     """
     low = sliders["low"]
     high = sliders["high"]
-    kinds = len(_kinds_of_test(space, low))
+    kinds = len(_tests_of_all_settings(space, low))
     most_levels = max(_FEWEST_LEVELS, _MOST_CANDIDATES // kinds)
     levels = _force_levels(low, high, max(2, min(round(high - low) + 1, most_levels)))
     # Sort the ball angles, as the command ``design`` does, so that both searches start from the

@@ -24,10 +24,10 @@ from ldbb_bayes.app.cheapest import CHEAPEST, passages_shown, wrong_entry
 from ldbb_bayes.app.computation import Computation
 from ldbb_bayes.app.fields import FIELDS, FILES, RESULT
 from ldbb_bayes.app.goal_fields import goal_texts
-from ldbb_bayes.app.house import House
 from ldbb_bayes.app.page_words import LANGUAGES
 from ldbb_bayes.app.planning import PLAN, forecast, plan
 from ldbb_bayes.app.session import Session
+from ldbb_bayes.app.session_registry import SessionRegistry
 from ldbb_bayes.app.templates import LARGEST_FILE, MOST_FILES
 from ldbb_bayes.app.understanding import understand
 from ldbb_bayes.app.worth import effects_of_certificates
@@ -59,7 +59,7 @@ _SAVED_FILES = {
 _FIT_TABLE = "tables/results.csv"
 _ZIPPED_FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 
-Answer = Callable[[House, Session, Request], Awaitable[Response]]
+Answer = Callable[[SessionRegistry, Session, Request], Awaitable[Response]]
 
 
 def refused(message: str, status: int) -> Response:
@@ -83,41 +83,49 @@ def refused(message: str, status: int) -> Response:
 # ---- the page and its sections
 
 
-async def _show_page(house: House, session: Session, request: Request) -> Response:
-    page = house.templates.show(
+async def _show_page(registry: SessionRegistry, session: Session, request: Request) -> Response:
+    """Return the whole HTML page of a session (one browser tab)."""
+    page = registry.templates.show(
         "page.html.j2", session.language, session=session, languages=LANGUAGES
     )
     return HTMLResponse(page)
 
 
-async def _show_section(house: House, session: Session, request: Request) -> Response:
+async def _show_section(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Return the HTML of one section of the page, such as the list of files or the plan."""
     name = request.path_params["name"]
     values: dict[str, Any] = {}
     if name == "understood":
-        understood = await house.desk.ask(understand, session, session.said())
+        understood = await registry.answering_process.ask(
+            understand, session, session.typed_texts()
+        )
         session.wrong = understood.get("wrong", [])
         values["found"] = understood
     elif name == "worth":
-        values["found"] = await house.desk.ask(effects_of_certificates, session, session.said())
+        values["found"] = await registry.answering_process.ask(
+            effects_of_certificates, session, session.typed_texts()
+        )
     elif name == "plan":
-        values["found"] = await house.desk.ask(forecast, session, session.asked)
+        values["found"] = await registry.answering_process.ask(forecast, session, session.asked)
         values["passages"] = passages_shown(session.search.outcome, session.language)
     elif name == "cheapest":
         values["passages"] = passages_shown(session.search.outcome, session.language)
     elif name not in ("files", "fit", "sheets"):
         return refused(session.word("nothing"), 404)
-    section = house.templates.show(f"{name}.html.j2", session.language, session=session, **values)
+    section = registry.templates.show(
+        f"{name}.html.j2", session.language, session=session, **values
+    )
     return HTMLResponse(section)
 
 
-async def _state(house: House, session: Session, request: Request) -> Response:
+async def _state(registry: SessionRegistry, session: Session, request: Request) -> Response:
+    """Return the state of a session as JSON, and record that its browser tab is open."""
     tabs = session.tabs or set()
     session.tabs = (tabs | {request.query_params.get("tab", "")}) - session.closed
     return JSONResponse(session.state())
 
 
-async def _leave(house: House, session: Session, request: Request) -> Response:
+async def _leave(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Record that the user has closed a browser tab of the session.
 
     A reload of the page also counts as closing the tab. The reloaded page counts as a new tab with
@@ -169,7 +177,7 @@ def file_name(sent: str) -> str:
     return re.sub(r"(?i)^(?=(con|prn|aux|nul|com\d|lpt\d)(\.|$))", "_", name)
 
 
-async def _add_file(house: House, session: Session, request: Request) -> Response:
+async def _add_file(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Store a file that the browser sends for a session (one browser tab).
 
     The file is stored completely or not at all.
@@ -179,7 +187,7 @@ async def _add_file(house: House, session: Session, request: Request) -> Respons
     if not name or not session.folder.exists():
         return refused(session.word("name"), 422)
     async with session.adding:
-        sizes = session.held
+        sizes = session.file_sizes
         if name in sizes and session.names.get(name, sent_name) != sent_name:
             message = session.word("same_name", name=sent_name, other=session.names[name])
             return refused(message, 409)
@@ -220,18 +228,18 @@ async def _receive(request: Request, path: Path, most_bytes: int) -> bool:
     return True
 
 
-async def _remove_file(house: House, session: Session, request: Request) -> Response:
+async def _remove_file(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Delete one file of the session (one browser tab), or all files if the name is ``*``."""
-    session.drop(request.path_params["name"])
+    session.delete_files(request.path_params["name"])
     return JSONResponse({})
 
 
-async def _take_example(house: House, session: Session, request: Request) -> Response:
+async def _take_example(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Replace the files of the session (browser tab) by the example files of the package.
 
     The example is the published experiment whose readings are part of the package.
     """
-    session.drop()
+    session.delete_files()
     for path in Path(lb.embedded_campaign()).iterdir():
         if path.suffix in (".csv", ".toml"):
             shutil.copyfile(path, session.folder / FILES / path.name)
@@ -243,7 +251,7 @@ async def _take_example(house: House, session: Session, request: Request) -> Res
 # ---- the user's entries, and the fit
 
 
-async def _take_choices(house: House, session: Session, request: Request) -> Response:
+async def _take_choices(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Store the texts that the user typed on the page, or the language that the user chose.
 
     The request contains the texts as a JSON object, whose keys are the names of the entry fields.
@@ -271,18 +279,20 @@ def _is_entry(text: object) -> bool:
     return isinstance(text, str) and len(text) < _LONGEST_ENTRY
 
 
-async def _fit(house: House, session: Session, request: Request) -> Response:
+async def _fit(registry: SessionRegistry, session: Session, request: Request) -> Response:
+    """Start the fit of a session's files, if no fit is running, and return the session's state."""
     if not session.fit.running:
         session.fit.outcome = {}
-        session.fit.task = asyncio.create_task(house.fit(session))
+        session.fit.task = asyncio.create_task(registry.fit(session))
     return JSONResponse(session.state())
 
 
-async def _cancel_fit(house: House, session: Session, request: Request) -> Response:
+async def _cancel_fit(registry: SessionRegistry, session: Session, request: Request) -> Response:
     return await _cancel(session, session.fit)
 
 
 async def _cancel(session: Session, computation: Computation) -> Response:
+    """Stop a computation of a session if it is running, and return the session's state."""
     if computation.running and computation.task is not None:
         computation.stop()
         await asyncio.wait([computation.task])
@@ -290,7 +300,7 @@ async def _cancel(session: Session, computation: Computation) -> Response:
     return JSONResponse(session.state())
 
 
-async def _show_forecast(house: House, session: Session, request: Request) -> Response:
+async def _show_forecast(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Return a section of the page with the results expected of the next tests.
 
     The request contains the values of the page's sliders, which describe these tests.
@@ -298,17 +308,17 @@ async def _show_forecast(house: House, session: Session, request: Request) -> Re
     sent = await _read_json(request)
     if sent is None:
         return refused(session.word("form"), 422)
-    expected = await house.desk.ask(forecast, session, sent)
+    expected = await registry.answering_process.ask(forecast, session, sent)
     if "refused" not in expected:
         session.asked = sent
-    section = house.templates.show("forecast.html.j2", session.language, found=expected)
+    section = registry.templates.show("forecast.html.j2", session.language, found=expected)
     return HTMLResponse(section)
 
 
 # ---- the search for the cheapest campaign
 
 
-async def _search(house: House, session: Session, request: Request) -> Response:
+async def _search(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Start a search for the cheapest campaign that reaches the goals typed on the page.
 
     The request contains the texts of the entry fields for goals and costs. If a text cannot be
@@ -323,7 +333,7 @@ async def _search(house: House, session: Session, request: Request) -> Response:
         return refused(session.word("fitting"), 409)
     refusal = session.refusal("no_goal")
     if goal_texts(sent):
-        refusal = await house.desk.ask(wrong_entry, session, sent)
+        refusal = await registry.answering_process.ask(wrong_entry, session, sent)
     # Another request may have started a search while this request waited for the check.
     if session.search.running:
         return refused(session.word("searching"), 409)
@@ -331,15 +341,15 @@ async def _search(house: House, session: Session, request: Request) -> Response:
     session.search.outcome = refusal
     if "refused" in refusal:
         return JSONResponse({"refused": refusal["refused"], "wrong": refusal.get("wrong", "")})
-    session.search.task = asyncio.create_task(house.search(session))
+    session.search.task = asyncio.create_task(registry.search(session))
     return JSONResponse(session.state())
 
 
-async def _stop_search(house: House, session: Session, request: Request) -> Response:
+async def _stop_search(registry: SessionRegistry, session: Session, request: Request) -> Response:
     return await _cancel(session, session.search)
 
 
-async def _send_cheapest(house: House, session: Session, request: Request) -> Response:
+async def _send_cheapest(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Return the operator's sheet of a campaign that was found, or a ZIP archive of its files.
 
     The URL path states the number of the campaign, where 1 is the cheapest. It also states ``html``
@@ -354,7 +364,7 @@ async def _send_cheapest(house: House, session: Session, request: Request) -> Re
     if kind == "html":
         planned = {**campaigns[number - 1], "pilot": outcome["pilot"]}
         return HTMLResponse(
-            house.templates.show("operator.html.j2", session.language, found=planned)
+            registry.templates.show("operator.html.j2", session.language, found=planned)
         )
     folder = session.search.folder / CHEAPEST / str(number)
     return await _send_zipped(folder, f"cheapest-{number}.zip")
@@ -363,7 +373,7 @@ async def _send_cheapest(house: House, session: Session, request: Request) -> Re
 # ---- results of a fit
 
 
-async def _send_result(house: House, session: Session, request: Request) -> Response:
+async def _send_result(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Return a response with a file of a session's report or plan, or with a ZIP archive.
 
     A session is one browser tab. The last part of the URL path is the name of the file.
@@ -371,7 +381,7 @@ async def _send_result(house: House, session: Session, request: Request) -> Resp
     name = request.path_params["name"]
     folder = session.folder / RESULT
     if name in ("plan.html", "plan.zip"):
-        return await _send_plan(house, session, name)
+        return await _send_plan(registry, session, name)
     if name in _ZIPPED_FOLDERS and folder.is_dir():
         return await _send_zipped(folder / _ZIPPED_FOLDERS[name], name)
     path = folder / _SAVED_FILES.get(name, name)
@@ -391,24 +401,33 @@ async def _send_result(house: House, session: Session, request: Request) -> Resp
     )
 
 
-async def _send_plan(house: House, session: Session, name: str) -> Response:
-    planned = await house.desk.ask(plan, session, session.asked)
+async def _send_plan(registry: SessionRegistry, session: Session, name: str) -> Response:
+    """Return the operator's sheet of the planned tests, or a ZIP archive of the plan's files.
+
+    ``name`` is the name of the file: plan.html for the sheet, plan.zip for the archive.
+    """
+    planned = await registry.answering_process.ask(plan, session, session.asked)
     if "refused" in planned:
         message = str(planned["refused"])
         return refused(in_language(message, session.language) or message, 422)
     if name == "plan.html":
-        sheet = house.templates.show("operator.html.j2", session.language, found=planned)
+        sheet = registry.templates.show("operator.html.j2", session.language, found=planned)
         return HTMLResponse(sheet)
     return await _send_zipped(session.folder / PLAN, name)
 
 
 async def _send_zipped(folder: Path, name: str) -> Response:
+    """Return a response with a ZIP archive of all files in a folder.
+
+    ``name`` is the name under which the browser saves the archive.
+    """
     archive = await asyncio.to_thread(_zip_folder, folder)
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(archive, media_type="application/zip", headers=headers)
 
 
 def _zip_folder(folder: Path) -> bytes:
+    """Return the bytes of a ZIP archive of all files in a folder and its subfolders."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted(folder.rglob("*")):

@@ -29,11 +29,11 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp
 
-from ldbb_bayes.app.desk import Desk
+from ldbb_bayes.app.answering_process import AnsweringProcess
 from ldbb_bayes.app.guard import LOOPBACK, Guard
-from ldbb_bayes.app.house import House
 from ldbb_bayes.app.page_words import LANGUAGES, PAGES, words_of_page
 from ldbb_bayes.app.requests import ROUTES, Answer, refused
+from ldbb_bayes.app.session_registry import SessionRegistry
 from ldbb_bayes.errors import InputError
 
 __all__ = ["application", "listening", "serve"]
@@ -48,11 +48,15 @@ _STATIC_FILES = {"app.js": "text/javascript", "app.css": "text/css"}
 
 
 async def _begin_session(request: Request) -> Response:
+    """Begin a session for a new browser tab, and redirect the browser to the session's page.
+
+    If there are already too many sessions, the response states this.
+    """
     # A browser sends a HEAD request only to ask whether the page exists: begin no session.
     if request.method == "HEAD":
         return Response()
     language = _language_of(request)
-    session = request.app.state.house.begin(language)
+    session = request.app.state.registry.begin(language)
     if session is None:
         message = words_of_page(language)["errors"]["full"]
         return Response(f"{message}\n", 503, media_type="text/plain; charset=utf-8")
@@ -60,6 +64,7 @@ async def _begin_session(request: Request) -> Response:
 
 
 def _language_of(request: Request) -> str:
+    """Return the language of the page that the browser prefers; English if the page lacks it."""
     preferred = request.headers.get("accept-language", "").strip().lower()
     for language in LANGUAGES:
         if preferred.startswith(language):
@@ -68,6 +73,7 @@ def _language_of(request: Request) -> str:
 
 
 async def _send_static(request: Request) -> Response:
+    """Return the JavaScript or the style sheet of the page."""
     name = request.path_params["name"]
     if name not in _STATIC_FILES:
         return Response("There is nothing here.\n", 404, media_type="text/plain")
@@ -75,6 +81,7 @@ async def _send_static(request: Request) -> Response:
 
 
 async def _say_unexpected(request: Request, error: Exception) -> Response:
+    """Return the response to a request that caused an unexpected error."""
     message = str(words_of_page(LANGUAGES[0])["errors"]["unexpected"])
     return refused(message.format(error=type(error).__name__), 500)
 
@@ -99,14 +106,17 @@ def application(token: str, port: int) -> ASGIApp:
     """
 
     def endpoint(answer: Answer) -> Callable[[Request], Awaitable[Response]]:
+        """Return a function that passes requests on to ``answer``, together with their session."""
+
         async def answer_in_session(request: Request) -> Response:
-            house: House = request.app.state.house
-            session = house.sessions.get(request.path_params["key"])
+            """Return the answer to a request, or a page which says that the session has ended."""
+            registry: SessionRegistry = request.app.state.registry
+            session = registry.sessions.get(request.path_params["key"])
             if session is None:
-                page = house.templates.show("ended.html.j2", LANGUAGES[0], start=f"/{token}/")
+                page = registry.templates.show("ended.html.j2", LANGUAGES[0], start=f"/{token}/")
                 return HTMLResponse(page, 410)
             session.last_request_s = time.monotonic()
-            return await answer(house, session, request)
+            return await answer(registry, session, request)
 
         return answer_in_session
 
@@ -128,27 +138,28 @@ def application(token: str, port: int) -> ASGIApp:
 
 @asynccontextmanager
 async def _lifespan(app: Starlette) -> AsyncIterator[None]:
-    """Create the ``House``, which holds all sessions (browser tabs), while the server runs.
+    """Create the registry of all sessions (browser tabs), and keep it while the server runs.
 
     When the server ends, the processes of the sessions are stopped, and the sessions' files are
     deleted.
     """
     _delete_folders_of_dead_servers()
     folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER_PREFIX}{os.getpid()}-"))
-    house = House(folder, Desk())
-    app.state.house = house
-    watch = asyncio.create_task(house.look_after())
+    registry = SessionRegistry(folder, AnsweringProcess())
+    app.state.registry = registry
+    watch = asyncio.create_task(registry.look_after())
     try:
         yield
     finally:
         watch.cancel()
-        for session in list(house.sessions.values()):
-            house.end(session)
-        house.desk.stop()
+        for session in list(registry.sessions.values()):
+            registry.end(session)
+        registry.answering_process.stop()
         shutil.rmtree(folder, ignore_errors=True)
 
 
 def _delete_folders_of_dead_servers() -> None:
+    """Delete the temporary folders of servers whose processes ended without deleting them."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_FOLDER_PREFIX}*-*"):
         process = folder.name.removeprefix(_FOLDER_PREFIX).partition("-")[0]
         if process.isdecimal() and not _is_running(int(process)):
@@ -156,6 +167,7 @@ def _delete_folders_of_dead_servers() -> None:
 
 
 def _is_running(process: int) -> bool:
+    """Return whether a process is running. ``process`` is the id of the process."""
     if os.name != "posix":
         # On Windows, os.kill would end the process. A process is therefore assumed to be running.
         return True

@@ -66,6 +66,7 @@ class Session:
     search: Computation = field(init=False)
 
     def __post_init__(self) -> None:
+        """Create the two computations of the session: the fit, and the search for a campaign."""
         self.fit = Computation("fit", self.folder / _JOB)
         self.search = Computation("search", self.folder / _SEARCH)
 
@@ -89,7 +90,7 @@ class Session:
         return time.monotonic() - self.last_request_s > limit_s
 
     @property
-    def held(self) -> dict[str, int]:
+    def file_sizes(self) -> dict[str, int]:
         """Sizes of the added files [bytes] in the order of import; the keys are the file names."""
         paths = sorted((self.folder / FILES).iterdir(), key=_import_order)
         return {path.name: path.stat().st_size for path in paths}
@@ -97,11 +98,11 @@ class Session:
     @property
     def certificates(self) -> list[str]:
         """Names of the added files with the ending .xml, which may be calibration certificates."""
-        return [name for name in self.held if name.lower().endswith(".xml")]
+        return [name for name in self.file_sizes if name.lower().endswith(".xml")]
 
-    def drop(self, name: str = "*") -> None:
+    def delete_files(self, name: str = "*") -> None:
         """Delete one file that the user added, or all added files if the name is ``*``."""
-        for stored_name in self.held:
+        for stored_name in self.file_sizes:
             if name in (stored_name, "*"):
                 (self.folder / FILES / stored_name).unlink(missing_ok=True)
         self.update_after_file_change()
@@ -113,7 +114,7 @@ class Session:
         this file describes the campaign and its tables; typed entries on the campaign and the
         tables then no longer apply.
         """
-        file_sizes = self.held
+        file_sizes = self.file_sizes
         has_campaign_file = TOML in file_sizes
         choices = {}
         for name, text in self.choices.items():
@@ -135,7 +136,7 @@ class Session:
         number of changes when the report was made.
         """
         return {
-            "files": len(self.held),
+            "files": len(self.file_sizes),
             "edition": self.edition,
             "fitted": self.fitted,
             "running": self.fit.running,
@@ -159,7 +160,7 @@ class Session:
         """
         return {"refused": self.word(key, **values), "is_in_words_of_page": True}
 
-    def said(self) -> dict[str, str]:
+    def typed_texts(self) -> dict[str, str]:
         """Return the texts that the user typed, and the language of the report.
 
         The keys of the result are the names of the entry fields.
@@ -191,6 +192,7 @@ class _ImportOrder(NamedTuple):
 
 
 def _import_order(path: Path) -> _ImportOrder:
+    """Return the sort key of a file, which puts the files in the order of import."""
     pieces: list[Any] = re.split(r"([0-9]+)", path.name.casefold())
     for k, piece in enumerate(pieces):
         if piece.isdigit():

@@ -37,7 +37,7 @@ def _in_language_of_page(context: jinja2.runtime.Context, message: str) -> str |
     """
     names: list[str] = []
     if "session" in context:
-        names += context["session"].held
+        names += context["session"].file_sizes
     if "found" in context:
         names += context["found"].get("names", ())
     return in_language(message, context["language"], names)
@@ -47,6 +47,7 @@ class Templates:
     """Templates of the browser page and of its sections; all inserted text is escaped."""
 
     def __init__(self) -> None:
+        """Create the Jinja environment, with the filters that the templates use."""
         self._environment = jinja2.Environment(
             loader=jinja2.PackageLoader("ldbb_bayes.app", "pages"),
             autoescape=True,

@@ -64,6 +64,10 @@ def refusal(error: Exception, folder: Path) -> str:
 
 
 def _without_folder(text: str, folder: Path) -> str:
+    """Return a text in which the path of the folder with the added files is left out.
+
+    ``folder`` is the folder of the session (one browser tab).
+    """
     path = str(folder / FILES)
     text = re.sub(re.escape(path) + r"[/\\]", "", text)
     return text.replace(path, "the folder")
@@ -204,6 +208,10 @@ def _in_one_row(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
+    """Return an assumption made at import as a row of the page's table, a dict of texts.
+
+    The row also has the names of the entry fields that can change the assumption.
+    """
     flags = assumption.option.split(", ")
     return {
         "place": _without_folder(str(assumption.place), folder),
@@ -245,6 +253,11 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
 
 
 def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
+    """Return what the page shows about the form error of one ball: its grade or its sphericity.
+
+    ``assumed`` is the form uncertainty that the fit assumes for the ball. ``ball_name`` is work or
+    tool. The entry also states whether a calibration certificate states the uncertainty.
+    """
     ball: lb.Ball = getattr(campaign.instrument, ball_name)
     # ``assumed.sd`` is the prior sd of one Fourier order of the ball's form error. Convert this sd
     # to the deviation from sphericity S: the variance of each order is S² / 24.

@@ -74,7 +74,7 @@ def main() -> None:
     """
     job = Path(sys.argv[1])
     parent = int(sys.argv[2])
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=_end_after_parent, args=(parent,), daemon=True).start()
     choices = json.loads((job / CHOICES_NAME).read_text(encoding="utf-8"))
     try:
         outcome = answer(_COMPUTATIONS[sys.argv[3]], str(job), choices)
@@ -84,7 +84,7 @@ def main() -> None:
     write_whole(job / OUTCOME_NAME, json.dumps(outcome).encode())
 
 
-def _end_with(parent: int) -> None:
+def _end_after_parent(parent: int) -> None:
     """End this process, and the processes that it started, once its parent process has ended.
 
     ``parent`` is the id of the parent process, which is the process of the server.
@@ -96,7 +96,12 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+def _write_report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+    """Fit the files of a browser tab, write the report, and return the report's main statements.
+
+    ``folder`` holds a copy of the files. ``choices`` are the texts typed on the page; the keys are
+    the names of the entry fields.
+    """
     settings = report_settings(folder, choices)
     output = Output(folder / RESULT, force=True)
     written = report_files(
@@ -109,13 +114,21 @@ def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _search(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
+def _search_campaigns(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Search for the cheapest campaigns, and return the result of `find_cheapest_campaigns`.
+
+    ``folder`` holds a copy of the campaign. ``asked`` are the texts typed on the page; the keys are
+    the names of the entry fields.
+    """
     begin = steps_of(partial(_write_progress, folder), search=1.0)
     return find_cheapest_campaigns(folder, asked, begin("search"))
 
 
 # Functions that fit or search; the keys are the kinds of computation.
-_COMPUTATIONS: Mapping[str, Callable[..., dict[str, Any]]] = {"fit": _report, "search": _search}
+_COMPUTATIONS: Mapping[str, Callable[..., dict[str, Any]]] = {
+    "fit": _write_report,
+    "search": _search_campaigns,
+}
 
 
 @contextmanager
@@ -130,5 +143,10 @@ def _steps_in_file(folder: Path) -> Iterator[Begin]:
 
 
 def _write_progress(folder: Path, share: float, step: str, done: int, total: int) -> None:
+    """Write the progress of a computation to the file ``progress.json`` in ``folder``.
+
+    ``share`` is the completed share of the computation, and ``step`` the name of the present step.
+    ``done`` of ``total`` parts of this step are finished.
+    """
     progress = {"share": share, "step": step, "done": done, "of": total}
     write_whole(folder / PROGRESS_NAME, json.dumps(progress).encode())

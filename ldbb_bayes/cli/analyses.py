@@ -120,7 +120,7 @@ def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple
         for remark in preview.remarks
         if remark.kind in ("unit", "copy")
     ]
-    return (*passages, *wording.look_sentences(preview), *remarks)
+    return (*passages, *wording.peculiarity_sentences(preview), *remarks)
 
 
 def _read_model_files(entries: list[str], flag: str) -> dict[str, str]:

@@ -40,7 +40,7 @@ _GLOSSARY = "glossary"  # key of the section that lists technical terms in alpha
 # A text that is not in the catalogue is split at one of these separators, and its pieces are
 # translated separately. The separators are tried in this order: those that usually leave the
 # longest pieces come first.
-_JOINTS = ("; ", ": ", ", ", " and ", " or ")
+_SEPARATORS = ("; ", ": ", ", ", " and ", " or ")
 _WORD = re.compile(r"(?<![\w./\\-])(?:[A-Za-z][a-z]{2,}|of|by|to|or|at|is|it|as)(?![\w/\\(=])")
 # Symbols, units, names of programs, and other words that are the same in every language.
 _SAME = frozenset(
@@ -77,7 +77,7 @@ _INSTRUMENT = re.compile(r"bar \S")
 _INTERVAL = re.compile(r"\[([^\[\],;]+), ([^\[\],;]+)\]")
 
 
-class _Joint(NamedTuple):
+class _SplitText(NamedTuple):
     """Pieces of an English text, and the word or sign that is put between the translated pieces."""
 
     pieces: list[str]
@@ -128,45 +128,50 @@ class AnnexTranslation:
     catalogue: Catalogue
     kept: frozenset[str] = frozenset()
     missing: set[str] = field(default_factory=set)
-    _known: dict[str, str | None] = field(default_factory=dict)
+    _stored_translations: dict[str, str | None] = field(default_factory=dict)
 
     def text(self, text: str) -> str:
         """Return the translation of an English text, with the decimal mark of the language.
 
         A text without a translation stays in English and is added to ``missing``.
         """
-        return self._numbers(self._translated(text))
+        return self._with_decimal_mark(self._translation_or_english(text))
 
     def section(self, section: Section) -> Section:
         """Return a section of the report with all its texts translated."""
-        content = tuple(self._part(part) for part in section.content)
+        content = tuple(self._translated_part(part) for part in section.content)
         if section.key == _GLOSSARY:
             content = tuple(_in_alphabetical_order(part) for part in content)
         return Section(section.key, self.text(section.title), content)
 
-    def _part(self, part: Part) -> Any:
+    def _translated_part(self, part: Part) -> Any:
+        """Return one part of a section, such as a table or a list, with all its texts translated.
+
+        A text of several lines, such as the model in TOML format, is returned unchanged.
+        """
         if isinstance(part, str):
             return part if "\n" in part else self.text(part)
         if isinstance(part, tuple):
             return tuple(self.text(item) for item in part)
         if isinstance(part, Table):
-            return self._table(part)
+            return self._translated_table(part)
         if isinstance(part, Picture):
-            return self._picture(part)
-        content = tuple(self._part(inner) for inner in part.content)
+            return self._translated_picture(part)
+        content = tuple(self._translated_part(inner) for inner in part.content)
         return Details(self.text(part.summary), content)
 
-    def _table(self, table: Table) -> Table:
+    def _translated_table(self, table: Table) -> Table:
+        """Return a copy of a table with its caption, column headings and cells translated."""
         rows = []
         for row in table.rows:
-            rows.append(tuple(self._cell(cell) for cell in row))
+            rows.append(tuple(self._translated_cell(cell) for cell in row))
         heads = tuple(self.text(head) for head in table.heads)
         return replace(table, caption=self.text(table.caption), heads=heads, rows=tuple(rows))
 
-    def _cell(self, cell: Any) -> Any:
+    def _translated_cell(self, cell: Any) -> Any:
         return self.text(cell) if isinstance(cell, str) else cell
 
-    def _picture(self, picture: Picture) -> Picture:
+    def _translated_picture(self, picture: Picture) -> Picture:
         """Return a figure with its labels and caption translated.
 
         The labels of the figure itself are changed; no copy of the figure is made.
@@ -176,35 +181,49 @@ class AnnexTranslation:
 
     # ---- translation of one text
 
-    def _translated(self, text: str) -> str:
-        translation = self._of(text)
+    def _translation_or_english(self, text: str) -> str:
+        """Return the translation of a text, or the English text if there is no translation.
+
+        A text without a translation is added to ``missing``.
+        """
+        translation = self._translation_or_none(text)
         if translation is None:
             self.missing.add(text)
             return text
         return translation
 
-    def _of(self, text: str) -> str | None:
-        """Return the translation of a text, or None if a part of the text has no translation."""
-        if text not in self._known:
-            self._known[text] = self._found(text)
-        return self._known[text]
+    def _translation_or_none(self, text: str) -> str | None:
+        """Return the translation of a text, or None if a part of the text has no translation.
 
-    def _found(self, text: str) -> str | None:
+        Each result is stored, so that the same text is translated only once.
+        """
+        if text not in self._stored_translations:
+            self._stored_translations[text] = self._find_translation(text)
+        return self._stored_translations[text]
+
+    def _find_translation(self, text: str) -> str | None:
+        """Find the translation of a text, or return None if a part of the text has no translation.
+
+        Names of campaigns and tests are returned unchanged. In a text without an English word, only
+        pieces that are keys of the catalogue are replaced. Any other text is first looked up as a
+        whole. If the catalogue does not have it, the text is split, for example into its sentences,
+        and the pieces are translated separately.
+        """
         if text in self.kept:
             return text
         if not has_english(text):
             pieces = [self.catalogue.entries.get(piece, piece) for piece in text.split(": ")]
             return ": ".join(pieces)
-        known = self._looked_up(text)
+        known = self._translation_of_whole_text(text)
         if known is not None:
             return known
-        for joint in self._joints(text):
-            translations = [self._of(piece) for piece in joint.pieces]
+        for joint in self._ways_to_split(text):
+            translations = [self._translation_or_none(piece) for piece in joint.pieces]
             if None not in translations:
                 return joint.word.join(map(str, translations))
-        return self._matched(text, of_sentences=True)
+        return self._translation_by_pattern(text, of_sentences=True)
 
-    def _looked_up(self, text: str) -> str | None:
+    def _translation_of_whole_text(self, text: str) -> str | None:
         """Return the translation of a text if the whole text matches a key of the catalogue.
 
         The key may have placeholders. A placeholder then stands for text that lies within one
@@ -216,9 +235,9 @@ class AnnexTranslation:
         lower = entries.get(text[:1].lower() + text[1:])
         if lower is not None:
             return lower[:1].upper() + lower[1:]
-        return self._matched(text)
+        return self._translation_by_pattern(text)
 
-    def _matched(self, text: str, *, of_sentences: bool = False) -> str | None:
+    def _translation_by_pattern(self, text: str, *, of_sentences: bool = False) -> str | None:
         """Return the translation of a text that is made from a pattern with placeholders.
 
         If ``of_sentences`` is true, a placeholder may stand for several sentences. Return None if
@@ -232,12 +251,15 @@ class AnnexTranslation:
             values = match.groupdict()
             if not of_sentences and any(map(_SENTENCE_ENDS.search, values.values())):
                 continue
-            places = {name: self._of_place(name, value) for name, value in values.items()}
+            places = {
+                name: self._translation_of_placeholder(name, value)
+                for name, value in values.items()
+            }
             if None not in places.values():
                 return phrase.translation.format(**places)
         return None
 
-    def _of_place(self, name: str, value: str) -> str | None:
+    def _translation_of_placeholder(self, name: str, value: str) -> str | None:
         """Return the translation of the text that a placeholder stands for.
 
         ``name`` is the name of the placeholder, and ``value`` is the text. If the name begins with
@@ -246,10 +268,10 @@ class AnnexTranslation:
         translation.
         """
         if not name.startswith("r"):
-            return self._of(value)
+            return self._translation_or_none(value)
         return None if _SENTENCE_ENDS.search(value) else value
 
-    def _joints(self, text: str) -> Iterator[_Joint]:
+    def _ways_to_split(self, text: str) -> Iterator[_SplitText]:
         """Yield every way to split a text into pieces that can be translated separately.
 
         If the text has several sentences, the first way splits it into its sentences. Each further
@@ -257,13 +279,18 @@ class AnnexTranslation:
         """
         sentences = _SENTENCE_ENDS.split(text)
         if len(sentences) > 1:
-            yield _Joint(sentences, " ")
-        for joint in _JOINTS:
+            yield _SplitText(sentences, " ")
+        for joint in _SEPARATORS:
             if joint in text:
                 word = self.catalogue.entries.get(joint.strip(), joint.strip())
-                yield _Joint(text.split(joint), joint.replace(joint.strip(), word))
+                yield _SplitText(text.split(joint), joint.replace(joint.strip(), word))
 
-    def _numbers(self, text: str) -> str:
+    def _with_decimal_mark(self, text: str) -> str:
+        """Return a text whose numbers and intervals are written as is usual in the language.
+
+        Numbers get the decimal mark of the language. In a language with a decimal comma, an
+        interval has a semicolon between its two numbers.
+        """
         mark = str(self.words.table["decimal"])
         interval = self.words("interval", low=r"\g<1>", high=r"\g<2>")
         return _DECIMALS.sub(rf"\g<1>{mark}\g<2>", _INTERVAL.sub(interval, text))
@@ -310,12 +337,17 @@ def catalogue_of(language: str, *names: str) -> Catalogue | None:
 
 
 def _phrase(key: str, translation: str) -> _Phrase:
+    """Return an English text with placeholders as a pattern that other texts can match.
+
+    ``key`` is the English text, with placeholders such as ``{a}``. ``translation`` is its
+    translation, with the same placeholders.
+    """
     fixed = re.escape(key)
-    pattern = re.compile(_PLACE.sub(_group, fixed), re.DOTALL)
+    pattern = re.compile(_PLACE.sub(_group_of_placeholder, fixed), re.DOTALL)
     return _Phrase(pattern, translation, len(_PLACE.sub("", fixed)))
 
 
-def _group(match: re.Match[str]) -> str:
+def _group_of_placeholder(match: re.Match[str]) -> str:
     """Return a named group of a regular expression for a placeholder in a message.
 
     The group has the name of the placeholder and matches every text that the placeholder can stand

@@ -76,11 +76,11 @@ def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ..
     holds the angles by which the work ball and the tool ball are turned in their sockets
     (clocking).
     """
-    varied = []
+    varied_settings = []
     for field in _SETTINGS:
         if len({getattr(test, field) for test in preview.tests}) > 1:
-            varied.append(field)
-    rows = [_preview_row(test, varied) for test in preview.tests]
+            varied_settings.append(field)
+    rows = [_preview_row(test, varied_settings) for test in preview.tests]
     heads = (
         "test",
         "force (N)",
@@ -89,7 +89,7 @@ def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ..
         "arc (°)",
         "gap (°)",
         "direction",
-        *(_SETTINGS[field].head for field in varied),
+        *(_SETTINGS[field].head for field in varied_settings),
         "balls (°)",
         "step (µm)",
         "spikes",
@@ -105,7 +105,12 @@ def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ..
     )
 
 
-def _preview_row(test: TestPreview, varied: list[str]) -> tuple[str, ...]:
+def _preview_row(test: TestPreview, varied_settings: list[str]) -> tuple[str, ...]:
+    """Return the cells that describe one test in the table of a preview.
+
+    ``varied_settings`` holds the names of the settings, such as the radius, that differ between the
+    tests of the campaign. Only these settings have a cell.
+    """
     return (
         test.name,
         f"{test.force_N:.4g}",
@@ -114,7 +119,7 @@ def _preview_row(test: TestPreview, varied: list[str]) -> tuple[str, ...]:
         f"{test.arc_deg:.0f}",
         f"{test.largest_gap_deg:.2g}",
         wording.travel_words(test),
-        *(_SETTINGS[field].template.format(getattr(test, field)) for field in varied),
+        *(_SETTINGS[field].template.format(getattr(test, field)) for field in varied_settings),
         f"{test.work_ball_deg:g} / {test.tool_ball_deg:g}",
         _significant(test.resolution_um, 2),
         str(test.spikes),

@@ -59,6 +59,7 @@ def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bo
 
 
 def _least_squares_cell(model: ComparedModel) -> str:
+    """Return the RMSE of a fit by least squares [µm] as a string, or a dash if it is not known."""
     if np.isnan(model.least_squares_rmse_um):
         return "–"
     return f"{model.least_squares_rmse_um:.2f}"

@@ -354,6 +354,11 @@ def _principal_entries(principal: PrincipalStiffness) -> list[dict[str, Any]]:
 
 
 def _kind_of(name: str) -> str:
+    """Return the kind of a parameter: slope, compliance or geometric (a geometric error).
+
+    A slope is a coefficient of the change of a compliance with force. ``name`` is the name of the
+    parameter.
+    """
     if is_slope(name):
         return "slope"
     if name.startswith("C"):

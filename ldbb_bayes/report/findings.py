@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
     from ldbb_bayes.campaign.campaign import Campaign
 
-__all__ = ["Beside", "Compared", "Findings", "Recommended", "find"]
+__all__ = ["Compared", "Findings", "FurtherCampaign", "Recommended", "findings_of_fit"]
 
 Compared: TypeAlias = "Comparison | str"
 """A comparison of models, or a text with the reason why no comparison is available."""
@@ -97,7 +97,7 @@ class Findings:
         return probabilities
 
     @property
-    def varying(self) -> float:
+    def probability_of_change(self) -> float:
         """Posterior probability that compliance changes with force.
 
         If an average over models was computed, the value is 1 minus the posterior probability of
@@ -122,12 +122,12 @@ class Findings:
         return summarize(self.posterior, prob=self.prob)
 
     @cached_property
-    def seen(self) -> CampaignPreview:
+    def preview(self) -> CampaignPreview:
         """Preview of the campaign, which states what the readings show without a fit."""
         return check_campaign(campaign_of(self.posterior))
 
     @cached_property
-    def judged(self) -> JudgedQuantities:
+    def judged_quantities(self) -> JudgedQuantities:
         """Verdicts on the quantities that the test certificate states.
 
         A verdict states how far the readings determine a quantity. If the estimates on the
@@ -141,7 +141,7 @@ class Findings:
 
         The keys are the names of the parameters.
         """
-        return self.judged.parameters
+        return self.judged_quantities.parameters
 
     @property
     def change_verdicts(self) -> Mapping[str, ChangeIdentifiability]:
@@ -149,7 +149,7 @@ class Findings:
 
         The keys are the names of the compliances.
         """
-        return self.judged.changes
+        return self.judged_quantities.changes
 
     @cached_property
     def verdicts_of_fit(self) -> Mapping[str, ParameterIdentifiability]:
@@ -195,13 +195,13 @@ class Findings:
         return assess_conformity(self.numbers, self.tolerances or None, force_N=force_N)
 
     @property
-    def flat(self) -> bool:
-        """Whether the parameters have flat priors, as in a fit by least squares."""
+    def has_flat_priors(self) -> bool:
+        """Whether the parameters have has_flat_priors priors, as in a fit by least squares."""
         return all(entry["prior_sd"] is None for entry in self.result["parameters"].values())
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class FurtherCampaign:
     """A further campaign, which a report compares with the campaign of the report.
 
     Parameters
@@ -219,7 +219,7 @@ class Beside:
     differences: pd.DataFrame
 
 
-def find(
+def findings_of_fit(
     posterior: xr.DataTree,
     *,
     prob: float = 0.95,
@@ -256,6 +256,7 @@ def find(
         comparison = _compare_degrees(posterior)
 
     def next_tests() -> Recommended:
+        """Return the design that the user gave, or else compute a design."""
         if recommended is None:
             return _design_next_tests(posterior, tests)
         if callable(recommended):
@@ -266,6 +267,11 @@ def find(
 
 
 def _check_readings(kind: str, stated: Campaign | None, campaign: Campaign) -> None:
+    """Raise an `InputError` if a comparison or a design was made from other readings than the fit.
+
+    ``kind`` is "comparison" or "design". ``stated`` is the campaign from which the comparison or
+    design was made; None if it is not known. ``campaign`` is the campaign of the fit.
+    """
     if stated is not None and stated.sha256 != campaign.sha256:
         raise InputError(
             f"{kind} must be of the readings of the fit, got one of {stated.name!r} (SHA-256"
@@ -274,6 +280,11 @@ def _check_readings(kind: str, stated: Campaign | None, campaign: Campaign) -> N
 
 
 def _design_next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended:
+    """Return a design of the next ``tests`` circles, or the reason why no design is possible.
+
+    If the user stated the number of circles, the `InputError` with this reason is raised. In the
+    model of the design, compliance is at least linear in force.
+    """
     model = model_of(posterior)
     model = model.with_degree(max(model.degree, 1))
     try:

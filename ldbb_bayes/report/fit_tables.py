@@ -178,7 +178,7 @@ def words_of_fit(
         *wording.confounded_sentences(confounded),
         *wording.not_modelled_sentences(not_modelled(bound)),
     ]
-    warnings += wording.look_sentences(campaign_preview)
+    warnings += wording.peculiarity_sentences(campaign_preview)
     warnings += further_remarks(campaign_preview)
     return FitWords(
         state=str(fit.state),
@@ -311,7 +311,7 @@ def change_table(changes: Mapping[str, Mapping[str, Any]]) -> Table:
                 statement.u,
                 statement.interval,
                 statement.unit,
-                _share_cell(change["relative"]),
+                _relative_change_cell(change["relative"]),
                 wording.direction_words(change),
             )
         )
@@ -353,29 +353,43 @@ def change_parts(change: Mapping[str, Any]) -> tuple[Passage, ...]:
     rows = []
     for key in ("smallest", "reference", "largest"):
         label = f"C({change[f'{key}_force_N']:.4g} N)"
-        rows.append(_drawn_row(label, change[f"at_{key}"], change["unit"]))
-    rows.append(_drawn_row("change", change["change"], change["unit"]))
+        rows.append(_value_row(label, change[f"at_{key}"], change["unit"]))
+    rows.append(_value_row("change", change["change"], change["unit"]))
     relative = change["relative"]
     if relative is not None:
         in_percent = {key: 100.0 * value for key, value in relative.items()}
-        rows.append((*_drawn_row("change / C(F0)", in_percent, "")[:-1], "%"))
+        rows.append((*_value_row("change / C(F0)", in_percent, "")[:-1], "%"))
     heads = ("quantity", "value", "u", f"{100 * change['prob']:g} % interval", "unit")
     table = Table.of(wording.PAGE["change"], heads, rows, text=("unit",))
     return (table, f"Direction: {wording.direction_words(change)}.")
 
 
-def _drawn_row(label: str, value: Mapping[str, float], unit: str) -> tuple[str, ...]:
+def _value_row(label: str, value: Mapping[str, float], unit: str) -> tuple[str, ...]:
+    """Return the cells of a row: label, value, standard uncertainty, credible interval and unit.
+
+    ``value`` holds the entries ``mean``, ``sd``, ``ci_low`` and ``ci_high``, in the internal unit
+    ``unit``.
+    """
     statement = units.state(value["mean"], value["sd"], (value["ci_low"], value["ci_high"]), unit)
     return (label, statement.value, statement.u, statement.interval, statement.unit)
 
 
 def _change_statement(change: Mapping[str, Any]) -> units.Statement:
+    """Return the change of a compliance as texts: value, u, U (k = 2), credible interval and unit.
+
+    ``change`` is the JSON record of the change over the tested forces, see `change_with_force`.
+    """
     value = change["change"]
     interval = (value["ci_low"], value["ci_high"])
     return units.state(value["mean"], value["sd"], interval, change["unit"])
 
 
-def _share_cell(relative: Mapping[str, float] | None) -> str:
+def _relative_change_cell(relative: Mapping[str, float] | None) -> str:
+    """Return the relative change of a compliance in per cent as a string.
+
+    ``relative`` holds the median of the relative change. A dash is returned if ``relative`` is
+    None.
+    """
     if relative is None:
         return "–"
     return f"{100.0 * relative['median']:.0f} %"
@@ -488,6 +502,11 @@ def _change_row(name: str, change: Mapping[str, Any], has_prior_means: bool) -> 
 
 
 def _prior_mean_cell(entry: Mapping[str, Any], factor: float) -> str:
+    """Return the prior mean of a parameter as a string, or a dash if no prior mean is stated.
+
+    ``entry`` is what the JSON record of the fit states about the parameter. ``factor`` converts the
+    internal unit of the parameter to the unit shown.
+    """
     prior_mean = entry.get("prior_mean")
     if prior_mean is None:
         return "–"
@@ -530,7 +549,7 @@ def results_table(
     for name, change in changes.items():
         statement = _change_statement(change)
         label = wording.changes_by_words(name, change)
-        rows.append((label, *_stated(statement), "", wording.direction_words(change)))
+        rows.append((label, *_statement_cells(statement), "", wording.direction_words(change)))
     for name, entry in others.items():
         rows.append(_result_row(name, entry, wording.verdict_words(verdicts[name], shares=shares)))
     return _results_table(wording.PAGE["parameters"], rows, result)
@@ -566,15 +585,20 @@ def coefficient_table(
 
 
 def _result_row(name: str, entry: Mapping[str, Any], verdict: str) -> tuple[str, ...]:
+    """Return the row of a parameter in a table of results, as texts.
+
+    ``entry`` is what the JSON record of the fit states about the parameter ``name``. ``verdict`` is
+    the text of the last cell. Only the row of a direct compliance states a stiffness.
+    """
     interval = wording.interval_of(entry)
     statement = units.state(entry["mean"], entry["sd"], interval, entry["unit"])
     stiffness = ""
     if units.is_direct(name):
         stiffness = units.stiffness(entry["median"], interval)
-    return (display_name(name), *_stated(statement), stiffness, verdict)
+    return (display_name(name), *_statement_cells(statement), stiffness, verdict)
 
 
-def _stated(statement: units.Statement) -> tuple[str, ...]:
+def _statement_cells(statement: units.Statement) -> tuple[str, ...]:
     """Return five cells of a parameter's row in a table of results, as texts.
 
     The cells are the value, the standard uncertainty u, U (k = 2), the credible interval, and the
@@ -590,6 +614,11 @@ def _stated(statement: units.Statement) -> tuple[str, ...]:
 
 
 def _results_table(caption: str, rows: list[tuple[str, ...]], result: Mapping[str, Any]) -> Table:
+    """Return a table of the results of a fit, with a heading for each of its eight columns.
+
+    ``rows`` holds the texts of the cells. ``result`` is the JSON record of the fit, which states
+    the probability of the credible intervals.
+    """
     heads = (
         "parameter",
         "value",

@@ -156,7 +156,7 @@ def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
     record.pop("cures")
     rows = zip(record["degeneracies"], result.degeneracies, result.cures, strict=True)
     for degeneracy_record, degeneracy, cures in rows:
-        degeneracy_record["statement"] = wording.statement(degeneracy)
+        degeneracy_record["statement"] = wording.degeneracy_sentence(degeneracy)
         degeneracy_record["cure"] = wording.cure_words(degeneracy, cures)
     record["notes"] = list(wording.not_modelled_sentences(result.not_modelled))
     return record

@@ -12,6 +12,7 @@ __all__ = ["parts_of"]
 
 @parts_of.register
 def _passages_of_described_machine(machine: DescribedMachine) -> tuple[Passage, ...]:
+    """Return sentences on a machine, and tables of its compliances and geometric errors."""
     first, *notes = wording.machine_sentences(machine)
     compliances = _machine_table(machine, "compliance", machine.compliances, with_sums=True)
     errors = _machine_table(machine, "geometric error", machine.geometric_errors, with_sums=False)

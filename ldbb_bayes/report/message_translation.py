@@ -109,6 +109,11 @@ class OwnWords:
         return message
 
     def _mark(self, match: re.Match[str]) -> str:
+        """Store a part of a message, and return the character that stands for the part.
+
+        ``match`` is the match of the part in the message. If all characters are already used, the
+        part is returned unchanged.
+        """
         mark = _FIRST_MARK + len(self._parts)
         if mark > _LAST_MARK:
             return match[0]

@@ -18,7 +18,7 @@ from ldbb_bayes.analysis.path_contributions import decompose_deviation
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.summary import summarize
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.findings import Beside, Findings
+from ldbb_bayes.report.findings import Findings, FurtherCampaign
 from ldbb_bayes.units import display_unit, is_skewed
 
 __all__ = ["TABLE_FILES", "tables"]
@@ -43,7 +43,7 @@ _SUFFIX_OF_UNIT = {"µm": "_um", "µm/m": "_um_per_m"}
 
 
 def tables(
-    findings: Findings, others: Sequence[Beside] = (), *, force_N: float | None = None
+    findings: Findings, others: Sequence[FurtherCampaign] = (), *, force_N: float | None = None
 ) -> dict[str, pd.DataFrame]:
     """Return tables with all numbers of a report, except the decisions on conformity.
 
@@ -72,18 +72,18 @@ def tables(
     covariance = pd.DataFrame(np.cov(draws), names, names)
     correlation = pd.DataFrame(np.corrcoef(draws), names, names)
     frames = {
-        "results": _results(findings),
+        "results": _results_table(findings),
         "covariance": covariance.rename_axis("parameter"),
         "correlation": correlation.rename_axis("parameter"),
-        "budget": _budget(findings),
-        "stiffness": _stiffness(findings, force_N),
-        "gum_validation": _gum_validation(findings),
+        "budget": _budget_table(findings),
+        "stiffness": _stiffness_table(findings, force_N),
+        "gum_validation": _gum_validation_table(findings),
     }
     if not findings.sheets_only:
         frames |= _annex_tables(findings)
     if findings.averaged is not None:
-        frames["averaged"] = _averaged(findings)
-    changes = _changes(findings)
+        frames["averaged"] = _averaged_table(findings)
+    changes = _changes_table(findings)
     if len(changes):
         frames["change_with_force"] = changes
     if others:
@@ -112,7 +112,7 @@ def _annex_tables(findings: Findings) -> dict[str, pd.DataFrame]:
     return frames
 
 
-def _results(findings: Findings) -> pd.DataFrame:
+def _results_table(findings: Findings) -> pd.DataFrame:
     """Return a table of the fitted model's parameters, one row for each parameter.
 
     The columns include U (k = 2), and the verdict on how far the readings determine the parameter.
@@ -127,7 +127,7 @@ def _results(findings: Findings) -> pd.DataFrame:
     return _with_reading_units(summary.assign(U_k2=2.0 * summary["sd"], verdict=verdicts))
 
 
-def _changes(findings: Findings) -> pd.DataFrame:
+def _changes_table(findings: Findings) -> pd.DataFrame:
     """Return a table of changes of compliances with force, as the test certificate states them.
 
     The table has one row for each compliance.
@@ -155,7 +155,7 @@ def _changes(findings: Findings) -> pd.DataFrame:
     return _with_reading_units(pd.DataFrame.from_dict(rows, orient="index"))
 
 
-def _stiffness(findings: Findings, force_N: float | None) -> pd.DataFrame:
+def _stiffness_table(findings: Findings, force_N: float | None) -> pd.DataFrame:
     """Return a table of the stiffness by direction, with a row for each plane, force and quantity.
 
     The forces are the smallest force tested, the reference force, the largest force tested, and
@@ -169,7 +169,7 @@ def _stiffness(findings: Findings, force_N: float | None) -> pd.DataFrame:
     return pd.DataFrame(table).set_index("plane")
 
 
-def _budget(findings: Findings) -> pd.DataFrame:
+def _budget_table(findings: Findings) -> pd.DataFrame:
     """Return one table with all uncertainty budgets.
 
     The table has one row for each contribution to the budget of each parameter.
@@ -185,7 +185,7 @@ def _budget(findings: Findings) -> pd.DataFrame:
     return pd.DataFrame(rows).set_index("parameter")
 
 
-def _gum_validation(findings: Findings) -> pd.DataFrame:
+def _gum_validation_table(findings: Findings) -> pd.DataFrame:
     """Return a table that compares two intervals of each parameter.
 
     One interval is from the GUM's law of propagation, the other from the posterior distribution.
@@ -205,7 +205,7 @@ def _gum_validation(findings: Findings) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 
 
-def _averaged(findings: Findings) -> pd.DataFrame:
+def _averaged_table(findings: Findings) -> pd.DataFrame:
     """Return a table of the parameters' estimates on the test certificate.
 
     These estimates are averages over several models. The table has no slopes (coefficients of the

@@ -28,7 +28,13 @@ from ldbb_bayes.report import wording
 from ldbb_bayes.report.annex_translation import annex_translation
 from ldbb_bayes.report.blocks import Banner, Block, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.dcc_export import write_dcc
-from ldbb_bayes.report.findings import Beside, Compared, Findings, Recommended, find
+from ldbb_bayes.report.findings import (
+    Compared,
+    Findings,
+    FurtherCampaign,
+    Recommended,
+    findings_of_fit,
+)
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.number_tables import TABLE_FILES, tables
 from ldbb_bayes.report.pdf import pdf_of
@@ -83,6 +89,7 @@ class Document(Shown):
     shown = ("title", "lines", "alerts")
 
     def _blocks(self) -> Iterator[Block]:
+        """Yield the content of both sheets, such as texts, tables and figures."""
         for sheet in self.sheets:
             yield from sheet.blocks
 
@@ -110,7 +117,7 @@ class Document(Shown):
 
 def compose(
     findings: Findings,
-    others: Sequence[Beside] = (),
+    others: Sequence[FurtherCampaign] = (),
     *,
     same_instrument: bool = False,
     language: str = "en",
@@ -137,14 +144,14 @@ def compose(
     if findings.sheets_only:
         writers = {}
     steps = len(writers) + 1
-    tell = progress or _ignore
-    tell(0, steps)
+    show_progress = progress or _ignore_progress
+    show_progress(0, steps)
     finished_sheets = sheets(findings, language=language, force_N=force_N)
     sections: list[Section] = []
     for key, (title, write) in writers.items():
-        tell(len(sections) + 1, steps)
+        show_progress(len(sections) + 1, steps)
         sections.append(Section(key, title, tuple(write(findings))))
-    tell(steps, steps)
+    show_progress(steps, steps)
 
     name = str(findings.result["campaign"]["name"])
     title = f"Loaded double ball bar: {name}"
@@ -156,7 +163,7 @@ def compose(
         title += f", beside {wording.joined([other.name for other in others])}"
     document = Document(
         title,
-        _lines(findings),
+        _lines_below_title(findings),
         tuple(_alerts(findings, others)),
         tuple(sections),
         finished_sheets,
@@ -164,7 +171,7 @@ def compose(
         language,
     )
     names = [name, *(other.name for other in others)]
-    names += [test.name for test in findings.seen.tests]
+    names += [test.name for test in findings.preview.tests]
     return _in_language(document, frozenset(names))
 
 
@@ -186,14 +193,14 @@ def _in_language(document: Document, names: frozenset[str]) -> Document:
     )
 
 
-def _ignore(done: int, total: int) -> None:
+def _ignore_progress(done: int, total: int) -> None:
     """Do nothing. This function is used if the user gives no function that shows the progress.
 
     ``done`` is the number of finished steps, and ``total`` the number of all steps.
     """
 
 
-def _lines(findings: Findings) -> tuple[str, str, str]:
+def _lines_below_title(findings: Findings) -> tuple[str, str, str]:
     """Return the three lines of text below the report's title.
 
     The first line states the machine and its tests. The second line states the day of the fit and
@@ -201,11 +208,11 @@ def _lines(findings: Findings) -> tuple[str, str, str]:
     annex, that is, in the sections after the certificate.
     """
     result = findings.result
-    seen = findings.seen
-    forces_N = [test.force_N for test in seen.tests]
+    preview = findings.preview
+    forces_N = [test.force_N for test in preview.tests]
     version = result["provenance"]["versions"]["ldbb-bayes"]
     campaign = (
-        f"Machine {seen.topology}, plane {seen.plane}. {len(seen.tests)} circular tests at"
+        f"Machine {preview.topology}, plane {preview.plane}. {len(preview.tests)} circular tests at"
         f" {min(forces_N):g} to {max(forces_N):g} N."
     )
     fitted = f"Fitted {result['provenance']['started'][:10]} with ldbb_bayes {version}."
@@ -213,7 +220,7 @@ def _lines(findings: Findings) -> tuple[str, str, str]:
     return campaign, fitted, annex
 
 
-def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
+def _alerts(findings: Findings, others: Sequence[FurtherCampaign]) -> Iterator[str]:
     """Yield the warnings that a reader of the report must see before any number.
 
     The warnings are about the fit of the campaign, and about the differences between this campaign
@@ -365,8 +372,8 @@ def write_report(
         difference = compare_posteriors(
             posterior, other, same_instrument=same_instrument, prob=prob
         )
-        others.append(Beside(name, result_json(other, prob=prob), difference))
-    findings = find(
+        others.append(FurtherCampaign(name, result_json(other, prob=prob), difference))
+    findings = findings_of_fit(
         posterior,
         prob=prob,
         tests=tests,
@@ -392,7 +399,7 @@ def write_report(
         frame = pd.DataFrame.from_dict(conformity, orient="index")
         frames["conformity"] = frame.rename_axis("quantity")
     record = {
-        **_record(findings, document, frames),
+        **_content_of_report_json(findings, document, frames),
         "state": document.state,
         "conformity": conformity,
     }
@@ -424,7 +431,7 @@ def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) 
     )
 
 
-def _record(
+def _content_of_report_json(
     findings: Findings, document: Document, frames: Mapping[str, pd.DataFrame]
 ) -> dict[str, Any]:
     """Return the content of report.json without the entries ``state`` and ``conformity``.

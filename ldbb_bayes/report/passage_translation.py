@@ -61,6 +61,11 @@ def untranslated_texts(
 
 
 def _translation(language: str, names: Iterable[str]) -> AnnexTranslation | None:
+    """Return the translations of texts about the cheapest campaign into a language.
+
+    None is returned if the language has no catalogues. ``names`` are the names of campaigns and
+    tests, which are not translated, also if they stand in quotation marks.
+    """
     catalogue = catalogue_of(language, *_CATALOGUES)
     if catalogue is None:
         return None

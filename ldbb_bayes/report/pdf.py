@@ -210,6 +210,10 @@ def _write(
 
 
 def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:
+    """Draw the banner of the test certificate: a sentence in bold type on a grey background.
+
+    ``scale`` is the relative font size.
+    """
     ground, ink = _GROUND_AND_INK[banner.kind]
     pdf.set_fill_color(ground)
     _write(

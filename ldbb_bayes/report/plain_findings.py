@@ -71,14 +71,18 @@ def plain_words(numbers: SheetNumbers) -> Items:
         Heading and sentences.
     """
     words = numbers.words
-    items = [*_under_load(numbers), *_findings_in_words(numbers), _not_determined(numbers)]
+    items = [
+        *_sentences_under_load(numbers),
+        *_findings_in_words(numbers),
+        _not_determined(numbers),
+    ]
     return Items(words("sheet.plain"), tuple(items))
 
 
 # ---- the machine under load
 
 
-def _under_load(numbers: SheetNumbers) -> Iterator[str]:
+def _sentences_under_load(numbers: SheetNumbers) -> Iterator[str]:
     """Yield two sentences for each plane: one on the stiffness, one on the circular deviation."""
     words = numbers.words
     force = words.number(f"{numbers.force_N:.4g}")
@@ -130,9 +134,9 @@ def _inseparable(circle: StatedQuantity, words: Words) -> str:
 
     ``circle`` is the circular deviation. The sentence is empty if there are no such effects.
     """
-    if not circle.hangs_on:
+    if not circle.confounding_effects:
         return ""
-    partners = words.joined([words.term(name) for name in circle.hangs_on])
+    partners = words.joined([words.term(name) for name in circle.confounding_effects])
     return words("plain.apart", partners=partners)
 
 
@@ -166,10 +170,10 @@ def findings_of(numbers: SheetNumbers) -> tuple[Finding, ...]:
         Findings with a probability of at least 90 %.
     """
     candidates = [
-        *_soft_axes(numbers),
-        *_changes(numbers),
-        *_reversals(numbers),
-        *_squareness(numbers),
+        *_soft_axis_findings(numbers),
+        *_change_findings(numbers),
+        *_reversal_findings(numbers),
+        *_squareness_findings(numbers),
     ]
     likely = [finding for finding in candidates if finding.probability >= _LIKELY]
     return tuple(ranked(likely, lambda finding: finding.probability)[:_MOST_FINDINGS])
@@ -182,7 +186,7 @@ def _probability_of_sign(mean: float, sd: float) -> float:
     return 0.5 * (1.0 + math.erf(abs(mean) / sd / math.sqrt(2.0)))
 
 
-def _soft_axes(numbers: SheetNumbers) -> Iterator[Finding]:
+def _soft_axis_findings(numbers: SheetNumbers) -> Iterator[Finding]:
     """Yield one finding for each plane: which of the plane's two axes is softer.
 
     A plane is left out if the model has no direct compliance of one of the two axes.
@@ -209,7 +213,7 @@ def _soft_axes(numbers: SheetNumbers) -> Iterator[Finding]:
         yield Finding(FindingKind.SOFT_AXIS, probability, values)
 
 
-def _changes(numbers: SheetNumbers) -> Iterator[Finding]:
+def _change_findings(numbers: SheetNumbers) -> Iterator[Finding]:
     """Yield a finding on the compliance whose change with force has the most certain sign.
 
     Nothing is yielded if no compliance changes with force in the model.
@@ -234,7 +238,7 @@ def _changes(numbers: SheetNumbers) -> Iterator[Finding]:
     yield Finding(FindingKind.CHANGE, probabilities[name], values)
 
 
-def _reversals(numbers: SheetNumbers) -> Iterator[Finding]:
+def _reversal_findings(numbers: SheetNumbers) -> Iterator[Finding]:
     """Yield one finding for each plane in which circles were run in both directions.
 
     The finding states how much the readings of the two directions differ: the amplitude of sin 2θ
@@ -242,7 +246,7 @@ def _reversals(numbers: SheetNumbers) -> Iterator[Finding]:
     unequal backlash of the two axes, causes this difference.
     """
     words = numbers.words
-    for plane, coefficient in numbers.reversals.items():
+    for plane, coefficient in numbers.reversal_coefficients.items():
         mean_um = 2.0 * coefficient["mean"] * _UM_PER_MM
         sd_um = 2.0 * coefficient["sd"] * _UM_PER_MM
         value, expanded = value_and_uncertainty(abs(mean_um), 2.0 * sd_um)
@@ -250,10 +254,10 @@ def _reversals(numbers: SheetNumbers) -> Iterator[Finding]:
         yield Finding(FindingKind.REVERSAL, _probability_of_sign(mean_um, sd_um), values)
 
 
-def _squareness(numbers: SheetNumbers) -> Iterator[Finding]:
+def _squareness_findings(numbers: SheetNumbers) -> Iterator[Finding]:
     """Yield one finding for each squareness error, with the probability of the error's sign."""
     words = numbers.words
-    for quantity in numbers.further.values():
+    for quantity in numbers.squareness_errors.values():
         values = {"name": quantity.words, "value": _with_U(quantity, words)}
         probability = _probability_of_sign(quantity.estimate, quantity.sd)
         yield Finding(FindingKind.SQUARENESS, probability, values)
@@ -269,7 +273,7 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
         yield words(f"plain.{key}", probability=probability, **finding.values)
     if not findings:
         yield words("plain.nothing", limit=words.percent(_LIKELY))
-    change = next(_changes(numbers), None)
+    change = next(_change_findings(numbers), None)
     if change is not None and change.probability < _LIKELY:
         probability = words.percent(change.probability)
         yield words(
@@ -278,7 +282,7 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
             direction=change.values["direction"],
             probability=probability,
         )
-    if not numbers.reversals:
+    if not numbers.reversal_coefficients:
         yield words("plain.one_way")
 
 

@@ -27,7 +27,7 @@ from ldbb_bayes.analysis.verdicts import not_modelled
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.report import fit_tables, text, wording
-from ldbb_bayes.report.findings import Beside, Findings
+from ldbb_bayes.report.findings import Findings, FurtherCampaign
 from ldbb_bayes.report.pictures import Picture, picture
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.results import ByName, Passage, Table
@@ -82,7 +82,7 @@ class Section:
 
 def campaign(findings: Findings) -> Iterator[Part]:
     """Yield the section on the campaign: its tests, remarks, and the assumptions of a fit."""
-    yield from parts_of(findings.seen)
+    yield from parts_of(findings.preview)
 
 
 def results(findings: Findings) -> Iterator[Part]:
@@ -224,6 +224,11 @@ def _shown_forces(forces: Sequence[float]) -> list[float]:
 
 
 def _interval_cell(row: pd.Series[Any]) -> str:
+    """Return a median and a credible interval as a string, such as "17.2 [11.5, 39.8]".
+
+    ``row`` holds the entries ``median``, ``sd``, ``ci_low`` and ``ci_high`` of one quantity. The
+    last digit is chosen according to ``sd``.
+    """
     _, decimals = round_uncertainty(row["sd"])
     median = round_like(row["median"], decimals)
     low = round_like(row["ci_low"], decimals)
@@ -251,7 +256,7 @@ def fit(findings: Findings) -> Iterator[Part]:
     """
     quality = findings.result["fit"]
     rows = []
-    for test in findings.seen.tests:
+    for test in findings.preview.tests:
         checks = quality["predictive_checks"][test.name]
         order, smallest_p = ranked(checks["orders_p"].items(), lambda item: -item[1])[0]
         rows.append(
@@ -283,7 +288,7 @@ def fit(findings: Findings) -> Iterator[Part]:
     concerns = wording.concern_sentences(
         fit_of(findings.posterior).concerns, findings.result["sampler"]
     )
-    notes = (*concerns, *fit_tables.further_remarks(findings.seen))
+    notes = (*concerns, *fit_tables.further_remarks(findings.preview))
     if notes:
         yield notes
     yield picture("residuals", findings.posterior)
@@ -361,7 +366,11 @@ def glossary(findings: Findings) -> Iterator[Part]:
 
 
 def beside(
-    first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, prob: float
+    first: Mapping[str, Any],
+    others: Sequence[FurtherCampaign],
+    *,
+    same_instrument: bool,
+    prob: float,
 ) -> Iterator[Part]:
     """Yield the section on the differences between the first campaign and other campaigns.
 
@@ -398,7 +407,9 @@ def beside(
             yield Details(wording.PAGE["coefficients_differences_hint"], (coefficients,))
 
 
-def _differences_table(first: str, other: Beside, differences: pd.DataFrame, percent: str) -> Table:
+def _differences_table(
+    first: str, other: FurtherCampaign, differences: pd.DataFrame, percent: str
+) -> Table:
     """Return a table that compares the parameters of two campaigns, one row for each parameter.
 
     Each row states the values of the parameter in both campaigns, the difference with its credible

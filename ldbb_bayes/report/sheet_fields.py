@@ -78,12 +78,12 @@ def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str
     """
     campaign = bound_of(findings.posterior).campaign
     yield from _stated_entries(campaign, _CAMPAIGN_ENTRIES, words)
-    yield words("fields.machine"), _machine(campaign, words)
+    yield words("fields.machine"), _machine_text(campaign, words)
     yield from _stated_entries(campaign, _DEVICE_ENTRIES, words)
-    yield words("fields.temperature"), _temperature(campaign, words)
-    yield words("fields.tests"), _tests(campaign, words)
-    yield words("fields.path"), _path(campaign, words)
-    yield words("fields.certificates"), _certificates(findings, words)
+    yield words("fields.temperature"), _temperature_text(campaign, words)
+    yield words("fields.tests"), _tests_text(campaign, words)
+    yield words("fields.path"), _path_text(campaign, words)
+    yield words("fields.certificates"), _certificates_text(findings, words)
 
 
 def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], ...]:
@@ -102,24 +102,33 @@ def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], 
         Name and text of each form field.
     """
     campaign = bound_of(findings.posterior).campaign
-    machine = (words("fields.machine"), _machine(campaign, words))
+    machine = (words("fields.machine"), _machine_text(campaign, words))
     return (*_stated_entries(campaign, _IDENTITY_ENTRIES, words), machine)
 
 
 def _stated_entries(
     campaign: Campaign, keys: tuple[str, ...], words: Words
 ) -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of one form field for each of the campaign's entries ``keys``.
+
+    An example of an entry is the operator. The text is empty if the campaign does not state the
+    entry.
+    """
     for key in keys:
         yield words(f"fields.{key}"), shorten(str(getattr(campaign, key) or ""))
 
 
-def _machine(campaign: Campaign, words: Words) -> str:
+def _machine_text(campaign: Campaign, words: Words) -> str:
     """Return a string that states the machine's topology and the planes of the tests."""
     planes = list(dict.fromkeys(str(test.plane) for test in campaign.tests))
     return words("entries.machine", topology=campaign.topology, planes=words.joined(planes))
 
 
-def _temperature(campaign: Campaign, words: Words) -> str:
+def _temperature_text(campaign: Campaign, words: Words) -> str:
+    """Return the lowest and the highest temperature of the tests as a string [°C].
+
+    The string is empty if no test states its temperature.
+    """
     temperatures = [test.temperature_C for test in campaign.tests if test.temperature_C is not None]
     if not temperatures:
         return ""
@@ -127,7 +136,7 @@ def _temperature(campaign: Campaign, words: Words) -> str:
     return words("entries.temperature", range=" … ".join(dict.fromkeys(ends)))
 
 
-def _tests(campaign: Campaign, words: Words) -> str:
+def _tests_text(campaign: Campaign, words: Words) -> str:
     """Return a string that states the number of circles, their forces and their radii."""
     radii_mm = sorted({test.circle.radius_mm for test in campaign.tests})
     return words(
@@ -139,7 +148,7 @@ def _tests(campaign: Campaign, words: Words) -> str:
     )
 
 
-def _path(campaign: Campaign, words: Words) -> str:
+def _path_text(campaign: Campaign, words: Words) -> str:
     """Return a string that states the feed, the directions of travel and the order of the tests."""
     path = []
     if campaign.feed_mm_per_min:
@@ -152,7 +161,7 @@ def _path(campaign: Campaign, words: Words) -> str:
     return ", ".join(path)
 
 
-def _certificates(findings: Findings, words: Words) -> str:
+def _certificates_text(findings: Findings, words: Words) -> str:
     """Return a string that lists what calibration certificates state about the instrument."""
     stated = []
     for piece in instrument_pieces(findings, words):
@@ -180,7 +189,7 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
     """
     words = numbers.words
     campaign = bound_of(numbers.findings.posterior).campaign
-    machine = _machine(campaign, words)
+    machine = _machine_text(campaign, words)
     is_stated = campaign.topology != CampaignFields.topology
     yield words("fields.machine"), _marked(machine, is_stated, words)
     yield words("assumptions.readings"), _mount_text(campaign, words)
@@ -212,6 +221,11 @@ def _marked(text: str, is_stated: bool, words: Words) -> str:
 
 
 def _mount_text(campaign: Campaign, words: Words) -> str:
+    """Return a string on the deflection of the bar's mount under pressure [µm/bar].
+
+    The string states whether the readings were already compensated for this deflection, and has the
+    mark *stated* or *assumed*.
+    """
     mount = campaign.mount
     key = "compensated" if mount.compensated else "not_compensated"
     deflection = words.number(f"{mount.deflection_um_per_bar:g}")
@@ -220,6 +234,10 @@ def _mount_text(campaign: Campaign, words: Words) -> str:
 
 
 def _force_law_text(campaign: Campaign, words: Words) -> str:
+    """Return a string with the force as a linear function of pressure.
+
+    The string states the slope [N/bar] and the offset [N], and has the mark *stated* or *assumed*.
+    """
     law = campaign.force_law
     sign = "−" if law.offset_N < 0.0 else "+"
     text = words(

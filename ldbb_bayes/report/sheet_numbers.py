@@ -78,7 +78,11 @@ class SheetNumbers:
         Offsets of the tool ball are left out. Slopes (coefficients of the change with force) are
         left out, too; `changes` holds the changes themselves.
         """
-        return {name: stated for name, stated in self._stated.items() if not is_slope(name)}
+        return {
+            name: stated
+            for name, stated in self._parameters_and_slopes.items()
+            if not is_slope(name)
+        }
 
     @cached_property
     def slopes(self) -> dict[str, StatedQuantity]:
@@ -87,7 +91,9 @@ class SheetNumbers:
         The keys are the names of the slopes. Slopes without a tolerance are not shown on the test
         certificate.
         """
-        return {name: stated for name, stated in self._stated.items() if is_slope(name)}
+        return {
+            name: stated for name, stated in self._parameters_and_slopes.items() if is_slope(name)
+        }
 
     @cached_property
     def changes(self) -> dict[str, StatedQuantity]:
@@ -109,7 +115,7 @@ class SheetNumbers:
                 sd=change.change.sd,
                 interval=change.change.interval,
                 unit=change.unit,
-                direction=_direction_of(change),
+                direction=_direction_of_change(change),
                 change_entry=self.findings.change_verdicts.get(name),
                 no_change=change.probability_of_no_change,
             )
@@ -144,7 +150,7 @@ class SheetNumbers:
         return None
 
     @cached_property
-    def reversals(self) -> dict[str, Mapping[str, float]]:
+    def reversal_coefficients(self) -> dict[str, Mapping[str, float]]:
         """Coefficients of sin 2θ in the model term `Hysteresis`; the keys are the planes.
 
         θ is the angle of the bar. Each coefficient is half the amplitude of sin 2θ in the
@@ -153,17 +159,17 @@ class SheetNumbers:
         """
         tests = bound_of(self.findings.posterior).campaign.tests
         coefficients = self.findings.result["nuisances"]
-        reversals = {}
+        reversal_coefficients = {}
         for plane in self.planes:
             directions = {str(test.direction) for test in tests if test.plane == plane}
             suffix = f"_{plane}" if len(self.planes) > 1 else ""
             name = f"hysteresis{suffix}_sin2"
             if len(directions) > 1 and name in coefficients:
-                reversals[plane] = coefficients[name]
-        return reversals
+                reversal_coefficients[plane] = coefficients[name]
+        return reversal_coefficients
 
     @cached_property
-    def _stated(self) -> dict[str, StatedQuantity]:
+    def _parameters_and_slopes(self) -> dict[str, StatedQuantity]:
         """Compliances, slopes (coefficients of the change with force) and geometric errors.
 
         Offsets of the tool ball are left out. The keys are the names of the parameters.
@@ -279,7 +285,7 @@ class SheetNumbers:
         )
 
     @cached_property
-    def further(self) -> dict[str, StatedQuantity]:
+    def squareness_errors(self) -> dict[str, StatedQuantity]:
         """Squareness errors that are stated on sheet 1 of the test certificate.
 
         The keys are the labels of the errors.
@@ -311,7 +317,7 @@ class SheetNumbers:
         return self._path_quantities(self.force_N, ("G", "F_max", "F_min"))
 
     @cached_property
-    def further_path(self) -> dict[str, StatedQuantity]:
+    def path_on_second_sheet(self) -> dict[str, StatedQuantity]:
         """Circular deviation at no load, and radial deviations from the nominal circle.
 
         The keys are the symbols of the deviations. The radial deviations from the nominal circle
@@ -339,7 +345,7 @@ class SheetNumbers:
         prob = self.findings.prob
         table = predict_circularity(self.findings.numbers, [force_N], prob=prob)
         has_several_planes = table["plane"].nunique() > 1
-        hangs_on = self._partners_of_geometry()
+        confounding_effects = self._partners_of_geometry()
         suffix = "_no_load" if force_N == 0.0 else ""
         # The deviations at no load have other symbols than those under load, so that each symbol on
         # the test certificate has only one value.
@@ -358,7 +364,7 @@ class SheetNumbers:
                 sd=row["sd"],
                 interval=(row["ci_low"], row["ci_high"]),
                 unit="um",
-                hangs_on=hangs_on,
+                confounding_effects=confounding_effects,
                 note=self._measured_words(row["plane"], row["quantity"], force_N),
             )
         return stated
@@ -401,7 +407,11 @@ class SheetNumbers:
         return tuple(partners)
 
 
-def _direction_of(change: ChangeWithForce) -> Literal["increases", "decreases", "no_change"]:
+def _direction_of_change(change: ChangeWithForce) -> Literal["increases", "decreases", "no_change"]:
+    """Return whether a compliance increases or decreases with force.
+
+    The result is "no_change" if neither has a probability of at least 95 %.
+    """
     if change.probability_of_increase >= _SURE:
         return "increases"
     if change.probability_of_decrease >= _SURE:
@@ -439,8 +449,8 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
         return _change_remark(quantity, words)
     if quantity.entry is None:
         confounded = ""
-        if quantity.hangs_on:
-            partners = _partner_words(quantity.hangs_on, words)
+        if quantity.confounding_effects:
+            partners = _partner_words(quantity.confounding_effects, words)
             confounded = words("remarks.confounded", partners=partners)
         return "; ".join(part for part in (quantity.note, confounded) if part)
     return _verdict_remark(quantity.entry, words)

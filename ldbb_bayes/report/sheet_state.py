@@ -47,7 +47,7 @@ def banner(numbers: SheetNumbers) -> Banner:
             all=str(len(quantities)),
         )
         reasons.append(text)
-    if findings.flat:
+    if findings.has_flat_priors:
         reasons.append(words("state.least_squares"))
     forces_N = campaign_of(findings.numbers).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
@@ -96,7 +96,7 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
     The note is empty if all parts have a certificate. It is also empty for a fit by least squares,
     because that fit assumes nothing about the instrument.
     """
-    if findings.flat:
+    if findings.has_flat_priors:
         return ""
     is_stated = [piece.is_stated for piece in instrument_pieces(findings, words)]
     if all(is_stated):
@@ -119,19 +119,19 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     unknown_signs = [
         symbol
         for symbol, quantity in numbers.changes.items()
-        if quantity.direction == "no_change" and numbers.findings.varying > 0.5
+        if quantity.direction == "no_change" and numbers.findings.probability_of_change > 0.5
     ]
     if unknown_signs:
         items.append(words("notes.unknown_signs", symbols=words.joined(unknown_signs)))
     of_the_path = [*numbers.path.values(), *numbers.unloaded_path.values()]
-    confounded = [quantity for quantity in of_the_path if quantity.hangs_on]
+    confounded = [quantity for quantity in of_the_path if quantity.confounding_effects]
     if confounded:
         symbols = words.joined([quantity.symbol for quantity in confounded])
         without_note = replace(confounded[0], note="")
         items.append(f"{symbols}: {remark(without_note, words)}")
-    if 0.05 < numbers.findings.varying < 0.95:
-        probability = words.percent(numbers.findings.varying)
-        items.append(words("notes.varying", probability=probability))
+    if 0.05 < numbers.findings.probability_of_change < 0.95:
+        probability = words.percent(numbers.findings.probability_of_change)
+        items.append(words("notes.probability_of_change", probability=probability))
     if not items:
         return [words("sheet.all_determined")]
     excess = len(items) - _MOST_UNDETERMINED

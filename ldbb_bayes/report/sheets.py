@@ -95,7 +95,7 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     quantities = [
         *numbers.stiffnesses.values(),
         *numbers.directions.values(),
-        *numbers.further.values(),
+        *numbers.squareness_errors.values(),
         *numbers.path.values(),
         *numbers.unloaded_path.values(),
     ]
@@ -175,7 +175,7 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
         *numbers.changes.values(),
         *others,
         *numbers.path.values(),
-        *numbers.further_path.values(),
+        *numbers.path_on_second_sheet.values(),
     ]
     yield Fields(identity_fields(findings, words))
     yield _table_with_intervals(numbers, quantities)
@@ -266,6 +266,10 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
 def _table_with_U(
     numbers: SheetNumbers, caption: str, quantities: Sequence[StatedQuantity]
 ) -> Table:
+    """Return a table with one row for each quantity.
+
+    The columns are value, U (k = 2), unit and remark. ``caption`` is the caption of the table.
+    """
     words = numbers.words
     rows = []
     for quantity in quantities:
@@ -362,6 +366,10 @@ def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
 
 
 def _limits(conformity: Conformity, factor: float) -> str:
+    """Return the limits of a tolerance as a string, such as "≤ 60" or "−20 … 40".
+
+    ``factor`` converts the internal unit of the quantity to the unit shown.
+    """
     low, high = (f"{limit * factor:.4g}".replace("-", "−") for limit in conformity.limits)
     if conformity.lower is None:
         return f"≤ {high}"

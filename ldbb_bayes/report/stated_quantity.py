@@ -45,7 +45,7 @@ class StatedQuantity:
     limit
         String with the limit if the sheet states only a limit of the quantity, and otherwise an
         empty string.
-    hangs_on
+    confounding_effects
         For a quantity that is computed from several parameters, the names of the effects with which
         these parameters are confounded. Empty for all other quantities.
     direction
@@ -70,7 +70,7 @@ class StatedQuantity:
     unit: str
     entry: ParameterIdentifiability | None = None
     limit: str = ""
-    hangs_on: tuple[str, ...] = ()
+    confounding_effects: tuple[str, ...] = ()
     direction: Literal["", "increases", "decreases", "no_change"] = ""
     change_entry: ChangeIdentifiability | None = None
     no_change: float = 0.0

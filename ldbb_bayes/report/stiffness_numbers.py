@@ -45,7 +45,7 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
     planes = [plane.plane for plane in result.planes]
     stated = {}
     for plane in result.planes:
-        for name, quantity in _of_plane(plane, words, is_only=len(planes) == 1).items():
+        for name, quantity in _quantities_of_plane(plane, words, is_only=len(planes) == 1).items():
             stated[name_in_plane(name, plane.plane, planes)] = quantity
     for principal in result.principal:
         for k, axis in enumerate(principal.axes, start=1):
@@ -59,11 +59,13 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
                 )
             symbol = f"k_{k}"
             title = words("quantities.principal", number=str(k))
-            stated[symbol] = _of_stiffness(title, symbol, axis.stiffness, note, words)
+            stated[symbol] = _stated_stiffness(title, symbol, axis.stiffness, note, words)
     return stated
 
 
-def _of_plane(plane: PlaneStiffness, words: Words, *, is_only: bool) -> dict[str, StatedQuantity]:
+def _quantities_of_plane(
+    plane: PlaneStiffness, words: Words, *, is_only: bool
+) -> dict[str, StatedQuantity]:
     """Return the least and the greatest stiffness in a plane, and their ratio.
 
     The keys are names such as ``k_min``. If ``is_only`` is true, no other plane was tested, and the
@@ -78,7 +80,7 @@ def _of_plane(plane: PlaneStiffness, words: Words, *, is_only: bool) -> dict[str
     for name, (value, direction) in ends.items():
         note = _direction_words(direction, axis, words)
         title = words(f"quantities.{name}", plane=where)
-        stated[name] = _of_stiffness(title, name, value, note, words)
+        stated[name] = _stated_stiffness(title, name, value, note, words)
     ratio = plane.ratio
     limit = ""
     if ratio.only_lower_limit:
@@ -94,11 +96,11 @@ def _of_plane(plane: PlaneStiffness, words: Words, *, is_only: bool) -> dict[str
         note=words("remarks.gain_cancels"),
     )
     if is_only:
-        stated |= _of_only_plane(plane, words)
+        stated |= _quantities_of_only_plane(plane, words)
     return stated
 
 
-def _of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuantity]:
+def _quantities_of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuantity]:
     """Return two quantities that the test certificate states if only one plane was tested.
 
     ``principal_axis`` is the direction of the plane's principal axis. ``difference`` is the
@@ -146,9 +148,14 @@ def _principal_axis_note(plane: PlaneStiffness, words: Words) -> str:
     return words("remarks.without_tilts", symbols=words.joined(symbols))
 
 
-def _of_stiffness(
+def _stated_stiffness(
     title: str, symbol: str, value: StatedValue, note: str, words: Words
 ) -> StatedQuantity:
+    """Return a stiffness in the form in which the test certificate states a quantity.
+
+    ``title`` is the name of the stiffness in words, and ``note`` the remark on it. If only a lower
+    limit of the stiffness is known, the certificate states only this limit.
+    """
     limit = ""
     if value.only_lower_limit:
         lowest = three_digits(value.ci_low * _N_PER_UM)

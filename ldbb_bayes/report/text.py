@@ -118,6 +118,7 @@ def _passages_of_hybrid_model(model: HybridModel) -> tuple[Passage, ...]:
 
 
 def _setting_words(name: str, value: Any) -> str:
+    """Return a setting of a model term as a string, such as "sd_um = 0.2"."""
     if isinstance(value, str):
         return f"{name} = {value}"
     return f"{name} = {value:g}"
@@ -125,6 +126,7 @@ def _setting_words(name: str, value: Any) -> str:
 
 @parts_of.register
 def _passages_of_log_density(density: LogDensity) -> tuple[Passage, ...]:
+    """Return a table of the coordinates of a log density, with their units and limits."""
     rows = []
     for name, unit, bounds in zip(density.names, density.units, density.bounds, strict=True):
         rows.append((display_name(name), unit, *bounds))
@@ -152,6 +154,7 @@ def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_fit(fit: Fit) -> tuple[Passage, ...]:
+    """Return sentences on whether a fit can be used, and on each concern about the fit."""
     # Leave out the concern "not-converged", because the sentence on whether the fit can be used
     # already states that the sampler has not converged.
     concerns = tuple(concern for concern in fit.concerns if concern.kind != "not-converged")
@@ -166,6 +169,7 @@ def _passages_of_fit_words(words: FitWords) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
+    """Return a table of the parameters that a fit by least squares estimates, with u."""
     rows = []
     for name, row in result.table.iterrows():
         factor, unit = display_unit(row["unit"])

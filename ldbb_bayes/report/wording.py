@@ -88,6 +88,7 @@ __all__ = [
     "cure_items",
     "cure_words",
     "degeneracy_items",
+    "degeneracy_sentence",
     "design_notes",
     "design_screen",
     "design_sentences",
@@ -104,7 +105,6 @@ __all__ = [
     "joined",
     "joined_sizes",
     "limit_words",
-    "look_sentences",
     "machine_sentences",
     "model_words",
     "next_circle_head",
@@ -114,6 +114,7 @@ __all__ = [
     "origin_words",
     "origins_in_words",
     "paired_cure_items",
+    "peculiarity_sentences",
     "percent_of",
     "population_doubts",
     "population_sentences",
@@ -127,7 +128,6 @@ __all__ = [
     "short_verdict_words",
     "source_unit_words",
     "source_words",
-    "statement",
     "strength_words",
     "sum_in_words",
     "term_words",
@@ -213,7 +213,7 @@ def _environment() -> jinja2.Environment:
         check_words,
         remark_words,
         caveat_words,
-        look_sentences,
+        peculiarity_sentences,
         probability_words,
         strength_words,
         sensitive_words,
@@ -221,7 +221,7 @@ def _environment() -> jinja2.Environment:
     ):
         environment.filters[function.__name__] = function
     environment.filters["as_"] = format
-    environment.filters["lines"] = _lines
+    environment.filters["lines"] = _nonempty_lines
     environment.filters["point"] = _point_words
     environment.globals["IN_FORCE"] = IN_FORCE
     environment.globals["DEGREES"] = DEGREE_NAMES
@@ -236,7 +236,8 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-def _lines(text: str) -> list[str]:
+def _nonempty_lines(text: str) -> list[str]:
+    """Return the lines of a text without the spaces around them. Empty lines are left out."""
     lines = [line.strip() for line in text.split("\n")]
     return [line for line in lines if line]
 
@@ -252,7 +253,7 @@ def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
     arguments.
     """
     module = _environment().get_template("sentences.j2").module
-    return tuple(_lines(getattr(module, macro)(*findings)))
+    return tuple(_nonempty_lines(getattr(module, macro)(*findings)))
 
 
 def _sentence(macro: str, *findings: Any) -> str:
@@ -400,7 +401,7 @@ def _amount_words(value: float, factor: float, label: str, name: str, plus: str 
     return f"{sign}{round_uncertainty(size, 3)[0]}{space}{label} of {name}"
 
 
-def statement(degeneracy: Degeneracy) -> str:
+def degeneracy_sentence(degeneracy: Degeneracy) -> str:
     """Return a sentence that describes a degeneracy.
 
     A degeneracy is a combination of parameters and other effects that the readings cannot separate.
@@ -473,7 +474,9 @@ def degeneracy_items(
     """
     items = []
     for degeneracy, cures_of_it in zip(degeneracies, cures, strict=True):
-        items.append(f"{statement(degeneracy)} Cure: {cure_words(degeneracy, cures_of_it)}")
+        items.append(
+            f"{degeneracy_sentence(degeneracy)} Cure: {cure_words(degeneracy, cures_of_it)}"
+        )
     return tuple(items)
 
 
@@ -674,7 +677,7 @@ def remark_words(remark: Remark) -> str:
     return template.render(remark.values)
 
 
-def look_sentences(preview: CampaignPreview) -> list[str]:
+def peculiarity_sentences(preview: CampaignPreview) -> list[str]:
     """Return one sentence on each peculiarity of a campaign's readings.
 
     Each sentence names the tests that have the peculiarity.
@@ -688,6 +691,7 @@ def look_sentences(preview: CampaignPreview) -> list[str]:
 
 @with_words.register
 def _record_of_campaign_preview(result: CampaignPreview) -> dict[str, Any]:
+    """Return the JSON record of the preview of a campaign, with its remarks as sentences."""
     record = {"schema": 1, **result.as_dict()}
     _add_remarks(record, result.remarks)
     for test_record, test in zip(record["tests"], result.tests, strict=True):
@@ -697,6 +701,7 @@ def _record_of_campaign_preview(result: CampaignPreview) -> dict[str, Any]:
 
 
 def _add_remarks(record: dict[str, Any], remarks: Sequence[Remark]) -> None:
+    """Add the kinds and the texts of remarks to the JSON record of a campaign or of a test."""
     record["kinds"] = [str(remark.kind) for remark in remarks]
     record["remarks"] = [remark_words(remark) for remark in remarks]
 
@@ -816,6 +821,12 @@ def short_verdict_words(entry: ParameterIdentifiability | ChangeIdentifiability)
 def _sources_with_shares(
     entry: ParameterIdentifiability | ChangeIdentifiability,
 ) -> list[str]:
+    """Return strings that name the largest sources of a variance, such as "mount 39 %".
+
+    ``entry`` is the verdict on a parameter, or on the change of a compliance with force. If the
+    verdict is "confounded", the effects with which the quantity is confounded are named. Otherwise
+    only the largest source is named.
+    """
     shares = {entry.held_by.name: entry.held_by.share}
     if str(entry.verdict) == "confounded":
         shares = entry.partner_shares

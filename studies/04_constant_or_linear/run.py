@@ -274,7 +274,7 @@ def explanations_figure(results: dict[str, Any]) -> Figure:
     right.set_yticks(range(len(names)), names)
     right.invert_yaxis()
     right.set(xlabel="probability that it explains a change with force (1)", xlim=(0.0, 1.0))
-    # Beside the bars of joint load, which are short.
+    # FurtherCampaign the bars of joint load, which are short.
     right.legend(fontsize=8, loc="center right", bbox_to_anchor=(1.0, 0.62))
     return figure
 

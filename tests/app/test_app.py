@@ -35,10 +35,10 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.discrimination import DECISIVE
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.app import fields, page_words, planning, server, templates, understanding, worker
-from ldbb_bayes.app.desk import Desk
+from ldbb_bayes.app.answering_process import AnsweringProcess
 from ldbb_bayes.app.goal_fields import goal_texts, with_goals
-from ldbb_bayes.app.house import House
 from ldbb_bayes.app.session import Session
+from ldbb_bayes.app.session_registry import SessionRegistry
 from ldbb_bayes.app.worth import effects_of_certificates
 
 TOKEN = "a-token-of-the-tests"
@@ -93,7 +93,7 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Tab, Path]
     with pytest.MonkeyPatch.context() as patch, server.listening(0) as listener:
         patch.setattr(server.tempfile, "tempdir", str(folder))
         patch.setattr("ldbb_bayes.app.session.CLOSED_S", 0.4)
-        patch.setattr("ldbb_bayes.app.house.LOOK_S", 0.1)
+        patch.setattr("ldbb_bayes.app.session_registry.LOOK_S", 0.1)
         port = listener.getsockname()[1]
         settings = uvicorn.Config(
             server.application(TOKEN, port),
@@ -669,10 +669,10 @@ def test_a_question_that_hangs_takes_no_other_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The time of an answer counts from where it begins."""
-    monkeypatch.setattr("ldbb_bayes.app.desk.ANSWER_S", 4.0)
+    monkeypatch.setattr("ldbb_bayes.app.answering_process.ANSWER_S", 4.0)
 
     async def asked() -> list[dict[str, Any]]:
-        desk = Desk()
+        desk = AnsweringProcess()
         session = Session("key", tmp_path, "en")
         try:
             works = [partial(pause, 60.0), *[partial(pause, 0.9)] * 5]
@@ -786,7 +786,7 @@ def test_a_killed_worker_loses_nothing(house: tuple[Tab, Path], tab: Tab) -> Non
 def test_a_fit_of_a_silent_page_gives_way(
     house: tuple[Tab, Path], tab: Tab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ldbb_bayes.app.house.ABANDONED_S", 1.0)
+    monkeypatch.setattr("ldbb_bayes.app.session_registry.ABANDONED_S", 1.0)
     other = house[0].opened()
     for silent in (tab, other):
         silent.ask("POST", "example")
@@ -801,8 +801,8 @@ def test_a_fit_of_a_silent_page_gives_way(
 def test_a_fit_gives_way_only_to_a_page_that_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ldbb_bayes.app.house.ABANDONED_S", 1.0)
-    pages = House(tmp_path, cast(Desk, None))
+    monkeypatch.setattr("ldbb_bayes.app.session_registry.ABANDONED_S", 1.0)
+    pages = SessionRegistry(tmp_path, cast(AnsweringProcess, None))
     fitting = pages.begin("en")
     waiting = pages.begin("en")
     assert fitting is not None
@@ -917,8 +917,8 @@ def test_a_new_fit_forgets_what_a_search_found(tmp_path: Path) -> None:
 def test_a_search_of_a_silent_page_gives_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ldbb_bayes.app.house.ABANDONED_S", 1.0)
-    pages = House(tmp_path, cast(Desk, None))
+    monkeypatch.setattr("ldbb_bayes.app.session_registry.ABANDONED_S", 1.0)
+    pages = SessionRegistry(tmp_path, cast(AnsweringProcess, None))
     searching = pages.begin("en")
     waiting = pages.begin("en")
     assert searching is not None

@@ -15,7 +15,7 @@ from reports import awkward, fitted, undrawn
 import ldbb_bayes as lb
 from ldbb_bayes.report import page, wording
 from ldbb_bayes.report.annex_translation import AnnexTranslation, annex_translation, has_english
-from ldbb_bayes.report.findings import find
+from ldbb_bayes.report.findings import findings_of_fit
 from ldbb_bayes.report.page import compose, html_page
 from ldbb_bayes.report.sections import Section
 from ldbb_bayes.report.translation import words_of
@@ -182,7 +182,9 @@ def test_a_german_page_has_no_english_text(
 ) -> None:
     posterior = fitted(lb.HybridModel.first(degree), simulated(plan()))
     reason = wording.NO_ANNEX
-    document = compose(find(posterior, comparison=reason, recommended=reason), language="de")
+    document = compose(
+        findings_of_fit(posterior, comparison=reason, recommended=reason), language="de"
+    )
     assert document.sections
     assert [translation.missing for translation in translations] == [set()]
 
@@ -193,7 +195,7 @@ def test_awkward_german_pages_have_no_english_text(
     kind: str, translations: list[AnnexTranslation]
 ) -> None:
     reason = wording.NO_ANNEX
-    compose(find(awkward(kind), comparison=reason, recommended=reason), language="de")
+    compose(findings_of_fit(awkward(kind), comparison=reason, recommended=reason), language="de")
     assert [translation.missing for translation in translations] == [set()]
 
 
@@ -202,6 +204,6 @@ def test_a_german_page_with_comparison_and_design_has_no_english_text(
     translations: list[AnnexTranslation],
 ) -> None:
     posterior = fitted(lb.HybridModel.first(1), simulated(plan()))
-    html = html_page(compose(find(posterior), language="de"))
+    html = html_page(compose(findings_of_fit(posterior), language="de"))
     assert [translation.missing for translation in translations] == [set()]
     assert '<html lang="de">' in html

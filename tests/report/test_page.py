@@ -23,7 +23,7 @@ from ldbb_bayes import units
 from ldbb_bayes.inference.posterior import curves_of, record_of
 from ldbb_bayes.report.blocks import Banner, Fields, Pair, ReportSheet
 from ldbb_bayes.report.figures.style import new_figure
-from ldbb_bayes.report.findings import find
+from ldbb_bayes.report.findings import findings_of_fit
 from ldbb_bayes.report.fit_tables import nuisance_table
 from ldbb_bayes.report.number_tables import tables
 from ldbb_bayes.report.page import Document, compose, html_page
@@ -256,7 +256,7 @@ def test_a_unit_is_named_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
         replaced = (1e-3 * factor, label.replace("nm/N", "ells/N"))
         monkeypatch.setitem(units.DISPLAY_UNITS, inside, replaced)
     posterior = awkward("two tests")
-    findings = find(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED)
+    findings = findings_of_fit(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED)
     for language in ("en", "de"):
         page = html_page(compose(findings, language=language))
         assert "nm/N" not in page
@@ -327,7 +327,7 @@ def test_numbers_of_an_average() -> None:
     campaign = simulated(plan())
     model = lb.HybridModel.first(1).without("discrepancy", "setup-shift")
     averaged = lb.average({"constant": model.with_degree(0), "linear": model}, campaign, draws=400)
-    findings = find(
+    findings = findings_of_fit(
         fitted(model, campaign),
         comparison=NOT_COMPARED,
         recommended=NOT_COMPARED,
@@ -369,7 +369,7 @@ def test_what_certificates_state_is_on_sheet_1() -> None:
         "tool": lb.Ball(grade="G20", certificate="GZ 7: two balls"),
     }
     stated = lb.Instrument(**balls, bar_U_um=1.2, bar_length_error_um=-0.5, force_U_percent=0.5)
-    findings = find(
+    findings = findings_of_fit(
         fitted(lb.HybridModel.default(1), replace(simulated(plan()), instrument=stated)),
         comparison=NOT_COMPARED,
     )
@@ -425,7 +425,9 @@ def test_what_forbids_the_numbers_stands_at_the_top(
     kind: str, opening: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     undrawn(monkeypatch)
-    document = compose(find(awkward(kind), comparison=NOT_COMPARED, recommended=NOT_COMPARED))
+    document = compose(
+        findings_of_fit(awkward(kind), comparison=NOT_COMPARED, recommended=NOT_COMPARED)
+    )
     assert any(alert.startswith(opening) for alert in document.alerts)
     page = html_page(document)
     assert (

@@ -17,7 +17,7 @@ from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.report import plain_findings, stiffness_numbers, wording
 from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
-from ldbb_bayes.report.findings import Findings, find
+from ldbb_bayes.report.findings import Findings, findings_of_fit
 from ldbb_bayes.report.plain_findings import best_step
 from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet
 from ldbb_bayes.report.sheet_fields import assumption_fields
@@ -42,7 +42,9 @@ def without_figures() -> Iterator[None]:
 
 def findings_of(campaign: lb.Campaign, tolerances: dict[str, Any] | None = None) -> Findings:
     posterior = fitted(lb.HybridModel.first(0), campaign)
-    return find(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED, tolerances=tolerances)
+    return findings_of_fit(
+        posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED, tolerances=tolerances
+    )
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +149,9 @@ def varying() -> Findings:
     """Findings of a fit in which compliance changes with force, with a tolerance of a slope."""
     posterior = fitted(lb.HybridModel.first(1), simulated(plan()))
     tolerances = {"C_XXX_1": "10 nm/N per kN"}
-    return find(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED, tolerances=tolerances)
+    return findings_of_fit(
+        posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED, tolerances=tolerances
+    )
 
 
 @pytest.fixture(scope="module")
@@ -278,7 +282,9 @@ def test_beside_g_stands_what_the_circle_showed(findings: Findings, english: She
 
 def test_sheet_2_states_the_form_that_is_assumed_of_a_ball() -> None:
     """U = 2 √mean(τ²/2 (n/6)^(−2p) + S²/24) of the posterior draws of τ and p, S = 2.5 µm."""
-    findings = find(fitted(lb.HybridModel.default(0), simulated(plan())), sheets_only=True)
+    findings = findings_of_fit(
+        fitted(lb.HybridModel.default(0), simulated(plan())), sheets_only=True
+    )
     draws = findings.posterior["posterior"].dataset
     texts = []
     for order in (2, 3):

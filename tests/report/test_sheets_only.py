@@ -16,7 +16,7 @@ from ldbb_bayes.cli import file_reports
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.report import findings as findings_module
 from ldbb_bayes.report.blocks import ReportSheet
-from ldbb_bayes.report.findings import Findings, find
+from ldbb_bayes.report.findings import Findings, findings_of_fit
 from ldbb_bayes.report.page import Document, html_page
 from ldbb_bayes.report.sheets import sheets
 
@@ -53,7 +53,7 @@ def folder(posterior: xr.DataTree, tmp_path_factory: pytest.TempPathFactory) -> 
 
 @pytest.fixture(scope="module")
 def without_annex(posterior: xr.DataTree) -> Findings:
-    return find(posterior, sheets_only=True)
+    return findings_of_fit(posterior, sheets_only=True)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def complete(posterior: xr.DataTree) -> tuple[ReportSheet, ...]:
     """The sheets of a report with annex; their figures are empty."""
     with pytest.MonkeyPatch.context() as patch:
         undrawn(patch)
-        return sheets(find(posterior, comparison=NOT_COMPARED))
+        return sheets(findings_of_fit(posterior, comparison=NOT_COMPARED))
 
 
 def texts(sheet: ReportSheet) -> list[str]:
@@ -126,7 +126,7 @@ def test_a_comparison_that_is_known_counts(
 ) -> None:
     record = replace(compared.campaign, sha256=campaign_of(posterior).sha256)
     known = replace(compared, campaign=record)
-    assert find(posterior, comparison=known, sheets_only=True).comparison is known
+    assert findings_of_fit(posterior, comparison=known, sheets_only=True).comparison is known
 
 
 def test_an_annex_cannot_be_printed_and_left_out(posterior: xr.DataTree, tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.findings import find
+from ldbb_bayes.report.findings import findings_of_fit
 from ldbb_bayes.report.page import compose
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.sections import Details
@@ -155,7 +155,9 @@ def part_of(block: Any) -> Any:
 def page_of(posterior: xr.DataTree) -> Any:
     """Alerts, sections and what stands in them."""
     document = compose(
-        find(posterior, comparison="left out in this test", recommended="left out in this test")
+        findings_of_fit(
+            posterior, comparison="left out in this test", recommended="left out in this test"
+        )
     )
     sections = []
     for section in document.sections:
@@ -448,16 +450,18 @@ def gap_in(*names: str) -> Any:
 
 
 def test_a_remark_on_several_tests_is_one_sentence() -> None:
-    assert wording.look_sentences(gap_in("f036", "f742")) == ["Look at f036, f742: gap of 12.3°."]
+    assert wording.peculiarity_sentences(gap_in("f036", "f742")) == [
+        "Look at f036, f742: gap of 12.3°."
+    ]
 
 
 def test_not_more_than_five_tests_are_named() -> None:
-    (sentence,) = wording.look_sentences(gap_in(*"abcdefg"))
+    (sentence,) = wording.peculiarity_sentences(gap_in(*"abcdefg"))
     assert sentence == "Look at a, b, c, d, e and 2 more: gap of 12.3°."
 
 
 def test_nothing_odd_no_sentence() -> None:
-    assert wording.look_sentences(gap_in()) == []
+    assert wording.peculiarity_sentences(gap_in()) == []
 
 
 BAR_LENGTH = Degeneracy(

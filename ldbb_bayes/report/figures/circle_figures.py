@@ -64,6 +64,11 @@ class _Traces:
 
     @cached_property
     def predicted_um(self) -> Array:
+        """Readings that the model predicts for each test [µm], shape (tests, 361).
+
+        There is one value for each of the angles 0° … 360°. Each value is the mean over the random
+        draws from the posterior. The prediction includes the effects of machine, bar and balls.
+        """
         coefficients = shared_coefficients(self.bound, self.phi, self.beta).mean(axis=0)
         return coefficients @ basis(_ANGLE).T * 1e3
 

@@ -84,18 +84,18 @@ def evidence(comparison: Comparison) -> Figure:
     assumptions = _assumptions(comparison)
     value = np.array([assumption.log_bayes_factor for assumption in assumptions])
     allowed = np.array([assumption.is_allowed for assumption in assumptions])
-    stretches = _stretches(value, allowed)
-    is_outer = [stretch.is_outer for stretch in stretches]
+    sections = _axis_sections(value, allowed)
+    is_outer = [section.is_outer for section in sections]
     middle = is_outer.index(False) if False in is_outer else 0
     figure = style.new_figure(style.WIDTH, 1.1 + 0.21 * len(assumptions))
-    widths = [1.0 if stretch.is_outer else 2.2 for stretch in stretches]
-    grid = figure.subplots(1, len(stretches), squeeze=False, sharey=True, width_ratios=widths)
+    widths = [1.0 if section.is_outer else 2.2 for section in sections]
+    grid = figure.subplots(1, len(sections), squeeze=False, sharey=True, width_ratios=widths)
     all_axes = list(grid[0])
     rows = np.arange(len(assumptions))[::-1]
-    for k, (axes, stretch) in enumerate(zip(all_axes, stretches, strict=True)):
-        _draw_stretch(axes, assumptions, stretch)
+    for k, (axes, section) in enumerate(zip(all_axes, sections, strict=True)):
+        _draw_axis_section(axes, assumptions, section)
         axes.spines["left"].set_visible(k == 0)
-        if k + 1 < len(stretches):
+        if k + 1 < len(sections):
             _mark_break(axes, 1.0)
         if k > 0:
             _mark_break(axes, 0.0)
@@ -112,6 +112,11 @@ def evidence(comparison: Comparison) -> Figure:
 
 
 def _assumptions(comparison: Comparison) -> list[_Assumption]:
+    """Return the log Bayes factor of the compared models under each assumption.
+
+    Assumptions about the prior of the slopes (changes of compliance with force) come first, and
+    assumptions about the differences between circles follow.
+    """
     assumptions = []
     for scaled in comparison.prior_sensitivity:
         name = f"slope scale {scaled.slope_scale:g}"
@@ -129,7 +134,7 @@ def _assumptions(comparison: Comparison) -> list[_Assumption]:
     return assumptions
 
 
-class _Stretch(NamedTuple):
+class _AxisSection(NamedTuple):
     """One section of a broken axis for log Bayes factors, from ``low`` to ``high`` [nat].
 
     A broken axis consists of up to three sections; the values between the sections are not drawn.
@@ -142,7 +147,7 @@ class _Stretch(NamedTuple):
     is_outer: bool
 
 
-def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
+def _axis_sections(value: Array, allowed: Array) -> list[_AxisSection]:
     """Return the sections of the broken axis for log Bayes factors, from left to right.
 
     ``value``, shape (n,), holds the log Bayes factors under n assumptions [nat]. ``allowed``, shape
@@ -154,26 +159,33 @@ def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
     left = value[value < -near]
     middle = value[np.abs(value) <= near]
     right = value[value > near]
-    stretches = []
+    sections = []
     if len(left):
-        outer = _stretch(left.min(), left.max(), is_outer=True)
-        stretches.append(outer._replace(high=min(outer.high, -near)))
+        outer = _axis_section(left.min(), left.max(), is_outer=True)
+        sections.append(outer._replace(high=min(outer.high, -near)))
     if len(middle):
         low = middle.min(initial=0.0)
         high = middle.max(initial=0.0)
-        stretches.append(_stretch(low, high, is_outer=False))
+        sections.append(_axis_section(low, high, is_outer=False))
     if len(right):
-        outer = _stretch(right.min(), right.max(), is_outer=True)
-        stretches.append(outer._replace(low=max(outer.low, near)))
-    return stretches
+        outer = _axis_section(right.min(), right.max(), is_outer=True)
+        sections.append(outer._replace(low=max(outer.low, near)))
+    return sections
 
 
-def _stretch(low: float, high: float, *, is_outer: bool) -> _Stretch:
+def _axis_section(low: float, high: float, *, is_outer: bool) -> _AxisSection:
+    """Return a section of the axis that contains the values from ``low`` to ``high`` [nat].
+
+    Both ends of the section have a margin. ``is_outer`` states whether the section lies to the left
+    or to the right of the middle section.
+    """
     room = 0.08 * (high - low) or 0.2 * abs(high) or 1.0
-    return _Stretch(float(low - room), float(high + room), is_outer)
+    return _AxisSection(float(low - room), float(high + room), is_outer)
 
 
-def _draw_stretch(axes: Axes, assumptions: Sequence[_Assumption], stretch: _Stretch) -> None:
+def _draw_axis_section(
+    axes: Axes, assumptions: Sequence[_Assumption], section: _AxisSection
+) -> None:
     """Draw the log Bayes factors that lie in one section of a broken axis.
 
     There is one row for each assumption. A mark is filled if the readings do not reject the
@@ -184,7 +196,7 @@ def _draw_stretch(axes: Axes, assumptions: Sequence[_Assumption], stretch: _Stre
     errors = np.array([float(assumption.error) for assumption in assumptions])
     half_width = 1.96 * np.nan_to_num(errors, posinf=0.0)
     allowed = np.array([assumption.is_allowed for assumption in assumptions])
-    inside = (value >= stretch.low) & (value <= stretch.high)
+    inside = (value >= section.low) & (value <= section.high)
     for chosen, face in ((allowed & inside, ACCENT), (~allowed & inside, "white")):
         axes.errorbar(
             value[chosen],
@@ -195,12 +207,12 @@ def _draw_stretch(axes: Axes, assumptions: Sequence[_Assumption], stretch: _Stre
             markerfacecolor=face,
             markersize=4,
         )
-    axes.set_xlim(stretch.low, stretch.high)
-    axes.locator_params(axis="x", nbins=2 if stretch.is_outer else 6)
+    axes.set_xlim(section.low, section.high)
+    axes.locator_params(axis="x", nbins=2 if section.is_outer else 6)
     axes.xaxis.set_major_formatter(_with_minus_sign)
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)
-    if stretch.low < 0.0 < stretch.high:
+    if section.low < 0.0 < section.high:
         axes.axvline(0.0, color="black", linewidth=0.8)
 
 
@@ -209,6 +221,10 @@ def _with_minus_sign(value: float, position: float) -> str:
 
 
 def _mark_break(axes: Axes, end: float) -> None:
+    """Draw the mark of a broken axis at one end of a panel's horizontal axis.
+
+    ``end`` is 0 for the left end and 1 for the right end.
+    """
     axes.plot(
         end,
         0.0,
@@ -221,6 +237,10 @@ def _mark_break(axes: Axes, end: float) -> None:
 
 
 def _gain_words(gain: float | None) -> str:
+    """Return how well the readings support an assumption, as a string with sign, such as "+3.1".
+
+    ``gain`` is a difference of two log evidences [nat]. The string is empty if ``gain`` is None.
+    """
     if gain is None:
         return ""
     decimals = 1 if abs(gain) < 100.0 else 0
@@ -271,6 +291,11 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
         curves = model.compliance_against_force
 
     def draw_band(axes: Axes, name: str, factor: float) -> None:
+        """Draw the band of one compliance C, and the derivative d(F C)/dF as a dotted line.
+
+        ``name`` is the name of the compliance. ``factor`` converts its internal unit to the unit
+        shown.
+        """
         curve = curves[name]
         force_N = np.array(curve.force_N)
         words = f"{100 * curve.prob:g} %, {source}"

@@ -65,7 +65,7 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
     >>> sorted({text.get_text() for text in figure.axes[0].texts} & {"3 recommended", "today"})
     ['3 recommended']
     """
-    expected_by_name = _drawn(design)
+    expected_by_name = _expected_in_figure(design)
     plans = _plans(design, today)
     step = len(plans) + 1.8
     number = len(expected_by_name)
@@ -128,7 +128,7 @@ def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
     return {name: entry.sd for name, entry in expected.items()}
 
 
-def _drawn(design: Design) -> dict[str, Any]:
+def _expected_in_figure(design: Design) -> dict[str, Any]:
     """Return the expected uncertainty of every parameter that the figure shows.
 
     The keys are the names of the parameters. Slopes (coefficients of the change of compliance with
@@ -157,6 +157,12 @@ def _sizes(expected_by_name: Mapping[str, Any], plans: list[_PlanBars]) -> Array
 
 
 def _write_sizes(axes: Axes, left: Array, height: Array, sizes: Array) -> None:
+    """Write each standard uncertainty to the right of its bar; a dash if it is not finite.
+
+    ``left`` and ``height`` are the positions of the texts. ``sizes`` are the standard
+    uncertainties, in the units that the figure shows. All three arrays have the shape
+    (parameters,).
+    """
     for x, y, size in zip(left, height, sizes, strict=True):
         text = round_uncertainty(size)[0] if np.isfinite(size) else "–"
         axes.text(x, y, text, fontsize=7, va="center")

@@ -235,12 +235,22 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
 
 
 def _forces_to_draw(tested_N: Array) -> Array:
+    """Return the forces [N] at which the curves of compliance against force are drawn.
+
+    ``tested_N`` holds the force of each test. If all tests have the same force, the curves extend
+    from 5 % below this force to 5 % above it.
+    """
     if np.ptp(tested_N) > 0:
         return np.linspace(tested_N.min(), tested_N.max(), 31)
     return tested_N[0] * np.array([0.95, 1.05])
 
 
 def _draw_curve(axes: Axes, force_N: Array, curves: Array, words: Mapping[str, str]) -> None:
+    """Draw the mean and the 95 % band of a compliance as functions of force.
+
+    ``curves``, shape (draws, forces), holds the compliance for each random draw from the posterior,
+    at the forces ``force_N``. ``words`` holds the texts of the legend.
+    """
     limits = np.quantile(curves, [0.025, 0.975], axis=0)
     band(axes, force_N, limits, ACCENT, 0.3, label=words["interval"])
     axes.plot(force_N, curves.mean(axis=0), color=ACCENT, label=words["mean"])
@@ -321,6 +331,10 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
 
 
 def _parameters_of_corner(parameters: Sequence[str]) -> list[str]:
+    """Return the names of the parameters that a corner plot shows by default.
+
+    ``parameters`` are the names of all parameters of the posterior.
+    """
     chosen: list[str] = []
     for pattern in _CORNER_PARAMETERS:
         chosen += [name for name in parameters if re.fullmatch(pattern, name)]

@@ -116,6 +116,12 @@ def circularity(posterior: xr.DataTree) -> Figure:
 def _draw_quantities(
     axes: Axes, quantities: Sequence[str], table: pd.DataFrame, readings: pd.DataFrame
 ) -> None:
+    """Draw one or two circular-test quantities against force in one panel.
+
+    ``quantities`` are the names of the quantities. ``table`` holds the median and the 95 % interval
+    of each quantity at each force. ``readings`` holds the values computed from the readings of each
+    test, which are drawn as crosses.
+    """
     for name, colour in zip(quantities, PALETTE, strict=False):
         rows = table[table["quantity"] == name]
         band(axes, rows["force_N"], (rows["ci_low"], rows["ci_high"]), colour)
@@ -246,6 +252,12 @@ def _peak_to_peak_words(path: Array) -> str:
 
 
 def _draw_path(axes: Axes, path: Array, colour: Any, **look: Any) -> None:
+    """Draw the mean and the 95 % band of a contribution to the tool path against the angle.
+
+    ``path``, shape (draws, 360), holds the contribution [µm] for each random draw from the
+    posterior, at the angles 0° … 359°. The band is computed from every fifth draw. ``look`` holds
+    properties of the line, such as its label.
+    """
     closed = np.append(path, path[:, :1], axis=1)
     limits = np.quantile(closed[::5, ::3], [0.025, 0.975], axis=0)
     band(axes, np.arange(0, 361, 3), limits, colour)
@@ -253,6 +265,10 @@ def _draw_path(axes: Axes, path: Array, colour: Any, **look: Any) -> None:
 
 
 def _label_outer_axes(all_axes: Sequence[Axes], columns: int) -> None:
+    """Label the angles below the lowest panels, and the readings beside the leftmost panels.
+
+    ``all_axes`` are the panels row by row; each row has ``columns`` panels.
+    """
     last_row = (len(all_axes) - 1) // columns
     for k, axes in enumerate(all_axes):
         axes.set(xlim=(0.0, 360.0), xticks=(0, 180, 360))

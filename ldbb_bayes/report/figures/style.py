@@ -87,6 +87,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
     @functools.wraps(draw)
     def draw_styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        """Return the figure that ``draw`` returns for the same arguments, in the common style."""
         with mpl.rc_context(_STYLE):
             figure = draw(*args, **kwargs)
             engine = figure.get_layout_engine()

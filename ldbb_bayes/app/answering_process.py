@@ -12,7 +12,7 @@ from ldbb_bayes.app import worker
 from ldbb_bayes.app.session import Session
 from ldbb_bayes.parallel import WorkerDiedError, process_executor
 
-__all__ = ["Desk"]
+__all__ = ["AnsweringProcess"]
 
 MOST_WAITING = 100  # largest number of requests that wait for an answer; more are refused
 ANSWER_S = 120.0  # longest time that the process may take for one answer [s]
@@ -20,18 +20,20 @@ _ATTEMPTS = 2  # largest number of attempts to answer a request; the last attemp
 _LONGEST_MESSAGE = 300
 
 
-class Desk:
+class AnsweringProcess:
     """One process that answers the requests of all browser pages, one request at a time.
 
     If the process dies, or takes longer than two minutes for an answer, a new process replaces it.
     """
 
     def __init__(self) -> None:
+        """Start the process that answers the requests."""
         self._waiting = 0
         self._turn = asyncio.Semaphore(1)
-        self._begin()
+        self._start_process()
 
-    def _begin(self) -> None:
+    def _start_process(self) -> None:
+        """Start a process, and let it import the modules that it needs to answer requests."""
         self._stack = ExitStack()
         self._pool = self._stack.enter_context(process_executor(1))
         self._ready = self._pool.submit(worker.warm)
@@ -72,6 +74,11 @@ class Desk:
             self._waiting -= 1
 
     async def _answer(self, call: Callable[[], dict[str, Any]], session: Session) -> dict[str, Any]:
+        """Return the result of ``call``, which runs in the process, or an error message.
+
+        If the process dies, the call is repeated in a new process. If the call takes longer than
+        two minutes, the process is ended and replaced, and the call is not repeated.
+        """
         if not session.folder.exists():
             return session.refusal("died")
         for _ in range(_ATTEMPTS):
@@ -82,7 +89,7 @@ class Desk:
                     return await asyncio.wait_for(future, ANSWER_S)
                 except TimeoutError:
                     await asyncio.to_thread(self.stop)
-                    self._begin()
+                    self._start_process()
                     break
         return session.refusal("died")
 

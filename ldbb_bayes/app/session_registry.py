@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ldbb_bayes.app.answering_process import AnsweringProcess
 from ldbb_bayes.app.computation import Computation
-from ldbb_bayes.app.desk import Desk
 from ldbb_bayes.app.fields import FILES, RESULT
 from ldbb_bayes.app.session import Session
 from ldbb_bayes.app.templates import Templates
 
-__all__ = ["House"]
+__all__ = ["SessionRegistry"]
 
 MOST_SESSIONS = 32  # largest number of sessions (browser tabs) at the same time
 LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
@@ -30,11 +30,12 @@ def _one_of_each_kind() -> dict[str, asyncio.Semaphore]:
 
 
 @dataclass(eq=False)
-class House:
+class SessionRegistry:
     """All sessions (browser tabs), and the process that answers the requests of their pages."""
 
     folder: Path  #: Folder that holds one folder for each session (browser tab).
-    desk: Desk  #: Process that answers the requests of all sessions (browser tabs).
+    #: Process that answers the requests of all sessions (browser tabs).
+    answering_process: AnsweringProcess
     templates: Templates = field(default_factory=Templates)  #: Templates of the browser page.
     #: All sessions (browser tabs) that have not ended. The key of a session is the random text that
     #: identifies the session in URL paths.
@@ -118,7 +119,7 @@ class House:
                 shutil.rmtree(fit.folder, ignore_errors=True)
                 files = session.folder / FILES
                 await asyncio.to_thread(shutil.copytree, files, fit.folder / FILES)
-                outcome = await fit.compute(session.said())
+                outcome = await fit.compute(session.typed_texts())
             fit.outcome = _result_or_refusal(session, fit, outcome)
             if "refused" not in fit.outcome:
                 session.forget_search()
