@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.cell_units import number_in_cell
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
+from ldbb_bayes.reading.unit_rows import COMMENT_SIGN
 
 __all__ = ["with_aligned_headers"]
 
@@ -43,7 +44,7 @@ def with_aligned_headers(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]
         width = len(rows[k].cells)
         for above in range(max(k - _HEADER_ROWS, 0), k):
             row = rows[above]
-            names = _GAP.split(lines[row.line - 1].strip())
+            names = _GAP.split(COMMENT_SIGN.sub("", lines[row.line - 1]).strip())
             if len(row.cells) != width and len(names) == width:
                 aligned[above] = Row(row.line, names)
     return aligned

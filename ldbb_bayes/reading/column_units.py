@@ -117,7 +117,8 @@ def unit_size(
 
 def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> None:
     """Add a note on the source of a column's unit, unless the column's header is the source."""
-    if evidence.source == _header_source(recording):
+    is_scaled = recording.heading.roles[role] in recording.heading.scaled_units
+    if evidence.source == _header_source(recording, role) and not is_scaled:
         return
     subject = f"unit of the {role}"
     value = _listed([unit_in_shares(unit) or unit for unit in evidence.units])
@@ -193,9 +194,15 @@ def _listed(units: Sequence[str]) -> str:
     return " and ".join(dict.fromkeys(units))[:_UNIT_SHOWN]
 
 
-def _header_source(recording: Recording) -> str:
-    """Return a text for messages that says in which line the header of the table is."""
-    return f"line {recording.heading.line}"
+def _header_source(recording: Recording, role: str) -> str:
+    """Return a text that names the line of the header, or of the row of units below it.
+
+    The row of units is named if it states the unit of the column with this role.
+    """
+    heading = recording.heading
+    if heading.roles[role] in heading.columns_with_unit_below:
+        return f"line {heading.unit_line}"
+    return f"line {heading.line}"
 
 
 def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
@@ -233,14 +240,14 @@ def _evidence_of_header(
     heading = recording.heading
     column = heading.roles[role]
     if column in heading.scaled_units:
-        return [_UnitEvidence([heading.scaled_units[column]], f"line {heading.unit_line}")]
+        return [_UnitEvidence([heading.scaled_units[column]], _header_source(recording, role))]
     header_unit = _unit_of_header(recording, role, evidence)
     if not header_unit:
         return []
     # A number in the unit of a header, as in 10 µm, may be a factor or the range of the
     # instrument. A unit with a number is therefore treated as unknown.
     factor = " …" if re.search(r"\d", header_unit) else ""
-    return [_UnitEvidence([header_unit + factor], _header_source(recording))]
+    return [_UnitEvidence([header_unit + factor], _header_source(recording, role))]
 
 
 def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvidence]) -> str:

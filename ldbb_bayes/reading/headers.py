@@ -5,7 +5,6 @@ A sheet is a text file or one sheet of a workbook.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -25,25 +24,17 @@ from ldbb_bayes.reading.column_roles import (
 )
 from ldbb_bayes.reading.formats import format_of
 from ldbb_bayes.reading.layout import Layout
-from ldbb_bayes.reading.names import LOAD_IN_NAME, load_in_name
+from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, comparable, scaled_unit
+from ldbb_bayes.reading.unit_rows import row_of_units, without_comment_sign
+from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, scaled_unit
 
 __all__ = ["Heading", "NoTableError", "find_heading", "note_heading", "unused_columns"]
 
 # A table of numbers begins with this number of successive rows that have the same number of cells.
 # A table at the end of the sheet may have fewer rows.
 _BLOCK_ROWS = 9
-# Regular expression for a cell that is a text in brackets, such as a unit.
-_BRACKETED = re.compile(r"[\[({].*[\])}]")
-# Regular expression for a factor in a row of units whose cells are separated by blanks.
-_FACTOR = re.compile(r"[\[({]?(?:1/)?\d+(?:[.,]\d+)?[x×*]?")
-# Largest number that may precede a unit in a row of units, such as 10 in "10 nm". After a larger
-# number, as in "100 mm", the cell is a length and not a unit.
-_LARGEST_FACTOR = 10.0
-# Largest number of characters that a cell in a row of units may have if it is not a known unit.
-_LONGEST_UNIT = 4
 # Largest number of cells of a row that an error message shows.
 _CELLS_SHOWN = 6
 # Largest number of characters of a cell that an error message shows.
@@ -71,6 +62,8 @@ class Heading:
     #: units with a factor, such as 0.1 um, in the row of units; the keys are the column indices
     scaled_units: Mapping[int, str] = field(default_factory=dict)
     unit_line: int = 0  #: line number of the row of units below the header; 0 if there is none
+    #: indices (from 0) of the columns with a unit in the row of units
+    columns_with_unit_below: frozenset[int] = frozenset()
     label: str = ""  #: name of the test, if the sheet has one column of readings for each test
     #: indices (from 0) of the columns that hold the unit of each row
     unit_columns: frozenset[int] = frozenset()
@@ -114,6 +107,7 @@ class _HeaderRows(NamedTuple):
     # units with a factor, such as 0.1 um, in the row of units; the keys are the column indices
     scaled_units: Mapping[int, str]
     unit_line: int  # line number of the row of units; 0 if there is none
+    columns_with_unit_below: frozenset[int]  # indices of the columns with a unit in this row
 
 
 def find_heading(sheet: Sheet, layout: Layout) -> Heading:
@@ -171,6 +165,7 @@ def _heading_of_table(sheet: Sheet, layout: Layout) -> Heading:
         readings=column_roles.readings,
         scaled_units=header.scaled_units,
         unit_line=header.unit_line,
+        columns_with_unit_below=header.columns_with_unit_below,
     )
 
 
@@ -187,7 +182,7 @@ def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
     """
     first = _first_row_without_header(sheet, block)
     empty = [""] * len(sheet.rows[block].cells)
-    return _HeaderRows(0, first, first, empty, list(empty), {}, 0)
+    return _HeaderRows(0, first, first, empty, list(empty), {}, 0, frozenset())
 
 
 def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
@@ -209,16 +204,16 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
     units = [unit_of(name).unit for name in names]
     scaled_units: dict[int, str] = {}
     unit_line = 0
-    next_row = header_row + 1
+    units_below: list[str] = []
+    next_row = _row_below_rules(sheet, header_row + 1, first_block_row)
     if next_row < first_block_row:
-        units_below = _row_of_units(sheet.rows[next_row].cells, sheet.separator)
+        units_below = row_of_units(sheet.rows[next_row].cells, sheet.separator)
         if units_below:
+            _check_units_align(sheet, next_row, units_below, names)
             units = _units_from_below(names, units_below)
             scaled_units = _scaled_units(names, units_below)
             unit_line = sheet.rows[next_row].line
-            next_row += 1
-    while next_row < first_block_row and is_rule(sheet.rows[next_row].cells):
-        next_row += 1
+            next_row = _row_below_rules(sheet, next_row + 1, first_block_row)
     return _HeaderRows(
         line=sheet.rows[header_row].line,
         start=header_row,
@@ -227,6 +222,46 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
         units=units,
         scaled_units=scaled_units,
         unit_line=unit_line,
+        columns_with_unit_below=frozenset(k for k, unit in enumerate(units_below) if unit),
+    )
+
+
+def _row_below_rules(sheet: Sheet, row: int, first_block_row: int) -> int:
+    """Return the index of the first row, from ``row`` on, that is not a line of dashes.
+
+    ``first_block_row`` is the index of the first row of numbers, which is the largest result.
+    """
+    while row < first_block_row and is_rule(sheet.rows[row].cells):
+        row += 1
+    return row
+
+
+def _check_units_align(
+    sheet: Sheet, row: int, units_below: Sequence[str], names: Sequence[str]
+) -> None:
+    """Raise an error if a row of units does not show which columns have no unit.
+
+    Some columns have no unit if there are fewer units than columns. An empty cell between two
+    separators, or in a workbook, shows a column without a unit; blanks show it if the units align
+    with the names.
+
+    Parameters
+    ----------
+    sheet, row
+        The sheet, and the index of the row of units in it.
+    units_below
+        Units in this row.
+    names
+        Names of the columns.
+    """
+    if not sheet.separator or len(units_below) >= len(names) or "" in units_below:
+        return
+    line = sheet.rows[row].line
+    units = ", ".join(units_below)
+    raise InputError(
+        f"{sheet.place}, line {line}: units must be one for each column, got {units[:_ROW_SHOWN]!r}"
+        f" for {len(names)} columns. Write '-' in place of each unit that is missing in line"
+        f" {line}."
     )
 
 
@@ -367,7 +402,7 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
         if not wordy:
             return None
         header_row = wordy[-1]
-        if len(wordy) > 1 and _row_of_units(rows[header_row].cells, sheet.separator):
+        if len(wordy) > 1 and row_of_units(rows[header_row].cells, sheet.separator):
             header_row = wordy[-2]
     width = len(rows[block].cells)
     above = [row for row in rows[:header_row] if count_numbers(row.cells) >= 2]
@@ -418,9 +453,7 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
     the table has numbers but no name.
     """
     row = sheet.rows[header_row]
-    names = list(row.cells)
-    if names[:1] in (["#"], ["%"], ["//"]):
-        names = names[1:]
+    names = without_comment_sign(row.cells)
     if sheet.separator == " ":
         names = _join_units(names)
     cells_below = sheet.rows[block].cells
@@ -452,79 +485,6 @@ def _join_units(words: Sequence[str]) -> list[str]:
         else:
             joined.append(word)
     return joined
-
-
-def _row_of_units(cells: Sequence[str], separator: str) -> list[str]:
-    """Return the units in a row of cells below a header; an empty list if it is not a unit row.
-
-    An unknown unit is returned as it is written. A row with a load, such as 36 N, is not a row of
-    units. ``separator`` is the separator of the cells. If the separator is a blank, a factor such
-    as 0.1 is joined to the unit that follows it.
-    """
-    if separator == " ":
-        cells = _join_factors(cells)
-    units = []
-    for cell in cells:
-        text = _text_of_unit(cell)
-        units.append(_unit_in_row(text) or text)
-    holds_load = any(load_in_name([cell]) is not None for cell in cells)
-    if holds_load or not _holds_only_units(cells):
-        return []
-    return units
-
-
-def _join_factors(words: Sequence[str]) -> list[str]:
-    """Join each factor in a row of units to the unit after it: "10" and "nm" become "10 nm"."""
-    joined: list[str] = []
-    for word in words:
-        if joined and _FACTOR.fullmatch(joined[-1]) and not _FACTOR.fullmatch(word):
-            joined[-1] += f" {word}"
-        else:
-            joined.append(word)
-    return joined
-
-
-def _text_of_unit(cell: str) -> str:
-    """Remove brackets and comment signs from the text of a cell in a row of units."""
-    return cell.lstrip("#%").strip("[](){} ")
-
-
-def _unit_in_row(text: str) -> str:
-    """Return the known unit in a cell of a row of units, with its factor; empty if there is none.
-
-    A text with a large number, such as 100 mm, is a length, not a unit.
-    """
-    unit = scaled_unit(text)
-    factor, _, _ = unit.rpartition(" ")
-    if factor and float(factor) > _LARGEST_FACTOR:
-        return ""
-    return unit
-
-
-def _holds_only_units(cells: Sequence[str]) -> bool:
-    """Return whether a row of cells is a row of units.
-
-    At least two cells must be known units or texts in brackets, and at least one of these cells
-    must be a known unit. A single known unit is enough if no other cell is filled, or if another
-    cell is the German word Grad (degree). All other filled cells must have at most four characters.
-    """
-    n_known = 0
-    n_bracketed = 0
-    uncertain = []
-    for cell in cells:
-        if _unit_in_row(_text_of_unit(cell)):
-            n_known += 1
-        elif _BRACKETED.fullmatch(cell):
-            n_bracketed += 1
-        elif cell:
-            uncertain.append(cell)
-    n_certain = n_known + n_bracketed
-    n_needed = min(2, n_certain + len(uncertain))
-    if "grad" in [comparable(cell) for cell in uncertain]:  # Grad is the German word for degree
-        n_needed = min(1, n_needed)
-    if n_known == 0 or n_certain < n_needed:
-        return False
-    return all(len(cell) <= _LONGEST_UNIT for cell in uncertain)
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:

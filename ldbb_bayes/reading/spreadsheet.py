@@ -16,6 +16,7 @@ from ldbb_bayes.campaign.text_table import (
 )
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.aligned_headers import with_aligned_headers
+from ldbb_bayes.reading.aligned_units import with_aligned_units
 from ldbb_bayes.reading.cell_units import number_in_cell, split_units
 from ldbb_bayes.reading.companion_files import is_document
 from ldbb_bayes.reading.encodings import encoding_of
@@ -110,7 +111,8 @@ def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> lis
         displays = displays_of_matlab(Sheet(path, "", rows, encoding, separator), text)
         return [_with_plain_cells(display) for display in displays]
     if separator == " ":
-        rows = with_aligned_headers(rows, text.split("\n"))
+        lines = text.split("\n")
+        rows = with_aligned_units(with_aligned_headers(rows, lines), lines)
     sheet = _with_plain_cells(Sheet(path, "", rows, encoding, separator))
     return split_tables(with_loads_between(sheet))
 

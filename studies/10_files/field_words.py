@@ -12,6 +12,7 @@ from field_directions import direction_cases
 from field_files import TRUTH, Circle, FieldCase
 from field_layouts import layout_cases
 from field_passages import passage_cases
+from field_printouts import printout_cases
 from field_sentences import sentence_cases
 from field_shapes import shape_cases
 from field_statements import statement_cases
@@ -53,6 +54,7 @@ def word_cases() -> dict[str, FieldCase]:
         **shape_cases(),
         **statement_cases(),
         **passage_cases(),
+        **printout_cases(),
         **sentence_cases(),
         **harmless_cases(),
     }

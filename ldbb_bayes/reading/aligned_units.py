@@ -1,0 +1,166 @@
+"""Rows of units that stand below the names of aligned columns, some of which have no unit.
+
+An example is a row with ``deg`` and ``um`` below ``No  Angle  Deviation  Temp``. The units belong
+to the columns below or above which they stand.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.cell_units import number_in_cell
+from ldbb_bayes.reading.column_roles import is_rule
+from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
+from ldbb_bayes.reading.unit_rows import COMMENT_SIGN, joined_factors, row_of_units
+
+__all__ = ["with_aligned_units"]
+
+# Largest number of rows above the numbers among which the header and the row of units are.
+_HEADER_ROWS = 4
+# Number of rows of numbers from which the places of the columns are determined.
+_SAMPLE_ROWS = 9
+# Regular expressions for the names of a header: names without blanks, and names with single blanks.
+_NAMES = (re.compile(r"\S+"), re.compile(r"\S+(?: \S+)*"))
+
+
+class _Word(NamedTuple):
+    """Text in a line, with its place."""
+
+    text: str
+    start: int  # index of the first character in the line
+    end: int  # index after the last character in the line
+
+
+def with_aligned_units(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:
+    """Return rows in which each unit below a header has the cell of the column that it aligns with.
+
+    Only rows of units with fewer cells than the table has columns are changed, and only if each
+    unit aligns with another column. All other rows are returned unchanged.
+
+    Parameters
+    ----------
+    rows
+        Rows of a text, split at blanks.
+    lines
+        Lines of the text.
+    """
+    aligned = list(rows)
+    for k in range(1, min(len(rows) - 1, LONGEST_OVERVIEW)):
+        if not _begins_numbers(rows, k):
+            continue
+        width = len(rows[k].cells)
+        for above in range(max(k - _HEADER_ROWS, 1), k):
+            row = rows[above]
+            units = _units_with_places(row, lines)
+            if not units or len(units) >= width:
+                continue
+            header_line = _line_above(rows[:above], lines)
+            numbers = [lines[other.line - 1] for other in rows[k : k + _SAMPLE_ROWS]]
+            columns = _columns_of(units, _places_of_columns(header_line, numbers, width))
+            if columns:
+                cells = [""] * width
+                for column, unit in zip(columns, units, strict=True):
+                    cells[column] = unit.text
+                aligned[above] = Row(row.line, cells)
+    return aligned
+
+
+def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
+    """Return whether rows of numbers begin at the row with the index ``first``."""
+    width = len(rows[first].cells)
+    if width < 2 or (len(rows[first - 1].cells) == width and _holds_numbers(rows[first - 1])):
+        return False
+    return all(len(row.cells) == width and _holds_numbers(row) for row in rows[first : first + 2])
+
+
+def _holds_numbers(row: Row) -> bool:
+    return sum(number_in_cell(cell) is not None for cell in row.cells) >= 2
+
+
+def _line_above(rows: Sequence[Row], lines: Sequence[str]) -> str:
+    """Return the line of the last of some rows that is not a line of dashes."""
+    wordy = [row for row in rows if not is_rule(row.cells)]
+    if not wordy:
+        return ""
+    return lines[wordy[-1].line - 1]
+
+
+def _words_of(line: str, pattern: re.Pattern[str]) -> list[_Word]:
+    """Return the texts of a line that match a pattern, with their places on a printed page.
+
+    A sign that marks the line as a comment is no text.
+    """
+    text = COMMENT_SIGN.sub(lambda sign: " " * len(sign[0]), line.expandtabs(), count=1)
+    return [_Word(match[0], match.start(), match.end()) for match in pattern.finditer(text)]
+
+
+def _units_with_places(row: Row, lines: Sequence[str]) -> list[_Word]:
+    """Return the units of a row with their places; an empty list if it is not a row of units.
+
+    A factor, such as 10, belongs to the unit behind it.
+    """
+    words = _words_of(lines[row.line - 1], _NAMES[0])
+    texts = joined_factors([word.text for word in words])
+    if not row_of_units(texts, " "):
+        return []
+    units = []
+    first = 0
+    for text in texts:
+        last = first + text.count(" ")
+        units.append(_Word(text, words[first].start, words[last].end))
+        first = last + 1
+    return units
+
+
+def _places_of_columns(header: str, numbers: Sequence[str], width: int) -> list[_Word]:
+    """Return the place of each column of a table: the place of its name and its numbers.
+
+    The list is empty if the line of the header does not hold one name for each column.
+
+    Parameters
+    ----------
+    header
+        Line above the row of units.
+    numbers
+        Lines of numbers below the row of units.
+    width
+        Number of columns.
+    """
+    for pattern in _NAMES:
+        places = _words_of(header, pattern)
+        if len(places) == width:
+            break
+    else:
+        return []
+    for line in numbers:
+        cells = _words_of(line, _NAMES[0])
+        if len(cells) != width:
+            break
+        for column, cell in enumerate(cells):
+            name = places[column]
+            start = min(name.start, cell.start)
+            places[column] = _Word(name.text, start, max(name.end, cell.end))
+    return places
+
+
+def _columns_of(units: Sequence[_Word], places: Sequence[_Word]) -> list[int]:
+    """Return the column that each unit aligns with; an empty list if units do not align.
+
+    A unit aligns with the column that shares most characters of the line with it, or else with the
+    nearest column. Units do not align if one is as near to two columns, or if two share a column.
+    """
+    if not places:
+        return []
+    columns = []
+    for unit in units:
+        shared = [min(unit.end, place.end) - max(unit.start, place.start) for place in places]
+        if shared.count(max(shared)) > 1:
+            return []
+        columns.append(shared.index(max(shared)))
+    if any(column >= next_column for column, next_column in pairwise(columns)):
+        return []
+    return columns
