@@ -43,6 +43,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
+        """Store the message as one line; a long message is shortened in its middle."""
         line = " ".join(message.split("\n"))
         if len(line) > LONGEST_MESSAGE:
             line = f"{line[: 2 * LONGEST_MESSAGE // 3]} … {line[-LONGEST_MESSAGE // 3 :]}"

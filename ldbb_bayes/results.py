@@ -231,6 +231,7 @@ class Shown:
     shown: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
+        """Give a subclass the one-line ``repr`` of this class, unless it defines another."""
         # The decorator ``dataclass`` writes a new method ``__repr__`` unless the class already has
         # one. Therefore ``__repr__`` is set here. Writing ``repr=False`` in every decorator would
         # not suffice, because users define subclasses too.
@@ -239,9 +240,11 @@ class Shown:
             cls.__repr__ = Shown.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
+        """Return the object as one line of text."""
         return brief(self, _LONGEST_REPR)
 
     def __str__(self) -> str:
+        """Return the most important tables and sentences about the object, for one screen."""
         return lines_of(screen_of(self), terminal_width())
 
     def details(self) -> str:
@@ -300,6 +303,7 @@ class ByName(Shown, dict[str, T]):
     """
 
     def __repr__(self) -> str:
+        """Return the number of entries and the class of the values as one line of text."""
         kind = type(next(iter(self.values()), None)).__name__
         return f"<{len(self)} {kind}>"
 

@@ -193,6 +193,7 @@ class _TextLayout:
     """Layout of a table as lines of text of a given width."""
 
     def __init__(self, table: Table, width: int) -> None:
+        """Store the texts of the table; at first, all columns stand side by side."""
         self._caption = typeset(table.caption)
         self._heads = [typeset(head) for head in table.heads]
         self._numeric = table.numeric
@@ -394,6 +395,7 @@ class ReadableFrame(pd.DataFrame):
         return ReadableFrame
 
     def __repr__(self) -> str:
+        """Return the table as text for a screen."""
         return table_of(_for_print(self)).screen(terminal_width())
 
     def details(self) -> str:

@@ -217,6 +217,11 @@ class Campaign(CampaignFields):
     adds_to_pilot: StrictBool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
+        """Check the fields, and fill in what the tests take from the campaign.
+
+        Every test gets a name, a circle, a force and a pressure. Raise an `InputError` if fields
+        contradict each other.
+        """
         self._check_pilot()
         require(self.tests, "campaign must have at least one test, got none. Add a circular test.")
         foreseen = []
@@ -361,6 +366,7 @@ class Campaign(CampaignFields):
         return replace(self, tests=tuple(test.with_reading_um(None) for test in self.tests))
 
     def __repr__(self) -> str:
+        """Return the name of the campaign, its forces and the numbers of its tests and readings."""
         kind = "Plan" if self.is_plan else "Campaign"
         size = (
             f": {len(self.tests)} tests, {self.forces_N.min():.4g} to {self.forces_N.max():.4g} N,"

@@ -260,8 +260,8 @@ def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
 def _planned_test(place: str, entry: _PlannedTest) -> CircularTest:
     """Return the test without readings that a table of campaign.toml describes.
 
-    The table is [[test]] or [[foreseen]]. ``place`` names the table in error messages;
-    ``entry`` is the validated content of the table.
+    The table is [[test]] or [[foreseen]]. ``place`` names the table in error messages; ``entry``
+    is the validated content of the table.
     """
     stated = _stated_values(entry)
     plan = {key: stated.pop(key) for key in _PLAN_KEYS if key in stated}

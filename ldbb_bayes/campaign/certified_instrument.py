@@ -74,6 +74,7 @@ class Ball(Shown):
     certificate: Label | None = None
 
     def __post_init__(self) -> None:
+        """Raise an `InputError` if fields of the ball contradict each other."""
         if self.grade is not None:
             check_known("grade of a ball", [self.grade], _SPHERICITY_BY_GRADE_UM)
             require(
@@ -151,6 +152,7 @@ class Instrument(Shown):
     force_certificate: Label | None = None
 
     def __post_init__(self) -> None:
+        """Raise an `InputError` for an error of the bar's length without its uncertainty."""
         require(
             self.bar_U_um or not self.bar_length_error_um,
             "the bar's length error must come with its U_um, got it alone. Give the U of its"

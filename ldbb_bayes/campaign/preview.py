@@ -248,8 +248,8 @@ def check_campaign(campaign: Campaign) -> CampaignPreview:
         plane=campaign.machine().plane,
         is_plan=campaign.is_plan,
         tests=tuple(_preview_test(test, campaign) for test in campaign.tests),
-        assumptions=_assumptions(campaign),
-        remarks=_remarks(campaign),
+        assumptions=_assumption_remarks(campaign),
+        remarks=_campaign_remarks(campaign),
     )
 
 
@@ -576,7 +576,7 @@ def resolution_of(reading_um: Array) -> float | None:
     return step
 
 
-def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
+def _assumption_remarks(campaign: Campaign) -> tuple[Remark, ...]:
     """Return remarks on what a fit of the campaign will assume, such as its reference force."""
     kinds = RemarkKind
     tests = campaign.tests
@@ -634,7 +634,7 @@ def _runs_both_ways(campaign: Campaign, plane: str) -> bool:
     return {"CW", "CCW"} <= {test.direction for test in campaign.tests if test.plane == plane}
 
 
-def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
+def _campaign_remarks(campaign: Campaign) -> tuple[Remark, ...]:
     """Return remarks on odd properties of the campaign as a whole, such as equal forces."""
     kinds = RemarkKind
     remarks = _Remarks()

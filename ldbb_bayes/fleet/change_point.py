@@ -80,7 +80,7 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
     return repeatability * ratio, weight / weight.sum()
 
 
-def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
+def hypotheses(level_likelihoods: Gaussian, parameters: int, change_scale: float) -> Gaussian:
     """Return the Gaussian posterior of levels, instrument errors and step under every hypothesis.
 
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
@@ -96,16 +96,18 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
     Parameters
     ----------
-    carried : likelihoods of the n campaigns in order of time, for each of the r values of the
-        scatter, shape (r, n, q). The scatter w_t of each campaign is integrated out (see
-        `deviating`).
+    level_likelihoods : likelihoods of the levels c and the errors b from the n campaigns in order
+        of time, for each of the r values of the scatter, shape (r, n, q). The deviation w_t of each
+        campaign from the level is integrated out (see `deviating`).
     parameters : number p of parameters.
     change_scale : prior standard deviation of the step Δ.
     """
     p = parameters
-    r, n, q = carried.shift.shape
-    precision = _sum_from_here_on(carried.precision)
-    shift = _sum_from_here_on(carried.shift)
+    r, n, q = level_likelihoods.shift.shape
+    precision = _sum_from_here_on(level_likelihoods.precision)
+    shift = _sum_from_here_on(level_likelihoods.shift)
+    # The step Δ of parameter j affects only the campaigns after the step. The entries of precision
+    # and shift that belong to Δ are therefore sums over these campaigns.
     step_precision = np.swapaxes(precision[:, 1:, :, :p], -1, -2)
     joint_precision = np.zeros((r, n, p, q + 1, q + 1))
     joint_precision[..., :q, :q] = np.eye(q) + precision[:, None, :1]
@@ -116,7 +118,7 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
     joint_shift = np.zeros((r, n, p, q + 1))
     joint_shift[..., :q] = shift[:, None, :1]
     joint_shift[:, :-1, :, q] = shift[:, 1:, :p]
-    log_constant = carried.log_constant.sum(axis=1)
+    log_constant = level_likelihoods.log_constant.sum(axis=1)
     return Gaussian(joint_precision, joint_shift, log_constant[:, None, None])
 
 

@@ -54,7 +54,7 @@ class ChartPoints(NamedTuple):
 
 def chart_points(
     series: Gaussian,
-    carried: Gaussian,
+    level_likelihoods: Gaussian,
     scatter: Array,
     scatter_weight: Array,
     instrument: tuple[Array, Array],
@@ -74,9 +74,9 @@ def chart_points(
     ----------
     series : likelihoods of the parameters and instrument errors from the n campaigns in order of
         time, shape (n, q).
-    carried : likelihoods as in ``series``, but of the machine's mean parameters: the random
-        deviations of the n campaigns are integrated out, for each value of the scatter, shape
-        (r, n, q).
+    level_likelihoods : likelihoods as in ``series``, but of the machine's mean parameters: the
+        random deviations of the n campaigns are integrated out, for each value of the scatter,
+        shape (r, n, q).
     scatter, scatter_weight : values of the scatter and their prior probabilities, each of shape
         (r,).
     instrument : posterior mean (s,) and covariance (s, s) of the errors of the instrument.
@@ -89,21 +89,28 @@ def chart_points(
     estimate = separate.value - separate.response[..., p:] @ instrument_mean
     noise_variance = np.einsum("taa->ta", separate.covariance)
 
+    # Errors of the instrument shift the estimates from all campaigns together.
     total_precision = series.precision[:, :p].sum(axis=0)
-    response = np.linalg.solve(np.eye(p) + total_precision[:, :p], total_precision[:, p:])
-    common_variance = np.einsum("as,su,au->a", response, instrument_covariance, response)
+    common_response = np.linalg.solve(np.eye(p) + total_precision[:, :p], total_precision[:, p:])
+    common_variance = np.einsum(
+        "as,su,au->a", common_response, instrument_covariance, common_response
+    )
 
-    history = _posteriors_of_earlier_campaigns(carried)
+    history = _posteriors_of_earlier_campaigns(level_likelihoods)
+    # The weight of a value of the scatter is its posterior probability given the earlier campaigns.
     log_weight = np.log(scatter_weight)[:, None] + history.log_integral
     weight = np.exp(log_weight - logsumexp(log_weight, axis=0))
+    # The estimate from the next campaign is predicted from the earlier campaigns. Its variance has
+    # three sources: the uncertainty of the prediction, the machine's scatter, and the noise of the
+    # readings of the next campaign.
     next_response = separate.response[1:]
     parameter_response = next_response[..., :p]
     expected = np.einsum("tab,rtb->rta", next_response, history.mean)
     expected = expected - next_response[..., p:] @ instrument_mean
     scatter_variance = scatter[:, None, None] ** 2 * (parameter_response**2).sum(axis=-1)
-    estimate_variance = np.einsum("tab,tab->ta", parameter_response, separate.covariance[1:])
+    next_noise_variance = np.einsum("tab,tab->ta", parameter_response, separate.covariance[1:])
     history_variance = (history.spread(next_response) ** 2).sum(axis=-1)
-    sd = np.sqrt(history_variance + scatter_variance + estimate_variance)
+    sd = np.sqrt(history_variance + scatter_variance + next_noise_variance)
     tail = 0.5 - 0.5 * limits
     ends = mixture_quantiles(
         weight[:, :, None], expected, np.maximum(sd, _SMALLEST_SD), (tail, 1.0 - tail)
@@ -117,15 +124,16 @@ def chart_points(
     )
 
 
-def _posteriors_of_earlier_campaigns(carried: Gaussian) -> Gaussian:
+def _posteriors_of_earlier_campaigns(level_likelihoods: Gaussian) -> Gaussian:
     """Return, for every campaign but the first, the posterior from all campaigns before it.
 
-    ``carried``, shape (r, n, q), holds the likelihoods of q parameters and instrument errors from n
-    campaigns in order of time, for each of r values of the machine's scatter from campaign to
-    campaign. The result has the shape (r, n − 1, q): one Gaussian posterior of the q quantities for
-    each value of the scatter and each campaign except the first. Their prior is N(0, I).
+    ``level_likelihoods``, shape (r, n, q), holds the likelihoods of q parameters and instrument
+    errors from n campaigns in order of time, for each of r values of the machine's scatter from
+    campaign to campaign. The result has the shape (r, n − 1, q): one Gaussian posterior of the q
+    quantities for each value of the scatter and each campaign except the first. Their prior is
+    N(0, I).
     """
-    precision = np.cumsum(carried.precision[:, :-1], axis=1)
-    shift = np.cumsum(carried.shift[:, :-1], axis=1)
-    log_constant = np.cumsum(carried.log_constant[:, :-1], axis=1)
-    return Gaussian(np.eye(carried.shift.shape[-1]) + precision, shift, log_constant)
+    precision = np.cumsum(level_likelihoods.precision[:, :-1], axis=1)
+    shift = np.cumsum(level_likelihoods.shift[:, :-1], axis=1)
+    log_constant = np.cumsum(level_likelihoods.log_constant[:, :-1], axis=1)
+    return Gaussian(np.eye(level_likelihoods.shift.shape[-1]) + precision, shift, log_constant)

@@ -81,6 +81,7 @@ class FleetStatistics:
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
 
     def __len__(self) -> int:
+        """Return the number of campaigns."""
         return len(self.campaigns)
 
     @property
@@ -152,7 +153,7 @@ def fleet_statistics(
         reference_force_N=force,
         forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
         topology=topology,
-        compliances=_meanings(rows, chosen),
+        compliances=_common_meanings(rows, chosen),
     )
 
 
@@ -394,7 +395,7 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
     return matrix
 
 
-def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
+def _common_meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
     """Return the weighted sum of joint compliances that every chosen compliance stands for.
 
     The keys of the result are the names of the compliances. ``rows`` are rows of the table of a

@@ -44,8 +44,8 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
         sum of the errors of the two log evidences.
     """
     model = density.bound.model
-    plain = density.plain
-    nodes = Nodes(plain, plain.proposal)
+    without_truncation = density.plain
+    nodes = Nodes(without_truncation, without_truncation.proposal)
     if model.degree != 1 or not nodes.meet(tolerance):
         campaign = density.bound.campaign
         evidences = []
@@ -53,13 +53,14 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
             evidence = log_evidence(model.with_degree(degree), campaign, tolerance=tolerance)
             evidences.append(_LogEvidence(evidence.log_value, evidence.error))
         return _log_ratio(*evidences)
+    # The nodes of linear compliance, with other weights, are also nodes of constant compliance.
     related = RelatedModels(nodes, tolerance)
-    constant = HyperPosterior(
-        model.with_degree(0).bind(density.bound.campaign), truncated=True, near=plain.mode
-    )
+    constant_model = model.with_degree(0).bind(density.bound.campaign)
+    constant = HyperPosterior(constant_model, truncated=True, near=without_truncation.mode)
+    constant_nodes = related.nodes(constant.plain)
     return _log_ratio(
         _log_evidence_from(nodes, density, tolerance),
-        _log_evidence_from(related.nodes(constant.plain), constant, tolerance),
+        _log_evidence_from(constant_nodes, constant, tolerance),
     )
 
 
@@ -78,12 +79,15 @@ def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float
     error = nodes.evidence.error
     if not bound.truncation.active:
         return _LogEvidence(value, error)
-    inside = truncated.probability_inside(nodes.integral, tolerance)
-    of_prior = bound.truncation_prior
-    if inside.error > tolerance:
+    posterior_probability = truncated.probability_inside(nodes.integral, tolerance)
+    if posterior_probability.error > tolerance:
         evidence = truncated.nodes(tolerance).evidence
         return _LogEvidence(evidence.log_value, evidence.error)
-    return _LogEvidence(value + inside.log_value - of_prior[0], error + inside.error + of_prior[1])
+    log_prior_probability, prior_error = bound.truncation_prior
+    return _LogEvidence(
+        value + posterior_probability.log_value - log_prior_probability,
+        error + posterior_probability.error + prior_error,
+    )
 
 
 def _log_ratio(linear: _LogEvidence, constant: _LogEvidence) -> EvidenceRatio:

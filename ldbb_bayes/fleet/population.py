@@ -444,9 +444,9 @@ def fit_population(
             f"spread_scale must be a finite number above zero, got {spread_scale}. The default is"
             " 0.3."
         )
-    relied, caveats = choose(rows, exclude, since, include_misfits)
+    used_rows, caveats = choose(rows, exclude, since, include_misfits)
     statistics = fleet_statistics(
-        relied,
+        used_rows,
         parameters=parameters,
         reference_force_N=reference_force_N,
         one_instrument=one_instrument,
@@ -458,10 +458,10 @@ def fit_population(
             f" {statistics.machines[0]}. {advice}"
         )
     pooled = pool(statistics, spread_scale=spread_scale, prob=prob, seed=seed, progress=progress)
-    lacks_id = [not isinstance(machine_id, str) for machine_id in relied["machine_id"]]
+    lacks_id = [not isinstance(machine_id, str) for machine_id in used_rows["machine_id"]]
     if any(lacks_id):
-        caveats.append(Caveat(CaveatKind.MACHINES_OF_THEIR_OWN, tuple(labels(relied[lacks_id]))))
-    readings = tuple(digest for digest in relied["sha256"] if isinstance(digest, str))
+        caveats.append(Caveat(CaveatKind.MACHINES_OF_THEIR_OWN, tuple(labels(used_rows[lacks_id]))))
+    readings = tuple(digest for digest in used_rows["sha256"] if isinstance(digest, str))
     return replace(pooled, caveats=(*caveats, *pooled.caveats), readings=readings)
 
 
@@ -513,7 +513,7 @@ def pool(
         seed=seed,
         pareto_k=spreads.pareto_k,
         trusted=spreads.trusted,
-        caveats=tuple(_caveats(statistics, parameters, spreads, judged, machines)),
+        caveats=tuple(_population_caveats(statistics, parameters, spreads, judged, machines)),
         prob=prob,
         judged=judged is not None and not judged.doubtful.any(),
     )
@@ -644,9 +644,11 @@ def _instrument_sd(
     c = len(statistics.parameters)
     if not statistics.instrument:
         return np.zeros(c)
-    conditional = np.linalg.inv(shared.precision[:, :c, :c])
-    variance = np.diagonal(conditional, axis1=1, axis2=2)
-    return np.asarray(np.sqrt(weight @ (sd**2 - variance).clip(min=0.0)))
+    # If the instrument's errors were known, the population's mean would have this covariance.
+    covariance_if_known = np.linalg.inv(shared.precision[:, :c, :c])
+    variance_if_known = np.diagonal(covariance_if_known, axis1=1, axis2=2)
+    variance_of_errors = (sd**2 - variance_if_known).clip(min=0.0)
+    return np.asarray(np.sqrt(weight @ variance_of_errors))
 
 
 def _pool_machines(
@@ -753,7 +755,7 @@ def _estimate_machines_separately(
     return _Moments(mean, sd, mean + ndtri(tails)[:, None, None] * sd)
 
 
-def _caveats(
+def _population_caveats(
     statistics: FleetStatistics,
     parameters: Mapping[str, PooledParameter],
     spreads: Spreads,

@@ -129,28 +129,30 @@ def choose(
     check_rows(rows)
     batch = rows if among is None else among
     caveats: list[Caveat] = []
-    relied = _leave_out(CaveatKind.EXCLUDED, rows, _is_named(rows, exclude, batch), caveats)
-    is_early = _is_undated_or_before(relied, since)
-    relied = _leave_out(CaveatKind.BEFORE, relied, is_early, caveats, text=since or "")
-    relied = _leave_out(CaveatKind.FAILED, relied, relied["status"] != "done", caveats)
-    lacks_statistics = relied["gaussian_names"].isna()
-    relied = _leave_out(CaveatKind.NO_STATISTICS, relied, lacks_statistics, caveats)
-    digests = relied["sha256"]
+    used_rows = _leave_out(CaveatKind.EXCLUDED, rows, _is_named(rows, exclude, batch), caveats)
+    is_early = _is_undated_or_before(used_rows, since)
+    used_rows = _leave_out(CaveatKind.BEFORE, used_rows, is_early, caveats, text=since or "")
+    used_rows = _leave_out(CaveatKind.FAILED, used_rows, used_rows["status"] != "done", caveats)
+    lacks_statistics = used_rows["gaussian_names"].isna()
+    used_rows = _leave_out(CaveatKind.NO_STATISTICS, used_rows, lacks_statistics, caveats)
+    digests = used_rows["sha256"]
     is_repeated = digests.notna() & digests.duplicated()
-    relied = _leave_out(CaveatKind.GIVEN_AGAIN, relied, is_repeated, caveats)
+    used_rows = _leave_out(CaveatKind.GIVEN_AGAIN, used_rows, is_repeated, caveats)
     if not include_misfits:
-        is_misfit = _reports_any_of(relied, _MISFIT_KINDS)
-        relied = _leave_out(CaveatKind.UNEXPECTED, relied, is_misfit, caveats)
-    if relied.empty:
+        is_misfit = _reports_any_of(used_rows, _MISFIT_KINDS)
+        used_rows = _leave_out(CaveatKind.UNEXPECTED, used_rows, is_misfit, caveats)
+    if used_rows.empty:
         reasons = " ".join(caveat_words(caveat) for caveat in caveats)
         raise InputError(
             f"campaigns must be left to rely on, got none of {len(rows)}. {reasons} Mend these, or"
             " exclude fewer."
         )
-    not_white = _reports_any_of(relied, _NOISE_KINDS) & ~_reports_any_of(relied, _MISFIT_KINDS)
-    _add_caveat(CaveatKind.NOT_CONVERGED, relied[relied["converged"].eq(False)], caveats)
-    _add_caveat(CaveatKind.NOT_WHITE, relied[not_white], caveats)
-    return relied, caveats
+    not_white = _reports_any_of(used_rows, _NOISE_KINDS) & ~_reports_any_of(
+        used_rows, _MISFIT_KINDS
+    )
+    _add_caveat(CaveatKind.NOT_CONVERGED, used_rows[used_rows["converged"].eq(False)], caveats)
+    _add_caveat(CaveatKind.NOT_WHITE, used_rows[not_white], caveats)
+    return used_rows, caveats
 
 
 def _leave_out(
@@ -217,7 +219,7 @@ def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -
     no campaign or machine of one of these names. ``rows`` has one row per campaign.
     """
     excluded = [exclude] if isinstance(exclude, str) else list(exclude)
-    known_names = _names(batch)
+    known_names = _excludable_names(batch)
     for name in excluded:
         if not known_names.isin([name]).any(axis=None):
             entries = known_names.drop(columns="path").to_numpy().ravel()
@@ -226,10 +228,10 @@ def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -
                 f"what is left out must be a campaign or machine of the batch, got {name!r}. Did"
                 f" you mean {nearest(str(name), candidates)!r}?"
             )
-    return _names(rows).isin(excluded).any(axis=1)
+    return _excludable_names(rows).isin(excluded).any(axis=1)
 
 
-def _names(rows: pd.DataFrame) -> pd.DataFrame:
+def _excludable_names(rows: pd.DataFrame) -> pd.DataFrame:
     """Return a table of the names by which a user can exclude each campaign or its machine.
 
     The table has one row per campaign and the columns name, machine_id, path (the file path of the

@@ -195,6 +195,8 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
         inverse = system[:, c + q + 1 :]
         s = spread[rows].T[..., None]
         gain = np.einsum("ijkn,irkn->jrkn", inverse, system[:, c : c + q + 1])
+        # Given μ and b, the posterior of z has the covariance (I + s Λ_cc s)⁻¹ = L⁻ᵀ L⁻¹ and the
+        # mean gain[:, q] − z_response (μ, b). The parameters are c_m = μ + s z.
         z_response = gain[:, :q]
         z_mean = gain[:, q] - np.einsum("jrkn,kr->jkn", z_response, shared.mean[rows])
         c_response = np.eye(c, q)[..., None, None] - s[:, None] * z_response

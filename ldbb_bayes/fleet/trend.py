@@ -364,10 +364,10 @@ def find_trend(
     _check_option("probability", probability, below_one=True)
     _check_option("threshold", threshold, below_one=True)
     campaigns = _campaigns_of_one_machine(rows, machine)
-    relied, caveats = choose(campaigns.rows, exclude, since, include_misfits, among=rows)
+    used_rows, caveats = choose(campaigns.rows, exclude, since, include_misfits, among=rows)
     caveats = [*campaigns.caveats, *caveats]
     statistics = fleet_statistics(
-        relied,
+        used_rows,
         parameters=parameters,
         reference_force_N=reference_force_N,
         one_instrument=one_instrument,
@@ -382,19 +382,19 @@ def find_trend(
     p = len(statistics.parameters)
     series = Gaussian(statistics.likelihood.precision[order], statistics.likelihood.shift[order])
     scatter, scatter_weight = scatter_rule(repeatability)
-    carried = deviating(series, np.outer(scatter, np.ones(p)))
-    posteriors = hypotheses(carried, p, change_scale)
+    level_likelihoods = deviating(series, np.outer(scatter, np.ones(p)))
+    posteriors = hypotheses(level_likelihoods, p, change_scale)
     probabilities = hypothesis_probabilities(posteriors.log_integral, scatter_weight, probability)
     instrument = instrument_moments(posteriors, probabilities)
-    chart = chart_points(series, carried, scatter, scatter_weight, instrument)
+    chart = chart_points(series, level_likelihoods, scatter, scatter_weight, instrument)
     step_probabilities = probabilities[:, :-1]
-    names = labels(relied.iloc[order])
+    names = labels(used_rows.iloc[order])
     dates = [statistics.dates[i] for i in order]
     visits = _visits(names, dates, step_probabilities)
     changes = _parameter_changes(statistics, posteriors, probabilities, chart, prob)
     change_probability = 1.0 - float(probabilities[:, -1].sum())
     false_alarm = (1.0 - threshold) / threshold * probability / (1.0 - probability)
-    newest_tolerances = relied["tolerances"].iloc[order[-1]]
+    newest_tolerances = used_rows["tolerances"].iloc[order[-1]]
     return Trend(
         machine=campaigns.machine,
         reference_force_N=statistics.reference_force_N,
@@ -413,9 +413,9 @@ def find_trend(
         parameters=changes,
         most_probable=ranked(changes, lambda name: changes[name].probability)[0],
         caveats=(*caveats, *_caveats_of_series(statistics)),
-        estimates=_estimates(statistics, visits, chart, step_probabilities, prob),
+        estimates=_estimates_table(statistics, visits, chart, step_probabilities, prob),
         conformity=_conformities(statistics, names, chart, tolerances, newest_tolerances),
-        stiffness=stiffness_series(relied.iloc[order], names),
+        stiffness=stiffness_series(used_rows.iloc[order], names),
     )
 
 
@@ -573,7 +573,9 @@ def _parameter_change(
     weight = np.full(step_probabilities.size, 1.0 / step_probabilities.size)
     if total > 0.0:
         weight = (step_probabilities / total).ravel()
-    change = _change(weight, posteriors.mean[:, :-1, j, -1], posteriors.sd[:, :-1, j, -1], prob)
+    change = _step_summary(
+        weight, posteriors.mean[:, :-1, j, -1], posteriors.sd[:, :-1, j, -1], prob
+    )
     level, level_sd = mixture_moments(
         weight, posteriors.mean[:, :-1, j, j].ravel(), posteriors.sd[:, :-1, j, j].ravel()
     )
@@ -590,15 +592,15 @@ def _parameter_change(
         unit=statistics.units[j],
         probability=total,
         place=1 + ranked(times, lambda k: float(probability_by_time[k]))[0],
-        change=_scaled(change, scale),
+        change=_scaled_summary(change, scale),
         percent=percent,
         level_before=level_before,
-        level_now=_scaled(_level_now(levels, j), scale),
+        level_now=_scaled_summary(_present_level(levels, j), scale),
         common_sd=scale * float(chart.common_sd[j]),
     )
 
 
-def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
+def _step_summary(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
     """Return mean, sd and credible interval of the size of a parameter's step.
 
     Mean, sd and interval describe a mixture of hypotheses. Each hypothesis assumes one campaign
@@ -616,7 +618,7 @@ def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
     return Summary(float(mixture_mean), float(mixture_sd), (float(low), float(high)))
 
 
-def _level_now(levels: Levels, j: int) -> Summary:
+def _present_level(levels: Levels, j: int) -> Summary:
     """Return mean, sd and credible interval of a parameter's level at the last campaign.
 
     ``levels`` holds mean, sd and interval of all parameters, and ``j`` is the index of the
@@ -626,13 +628,13 @@ def _level_now(levels: Levels, j: int) -> Summary:
     return Summary(float(levels.mean[j]), float(levels.sd[j]), (float(low), float(high)))
 
 
-def _scaled(summary: Summary, scale: float) -> Summary:
+def _scaled_summary(summary: Summary, scale: float) -> Summary:
     """Return a summary with mean, sd and credible interval multiplied by the factor ``scale``."""
     low, high = summary.interval
     return Summary(scale * summary.mean, scale * summary.sd, (scale * low, scale * high))
 
 
-def _estimates(
+def _estimates_table(
     statistics: FleetStatistics,
     visits: Sequence[Visit],
     chart: ChartPoints,

@@ -143,6 +143,7 @@ class _DaskExecutor(Executor):
     """Executor whose threads send jobs to Dask workers; each thread waits for one job at a time."""
 
     def __init__(self, client: Any) -> None:
+        """Start the threads; ``client`` is the connection to the Dask scheduler."""
         self._client = client
         self._threads = ThreadPoolExecutor(_WAITING_THREADS)
         self.workers = _WAITING_THREADS
@@ -165,14 +166,15 @@ class _DaskExecutor(Executor):
     def _call_in_worker(self, call: Callable[[], Any]) -> Any:
         """Make a call in a Dask worker, and return its result or raise its error.
 
-        If the worker or the connection to it fails, raise a BrokenExecutor instead.
+        If the worker died, raise Dask's error KilledWorker. If Dask cannot return the result for
+        another reason, raise a BrokenExecutor.
         """
         dask_future = self._client.submit(call, pure=False)
         try:
             return dask_future.result()
         except BaseException as error:
             if dask_future.status == "error":
-                raise  # The error is the fault of the job, not of Dask.
+                raise  # The call raised the error, or its worker died.
             raise BrokenExecutor(str(error)) from error
 
 

@@ -110,6 +110,7 @@ class _ProcessPool(Executor):
     """Executor with one thread for each worker process; the thread sends jobs to this process."""
 
     def __init__(self, workers: int) -> None:
+        """Start the threads; every thread starts its worker process with its first job."""
         self.workers = workers
         self._threads = ThreadPoolExecutor(workers)
         self._local = threading.local()
