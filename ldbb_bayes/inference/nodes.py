@@ -338,6 +338,8 @@ class HyperPosterior:
         errors = np.zeros(len(integral.free))
 
         def log_factor(index: Index) -> Array:
+            # ln P(T | y, φ) at the nodes with these indices, minus the bound if there is one; the
+            # error of each value is stored in ``errors``.
             values = evaluate(index)
             errors[index] = values.error
             return values.log_density - integral.log_density[index]
@@ -400,8 +402,8 @@ class HyperPosterior:
         share = np.exp(log_value - highest)
         mean = max(float(share.mean()), _LEAST_SHARE_INSIDE)
         scatter = 2.0 * float(share.std(ddof=1)) / np.sqrt(len(share))
-        own_error = float(share @ np.minimum(np.concatenate(errors), 1.0)) / len(share)
-        return ProbabilityInside(highest + float(np.log(mean)), (scatter + own_error) / mean)
+        numerical_error = float(share @ np.minimum(np.concatenate(errors), 1.0)) / len(share)
+        return ProbabilityInside(highest + float(np.log(mean)), (scatter + numerical_error) / mean)
 
     @cached_property
     def plain(self) -> HyperPosterior:
@@ -547,9 +549,10 @@ class HyperPosterior:
         may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
 
         def derivatives(point: Array) -> tuple[Array, Array]:
+            # Gradient and Hessian at a point; elements of the fixed coordinate are zero.
             gradient, hessian = self._derivatives(point)
-            both = np.outer(may_change, may_change)
-            return np.where(may_change, gradient, 0.0), np.where(both, hessian, 0.0)
+            both_may_change = np.outer(may_change, may_change)
+            return np.where(may_change, gradient, 0.0), np.where(both_may_change, hessian, 0.0)
 
         return derivatives
 

@@ -170,6 +170,7 @@ class Machine(Shown):
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
+        """Check planes, topology and frames, and store them in their final types and order."""
         planes = (self.planes,) if isinstance(self.planes, str) else tuple(self.planes)
         check_known("plane", planes, PLANES)
         object.__setattr__(self, "planes", tuple(plane for plane in PLANES if plane in planes))
@@ -180,6 +181,10 @@ class Machine(Shown):
         object.__setattr__(self, "frames_mm", frames)
 
     def _check_frame(self, axis: str, frame: Sequence[float]) -> None:
+        """Raise an `InputError` unless a frame is at three usable coordinates of a machine's joint.
+
+        ``axis`` must be a linear axis of the topology; ``frame`` must be three finite numbers [mm].
+        """
         require(
             axis in LINEAR and axis in self.topology,
             f"frames_mm must name linear axes of {self.topology!r}, got {axis!r}."

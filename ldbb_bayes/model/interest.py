@@ -172,10 +172,10 @@ class ParametersOfInterest:
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
-            heads = [name for name in absorbed if name.label in self.visible.dependent]
-            if heads:
-                weights = np.array([absorbed[name] for name in heads])
-                sizes[k] = np.hypot(sizes[k], np.linalg.norm(weights * size_of(heads)))
+            left_out = [name for name in absorbed if name.label in self.visible.dependent]
+            if left_out:
+                weights = np.array([absorbed[name] for name in left_out])
+                sizes[k] = np.hypot(sizes[k], np.linalg.norm(weights * size_of(left_out)))
         return sizes
 
 

@@ -238,15 +238,15 @@ def _merge(single: list[_Node]) -> list[_Node]:
             node = nodes[k]
             if not node.border:
                 continue
-            above = node_of[next(_members(node.border))]
-            parent = nodes[above]
+            parent_index = node_of[next(_members(node.border))]
+            parent = nodes[parent_index]
             union = node.merged_into(parent)
-            apart = _cost(node.shape, copies[k]) + _cost(parent.shape, copies[above])
-            if _cost(union.shape, copies[above]) > apart:
+            cost_of_two = _cost(node.shape, copies[k]) + _cost(parent.shape, copies[parent_index])
+            if _cost(union.shape, copies[parent_index]) > cost_of_two:
                 continue
             for column in _members(node.columns):
-                node_of[column] = above
-            nodes[above] = union
+                node_of[column] = parent_index
+            nodes[parent_index] = union
             del nodes[k]
             merged = True
     return [nodes[k] for k in sorted(nodes)]

@@ -247,6 +247,12 @@ class Orthant:
     def _estimate(
         self, tolerance: float, largest_noise: float, points: _Points
     ) -> NoisyLogProbability:
+        """Return ln P(u ≥ 0) for w vectors u, from analytical bounds or from quasi-random points.
+
+        The bounds are used where they are within ``tolerance`` [nat] of each other. Otherwise the
+        number of points is increased until the noise, their random error, is at most
+        ``largest_noise`` [nat]. ``points`` generates the points.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
         distance = np.where(np.isnan(distance), np.inf, distance)
@@ -257,10 +263,11 @@ class Orthant:
             # The first pass leaves out the constraints u_j ≥ 0 for which the mean of u_j is at
             # least six sds above zero. If leaving them out changes ln P(u ≥ 0) by more than a tenth
             # of the tolerance, the second pass uses all constraints.
-            near_rows = distance[open_members] < near
+            is_used = distance[open_members] < near
             unfinished = np.zeros(len(open_members), dtype=bool)
-            for pattern in np.unique(near_rows, axis=0):
-                same_pattern = np.flatnonzero((near_rows == pattern).all(axis=1))
+            for pattern in np.unique(is_used, axis=0):
+                # All vectors that use the same constraints are processed together.
+                same_pattern = np.flatnonzero((is_used == pattern).all(axis=1))
                 index = open_members[same_pattern]
                 mean = self._mean[index][:, pattern]
                 spread = self._spread[index][:, pattern]

@@ -505,16 +505,16 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     elif np.isfinite(stated_s).all():
         relative_s = stated_s - stated_s.mean()
     elif campaign.order is None:
-        listed_s = _listed_s(pilot or campaign)
+        ordered_s = _times_from_order_s(pilot or campaign)
         if _begins_with(campaign, pilot or campaign):
-            relative_s[: len(listed_s)] = listed_s
+            relative_s[: len(ordered_s)] = ordered_s
     relative_h: Array = relative_s / _SECONDS_PER_HOUR
     if np.abs(relative_h).max() < _SAME_TIME_H:
         return np.full(len(relative_h), np.nan)
     return relative_h
 
 
-def _listed_s(campaign: Campaign) -> Array:
+def _times_from_order_s(campaign: Campaign) -> Array:
     """Return the time of every test minus the mean time [s], from the order of the tests.
 
     The tests are assumed to have been run in the order in which they are listed, at equal

@@ -282,7 +282,7 @@ def read_truths(path: Path) -> Truths:
     """
     file = validated(_TruthsFile, read_toml(path), str(path))
     with placed(path):
-        plan = None if file.forces_N is None else _plan(file, path.stem)
+        plan = None if file.forces_N is None else _plan_of_truths(file, path.stem)
         return Truths(
             plan,
             file.parameters,
@@ -291,7 +291,13 @@ def read_truths(path: Path) -> Truths:
         )
 
 
-def _plan(file: _TruthsFile, name: str) -> Campaign:
+def _plan_of_truths(file: _TruthsFile, name: str) -> Campaign:
+    """Return the plan to simulate: one full circle at each force of a file of true values.
+
+    ``file`` is the content of the file, and ``name`` the name of the plan. Each circle has
+    ``file.readings`` readings at equally spaced angles. Raise an `InputError` if the plan would
+    have too many readings.
+    """
     total = file.readings * len(file.forces_N or ())
     require(
         total <= LARGEST_PLAN,
