@@ -131,7 +131,7 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
         items.append(f"{symbols}: {remark(without_note, words)}")
     if 0.05 < numbers.findings.probability_of_change < 0.95:
         probability = words.percent(numbers.findings.probability_of_change)
-        items.append(words("notes.probability_of_change", probability=probability))
+        items.append(words("notes.varying", probability=probability))
     if not items:
         return [words("sheet.all_determined")]
     excess = len(items) - _MOST_UNDETERMINED

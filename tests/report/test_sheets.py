@@ -22,6 +22,7 @@ from ldbb_bayes.report.plain_findings import best_step
 from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet
 from ldbb_bayes.report.sheet_fields import assumption_fields
 from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
+from ldbb_bayes.report.sheet_state import undetermined_texts
 from ldbb_bayes.report.sheets import sheets
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import words_of
@@ -195,6 +196,21 @@ def test_sheet_2_states_the_change_over_the_tested_forces(
     assert float(row[2].replace(",", ".").replace("−", "-")) == pytest.approx(
         change.mean * 1e6, abs=change.sd * 1e6
     )
+
+
+@pytest.mark.parametrize(
+    ("language", "sentence"),
+    [
+        ("en", "Whether compliance changes with force: probability that it does 60 %"),
+        ("de", "Ob sich die Nachgiebigkeit mit der Kraft ändert: Wahrscheinlichkeit dafür 60 %"),
+    ],
+)
+def test_an_uncertain_change_with_force_is_stated_with_its_probability(
+    language: str, sentence: str, varying: Findings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Findings, "probability_of_change", 0.6)
+    numbers = SheetNumbers(varying, words_of(language), 36.0)
+    assert sentence in [text.replace("\u00a0", " ") for text in undetermined_texts(numbers)]
 
 
 def test_a_tolerance_of_a_slope_is_decided_on(varying_by_language: dict[str, Sheets]) -> None:
