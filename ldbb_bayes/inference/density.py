@@ -253,6 +253,10 @@ class LogDensity(Shown):
         return self.bound.log_likelihood(phi, beta)
 
     def _check_points(self, x: Array, argument: str = "x") -> Array:
+        """Return one point, shape (d,), or n points, shape (n, d), as an array of floats.
+
+        Raise an `InputError` for any other shape; ``argument`` names the points in its message.
+        """
         points = np.asarray(x, dtype=float)
         d = len(self.names)
         fits = points.ndim in (1, 2) and points.shape[-1] == d

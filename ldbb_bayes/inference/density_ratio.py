@@ -245,7 +245,7 @@ class RatioSampler:
         Each sample contains all smaller samples.
         """
         weight = self._integral.weight
-        probability = _probabilities(weight)
+        probability = _pick_probabilities(weight)
         drawn = _systematic_sample(probability, np.random.default_rng(self._seed))
         samples = []
         for step in _STEPS:
@@ -303,7 +303,7 @@ class RatioSampler:
         return None
 
 
-def _probabilities(weight: Array) -> Array:
+def _pick_probabilities(weight: Array) -> Array:
     """Return the probability with which each of n nodes (weighted points) is picked, shape (n,).
 
     ``weight``, shape (n,), holds the weights of the nodes, which sum to one. The result is the mean

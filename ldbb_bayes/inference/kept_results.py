@@ -43,6 +43,7 @@ def kept(work: F) -> F:
 
     @functools.wraps(work)
     def work_once(posterior: xr.DataTree, *args: Any, **kwargs: Any) -> Any:
+        # The result of ``work`` for these arguments: from the cache, or computed and then kept.
         if not isinstance(posterior, xr.DataTree) or "provenance" not in posterior.children:
             # Call ``work`` without the cache, so that ``work`` raises its error for an argument
             # that is no posterior.

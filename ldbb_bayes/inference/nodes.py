@@ -324,6 +324,8 @@ class HyperPosterior:
         noise = np.zeros(len(integral.free))
 
         def evaluate(index: Index) -> LogValues:
+            # Log density at the nodes with these indices, times P(T | y, φ) and divided by its
+            # bound if there is one; the random error of each value is stored in ``noise``.
             orthant = self.given(integral.free[index])[1].orthant
             probability = _log_probability(orthant, tolerance, self._seed)
             log_density = integral.log_density[index] + probability.log_value

@@ -157,21 +157,21 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
         name = str(key)
         unit = variable.attrs.get("unit", "")
         if name in record["model"]["groups"]:
-            entry = _entry(variable.values, unit, prior_sd[name], prob)
+            entry = _json_entry(variable.values, unit, prior_sd[name], prob)
             result["parameters"][name] = entry | {"prior_mean": prior_mean.get(name)}
         elif unit == "mm":
             sd_mm = prior_sd[name]
             sd_um = None if sd_mm is None else sd_mm * 1e3
-            result["hyper"][f"{name}_um"] = _entry(variable.values * 1e3, "um", sd_um, prob)
+            result["hyper"][f"{name}_um"] = _json_entry(variable.values * 1e3, "um", sd_um, prob)
         else:
-            result["hyper"][name] = _entry(variable.values, unit, prior_sd[name], prob)
+            result["hyper"][name] = _json_entry(variable.values, unit, prior_sd[name], prob)
     for section in ("averaged", "sampler", "fit", "provenance"):
         if section in record:
             result[section] = record[section]
     return result
 
 
-def _entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict[str, Any]:
+def _json_entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict[str, Any]:
     """Return the entry of one parameter or hyper-parameter in the JSON result of a fit.
 
     ``draws`` are the posterior draws of the parameter in ``unit``, and ``prior_sd`` is its prior
@@ -250,7 +250,7 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     mean_phi = np.concatenate([draws.phi for draws in draws_by_model]).mean(axis=0)
     table = _prior_of_nuisances(bound_of(posterior), mean_phi)
     names = list(table.index)
-    moments = [_moments(draws, names) for draws in draws_by_model]
+    moments = [_nuisance_moments(draws, names) for draws in draws_by_model]
     mean = np.concatenate([of_model[0] for of_model in moments])
     variance = np.concatenate([of_model[1] for of_model in moments])
     table.insert(2, "mean", mean.mean(axis=0))
@@ -276,7 +276,7 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index", columns=["term", "unit", "prior_sd"])
 
 
-def _moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array]:
+def _nuisance_moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array]:
     """Return means and variances of nuisance coefficients for each posterior draw of a model.
 
     Nuisances are effects that are modelled but not of interest. Means and variances are conditional

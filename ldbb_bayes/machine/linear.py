@@ -332,7 +332,7 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     return Kept(
         names=tuple(names[i] for i in chosen),
         sets=tuple(_labels(names, set_by_head[i]) for i in chosen),
-        weights=tuple(_weights(jacobian, set_by_head[i]) for i in chosen),
+        weights=tuple(_effects_relative_to_first(jacobian, set_by_head[i]) for i in chosen),
         absorbed=tuple(absorbed),
         not_negative=_not_negative(names, jacobian, coefficients),
         null=tuple(name.label for i, name in enumerate(names) if i not in live),
@@ -346,7 +346,7 @@ def _labels(names: Sequence[ComplianceName], index: Sequence[int]) -> tuple[str,
     return tuple(names[i].label for i in index)
 
 
-def _weights(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
+def _effects_relative_to_first(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
     """Return the effect of each compliance of a set, divided by the effect of the first compliance.
 
     The compliances of a set change the readings in proportion to each other. ``jacobian`` (n, m)

@@ -101,8 +101,14 @@ class ComplianceName:
         """
         translation_for_moment = self.wrench in ROTARY and self.twist not in ROTARY
         turned_plane = {axes.rotation: plane for plane, axes in PLANES.items()}
-        idle = self.twist in ROTARY and self.joint not in turned_plane[self.twist]
-        return (translation_for_moment, self.rotations, self.joint != self.twist, idle, self.label)
+        axis_outside_plane = self.twist in ROTARY and self.joint not in turned_plane[self.twist]
+        return (
+            translation_for_moment,
+            self.rotations,
+            self.joint != self.twist,
+            axis_outside_plane,
+            self.label,
+        )
 
 
 @dataclass(frozen=True)

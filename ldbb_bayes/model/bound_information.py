@@ -125,8 +125,9 @@ def _sort_columns(bound: BoundModel) -> _SortedColumns:
 
     A column holds the readings per unit of one coefficient of a nuisance, which is an effect that
     is modelled but not of interest. The first group holds the columns whose coefficients are the
-    same in all tests, the second group those whose coefficients differ between tests. ``bound`` is
-    the model of the campaign.
+    same in all tests, the second group those whose coefficients differ between tests. The result
+    also names the term to which each coefficient of the first group belongs. ``bound`` is the model
+    of the campaign.
     """
     shared: list[Columns] = []
     owners: list[str] = []

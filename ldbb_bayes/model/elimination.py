@@ -278,12 +278,16 @@ class EliminationPlan:
             at_once = 1 if terms >= _MANY_TERMS else PRODUCT_COLUMNS
             for first in range(0, borders.shape[1], at_once):
                 last = min(first + at_once, borders.shape[1])
-                targets = np.array([self._targets(border, first, last) for border in borders])
+                targets = np.array(
+                    [self._changed_workspace_rows(border, first, last) for border in borders]
+                )
                 updates.append(Update(slice(start, stop), len(disjoint), first, last, targets))
             start = stop
         return updates
 
-    def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
+    def _changed_workspace_rows(
+        self, border: NDArray[np.intp], first: int, stop: int
+    ) -> NDArray[np.intp]:
         """Return the rows of the workspace that hold the entries P_ij changed by one `Update`.
 
         P is the matrix that is factorised, and the workspace is the array that stores its entries.

@@ -748,7 +748,7 @@ class BoundModel(Shown):
         parameters are estimated from the pilot. Otherwise they are estimated from ``reduced``, the
         reduced readings of all tests.
         """
-        setting = self._with_circles(
+        setting = self._with_noise_factors(
             setting_of(
                 self.campaign, self.compliances, self.model.reference_force_N, pilot=self.pilot
             )
@@ -759,7 +759,7 @@ class BoundModel(Shown):
             self.estimate = self._estimate_of_pilot(self.pilot)
         return linearise(setting, self.compliances, self.estimate)
 
-    def _with_circles(self, setting: Setting) -> Setting:
+    def _with_noise_factors(self, setting: Setting) -> Setting:
         """Return ``setting`` with the names of the circles' noise factors λ added.
 
         ``setting`` describes the conditions of all tests. A noise factor λ is a hyper-parameter

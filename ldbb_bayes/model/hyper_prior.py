@@ -172,7 +172,7 @@ class HyperPrior:
         scale = self.scale[self.in_mm]
         with np.errstate(over="ignore"):
             quadratic = -0.5 * (length / scale) ** 2
-        constant = 0.5 * np.log(2.0 / np.pi) - np.log(scale) - np.log(self._mass)
+        constant = 0.5 * np.log(2.0 / np.pi) - np.log(scale) - np.log(self._mass_above_bound)
         inside = length >= self.lower[self.in_mm]
         total: Array = np.where(inside, quadratic + constant, -np.inf).sum(axis=-1)
         return total
@@ -257,7 +257,7 @@ class HyperPrior:
         return np.asarray(self.log_density(self.phi(free)) + jacobian)
 
     @cached_property
-    def _mass(self) -> Array:
+    def _mass_above_bound(self) -> Array:
         """For each length, the probability that a half-normal variable exceeds its lower bound.
 
         Lengths are hyper-parameters in mm, such as the sd of the noise. Their prior is half-normal
@@ -301,7 +301,7 @@ class HyperPrior:
         """
         level = np.broadcast_to(level, (*level.shape[:-1], len(self.names)))
         phi = np.empty(level.shape)
-        length = erfcinv((1.0 - level[..., self.in_mm]) * self._mass)
+        length = erfcinv((1.0 - level[..., self.in_mm]) * self._mass_above_bound)
         phi[..., self.in_mm] = self.scale[self.in_mm] * np.sqrt(2.0) * length
         low, high = self._decay_levels
         standard_normal = ndtri(low + (high - low) * level[..., self._is_decay])
@@ -329,7 +329,7 @@ class HyperPrior:
         """
         level = np.empty(phi.shape)
         length = phi[..., self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)
-        level[..., self.in_mm] = 1.0 - erfc(length) / self._mass
+        level[..., self.in_mm] = 1.0 - erfc(length) / self._mass_above_bound
         low, high = self._decay_levels
         white = (phi[..., self._is_decay] - self.scale[self._is_decay]) / self.decay_sd
         level[..., self._is_decay] = (ndtr(white) - low) / (high - low)

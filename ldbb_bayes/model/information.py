@@ -68,6 +68,7 @@ class Information:
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
+        """Raise an `InputError` if a prior sd in ``scale`` is not positive and finite."""
         if not (np.isfinite(self.scale) & (self.scale > 0)).all():
             raise InputError(
                 f"prior sd must be positive and finite, got {self.scale.min():g} …"

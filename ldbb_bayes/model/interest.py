@@ -95,7 +95,7 @@ class ParametersOfInterest:
         ``setting`` describes the test conditions. Raise an `InputError` if the prior names a
         parameter that the campaign does not have.
         """
-        rows = self._rows()
+        rows = self._parameters_without_prior()
         names = [row.name for row in rows]
         check_known("prior override", prior.overrides, names)
         check_known("prior mean", prior.means, names)
@@ -109,7 +109,7 @@ class ParametersOfInterest:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all parameters of interest, in the order of β."""
-        return tuple(row.name for row in self._rows())
+        return tuple(row.name for row in self._parameters_without_prior())
 
     def prior_mean(self, prior: Prior) -> Array:
         """Return the prior mean of all parameters of interest, shape (parameters,).
@@ -118,7 +118,7 @@ class ParametersOfInterest:
         """
         return np.array([prior.means.get(name, 0.0) for name in self.names])
 
-    def _rows(self) -> list[_Row]:
+    def _parameters_without_prior(self) -> list[_Row]:
         """Return name, unit, kind and degree of every parameter of interest, in the order of β."""
         rows = [
             _Row(name.label, compliance_unit(name), "compliance", 0) for name in self.compliances

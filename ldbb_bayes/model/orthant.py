@@ -154,7 +154,7 @@ class _Points:
     #: whether the probabilities for all sets of constraints are computed from the same points
     shared: bool
 
-    def of(self, tilted: Tilted, size: int) -> Array:
+    def for_constraints(self, tilted: Tilted, size: int) -> Array:
         """Return quasi-random points in the unit cube for w sets of constraints.
 
         ``tilted`` holds the sets of constraints, each on a standard normal vector x. There are
@@ -468,7 +468,7 @@ class Orthant:
             chunks = -(-open_members.size * _SCRAMBLES * size // _CHUNK) or 1
             for index in np.array_split(open_members, chunks):
                 selected = tilted.select(index)
-                uniform = points.of(selected, size)
+                uniform = points.for_constraints(selected, size)
                 proposal = selected.propose(uniform, draw_last=False)
                 log_weight = proposal.log_weight.reshape(_SCRAMBLES, size, -1)
                 top = log_weight.max(axis=(0, 1))

@@ -379,7 +379,7 @@ class Prior(Shown):
         ``names`` are the names of the compliances. A prior sd that the user gave for a compliance
         is used; otherwise the sd is the default for this kind of compliance.
         """
-        return self._overridden([name.label for name in names], self._usual_sd(names))
+        return self._with_overrides([name.label for name in names], self._usual_sd(names))
 
     def slope_sd(
         self, names: Sequence[ComplianceName], degree: int, force_range_N: float, size: Array
@@ -401,7 +401,7 @@ class Prior(Shown):
         size
             Typical magnitude of each compliance, shape (compliances,).
         """
-        return self._overridden(
+        return self._with_overrides(
             [f"{name.label}_{degree}" for name in names],
             self.slope_scale * size / force_range_N**degree,
         )
@@ -425,12 +425,17 @@ class Prior(Shown):
         ``names`` are the names of the errors. A prior sd that the user gave for an error is used;
         otherwise the sd is the default for this kind of error.
         """
-        return self._overridden(
+        return self._with_overrides(
             [name.label for name in names],
             [getattr(self, _GEOMETRIC[name.kind].sd_field) for name in names],
         )
 
-    def _overridden(self, names: Sequence[str], default: Any) -> Array:
+    def _with_overrides(self, names: Sequence[str], default: Any) -> Array:
+        """Return the prior sds of named parameters, in mm, N and rad, shape (names,).
+
+        A prior sd that the user gave is used if there is one; otherwise the parameter's element of
+        ``default`` is used.
+        """
         return np.array(
             [self.overrides.get(name, value) for name, value in zip(names, default, strict=True)],
             dtype=float,

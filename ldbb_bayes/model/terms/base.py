@@ -298,7 +298,8 @@ class Term(Shown):
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
         """Return whether a certificate states the uncertainty of a coefficient of this term.
 
-        ``coefficient`` is the name of the coefficient; ``campaign`` holds the certificates.
+        ``coefficient`` is the name of the coefficient; ``campaign`` holds the certificates. Of the
+        term's assumptions whose names begin the coefficient's name, the longest name decides.
         """
         stated = False
         longest = -1

@@ -173,6 +173,7 @@ class Columns(Shown):
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
+        """Check that the fields agree; a single number for ``sd`` or ``mean`` is repeated."""
         object.__setattr__(self, "names", tuple(self.names))
         p = len(self.names)
         for name in ("sd", "mean"):
