@@ -183,7 +183,7 @@ def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
 
 
 def _is_inseparable(text: str) -> bool:
-    """Return whether a single phrase states where angles begin and something else.
+    """Return whether a single phrase states where angles begin, and is about another subject too.
 
     An example is ``Angles from +Y with the travel clockwise``.
     """

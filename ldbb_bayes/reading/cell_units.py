@@ -87,9 +87,11 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
 
 
 def _split_angles_beside_texts(rows: list[Row], units: dict[tuple[int, int], str]) -> None:
-    """Change angles such as 12°30' in rows that also hold texts to numbers with their unit.
+    """Replace angles such as 12°30' in rows that also hold texts by numbers in arcseconds.
 
-    Such an angle must also stand in the same column of the row above or below.
+    An angle is replaced only if the row above or below also has an angle in this column. The cells
+    are replaced in ``rows``, and their unit is stored in ``units``; its keys are line number and
+    column index of a cell.
     """
     angles = [_angles_in(row) for row in rows]
     for k, row in enumerate(rows):
@@ -126,13 +128,15 @@ def _may_be_neighbours(
     a sheet with at least three rows of numbers with units. ``numbers`` holds one dict for each row;
     the dict of a row that is not a row of numbers with units is empty (see `_numbers_of`).
     """
-    with_units = [bool(entries) for entries in numbers]
-    if sum(with_units) < _FEWEST_ROWS:
-        return with_units
-    are_numbers = []
-    for row, entries in zip(rows, numbers, strict=True):
-        are_numbers.append(bool(entries) or all(number_in_cell(cell) for cell in row.cells if cell))
-    return are_numbers
+    have_units = [bool(entries) for entries in numbers]
+    if sum(have_units) < _FEWEST_ROWS:
+        return have_units
+    are_evidence = []
+    for row, has_units in zip(rows, have_units, strict=True):
+        filled = [cell for cell in row.cells if cell]
+        holds_numbers = all(number_in_cell(cell) is not None for cell in filled)
+        are_evidence.append(has_units or holds_numbers)
+    return are_evidence
 
 
 def _numbers_of(cells: Sequence[str], sexagesimal: Collection[int]) -> dict[int, _NumberAndUnit]:

@@ -182,7 +182,16 @@ def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
     """
     first = _first_row_without_header(sheet, block)
     empty = [""] * len(sheet.rows[block].cells)
-    return _HeaderRows(0, first, first, empty, list(empty), {}, 0, frozenset())
+    return _HeaderRows(
+        line=0,
+        start=first,
+        end=first,
+        headers=empty,
+        units=list(empty),
+        scaled_units={},
+        unit_line=0,
+        columns_with_unit_below=frozenset(),
+    )
 
 
 def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
@@ -398,15 +407,15 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
     if layout.header_line is not None:
         header_row = _stated_header_row(sheet, layout.header_line)
     else:
-        wordy = [k for k in range(block) if _is_header(rows[k].cells)]
-        if not wordy:
+        rows_of_words = [k for k in range(block) if _is_header(rows[k].cells)]
+        if not rows_of_words:
             return None
-        header_row = wordy[-1]
-        if len(wordy) > 1 and row_of_units(rows[header_row].cells, sheet.separator):
-            header_row = wordy[-2]
+        header_row = rows_of_words[-1]
+        if len(rows_of_words) > 1 and row_of_units(rows[header_row].cells, sheet.separator):
+            header_row = rows_of_words[-2]
     width = len(rows[block].cells)
-    above = [row for row in rows[:header_row] if count_numbers(row.cells) >= 2]
-    lines = [row.line for row in above if len(row.cells) == width]
+    numbers_above = [row for row in rows[:header_row] if count_numbers(row.cells) >= 2]
+    lines = [row.line for row in numbers_above if len(row.cells) == width]
     place = f"{sheet.place}, line {rows[header_row].line}"
     if len(lines) == 1:
         raise InputError(

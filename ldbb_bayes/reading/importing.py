@@ -271,7 +271,11 @@ def _split_into_tests(
 
 
 def _lists_of_tests(recordings: Iterable[Recording]) -> set[str]:
-    """Return the names of the sheets that list tests, with one test in each row."""
+    """Return file and name of each sheet with a list of tests, from which cells were taken.
+
+    The cells of such a list are stored with the lines above the table of a test, with a text such
+    as "3 of notes.txt" in place of the line number. The sheet is the part of the text after "of".
+    """
     places = set()
     for recording in recordings:
         for line, _ in recording.heading.lines_above:

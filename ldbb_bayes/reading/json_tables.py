@@ -119,9 +119,10 @@ def _with_different_keys(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _tables_in(content: Any, name: str) -> Iterator[EntryTable]:
-    """Yield the tables in a part of a file, each with the statements of this part.
+    """Yield the tables in a part of a JSON file, each with the statements of this part.
 
-    ``name`` is the name of the part.
+    ``content`` is the part: a dict, a list of records, a list of rows, or a list of further parts.
+    Anything else holds no table. ``name`` is the name of the part.
     """
     if isinstance(content, dict):
         yield from _tables_in_dict(content, name)

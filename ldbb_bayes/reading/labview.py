@@ -9,6 +9,7 @@ from ldbb_bayes.campaign.text_table import Row
 __all__ = ["is_labview", "rows_of_labview"]
 
 _FIRST_WORDS = "LabVIEW Measurement"
+# First cell of the line that ends a part of the header.
 _END = "***End_of_Header***"
 # Labels of the header lines that are kept because they may describe the test. All other lines of
 # the header are left out.
@@ -33,17 +34,20 @@ def rows_of_labview(rows: Sequence[Row]) -> list[Row]:
     rows
         Rows of the file.
     """
-    ends = [k for k, row in enumerate(rows) if row.cells[:1] == [_END]]
-    if len(ends) != 2 or ends[1] + 1 >= len(rows):
+    # The header has two parts. The first is about the file, the second is about the channels.
+    ends_of_parts = [k for k, row in enumerate(rows) if row.cells[:1] == [_END]]
+    if len(ends_of_parts) != 2 or ends_of_parts[1] + 1 >= len(rows):
         return list(rows)
+    end_of_file_part = ends_of_parts[0]
+    end_of_header = ends_of_parts[1]
     labels = {}
-    for row in rows[: ends[1]]:
+    for row in rows[:end_of_header]:
         labels[row.cells[0]] = row.cells[1:]
-    plain = [row for row in rows[: ends[0]] if row.cells[0] in _KEPT_LABELS]
-    names = rows[ends[1] + 1]
+    plain = [row for row in rows[:end_of_file_part] if row.cells[0] in _KEPT_LABELS]
+    names = rows[end_of_header + 1]
     header = _names_with_units(names.cells, labels)
     plain.append(Row(names.line, header))
-    for number, row in enumerate(rows[ends[1] + 2 :]):
+    for number, row in enumerate(rows[end_of_header + 2 :]):
         cells = list(row.cells) + [""] * (len(header) - len(row.cells))
         if _has_no_times(labels):
             cells[0] = _time_of(number, labels)
@@ -78,7 +82,11 @@ def _time_of(number: int, labels: dict[str, list[str]]) -> str:
 
 
 def _names_with_units(names: Sequence[str], labels: dict[str, list[str]]) -> list[str]:
-    """Return the names of the columns, each followed by the unit in brackets."""
+    """Return the names of the columns of a LabVIEW file, each followed by its unit in brackets.
+
+    ``labels`` holds the cells of each line in the header, among them the units of the columns; the
+    keys are the labels of the lines.
+    """
     dimensions = labels.get("X_Dimension", [""])
     units = labels.get("Y_Unit_Label", [])
     named = []

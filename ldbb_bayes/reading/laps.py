@@ -95,6 +95,8 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
     """
     travelled = sense * (angle_deg - start_deg)
     step = float(np.median(np.diff(travelled)))
+    # A turn is whole even if its last reading, one step before its end, is missing. Half a step is
+    # the tolerance of the angles.
     n_turns = max(1.0, np.floor((travelled.max() + 1.5 * step) / TURN_DEG))
     is_after_start = travelled > -0.5 * step
     is_before_end = travelled < TURN_DEG * n_turns - 0.5 * step
@@ -135,6 +137,8 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     )
     travelled = np.abs(angle_deg - angle_deg[0])
     step = float(np.median(np.abs(steps)))
+    # The last reading of a lap is usually one step before the angle at which the lap began. The
+    # factor 1.01 allows for rounding.
     n_laps = int((travelled[-1] + 1.01 * step) // TURN_DEG)
     require(
         n_laps >= 2,

@@ -235,6 +235,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()
         if _LOAD_LISTS.keys() & stated.keys():
             keys_of_tests |= set(_LOAD_LISTS.values())
+            # A list of forces that the options state also empties the list of pressures in the
+            # layout, and a list of pressures the list of forces.
             stated = {key: [] for key in _LOAD_LISTS} | stated
         if keys_of_tests and "test" not in options:
             stated["test"] = [_without(entry.stated(), keys_of_tests) for entry in self.test]

@@ -101,11 +101,16 @@ def _quantities() -> dict[str, _Quantity]:
         units = entry["units"]
         if isinstance(units, str):  # ``units`` is a role, such as force, and not a dict of units
             units = UNITS[units]
-        scale = entry.get("one", 1.0)
-        scaled = {unit: scale * size for unit, size in units.items()}
-        field = entry.get("field", key)
+        # ``one`` is the factor from the unit of the sizes (µm for lengths) to the unit of the field
+        # (mm for radius_mm). It also halves a diameter.
+        factor = entry.get("one", 1.0)
+        sizes = {unit: factor * size for unit, size in units.items()}
         quantities[key] = _Quantity(
-            field, entry["words"], entry["unit"], scaled, entry.get("is_of_bar", False)
+            field=entry.get("field", key),
+            words=entry["words"],
+            usual_unit=entry["unit"],
+            units=sizes,
+            is_of_bar=entry.get("is_of_bar", False),
         )
     return quantities
 
@@ -453,11 +458,10 @@ def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
             value = _value_in_words(key, groups[0].strip(), match[0])
             if value.isprintable() and not is_missing(value or "-"):
                 yield key, value
-    states = {mount_state(statement): True for statement in divide_line(text)}
+    states = [mount_state(statement) for statement in divide_line(text)]
     for passage in dict.fromkeys((text, *re.split(r"[;|\t]|,(?!\s)", text))):
-        for state in _mount_states(passage, is_whole_line=passage == text):
-            states[state] = True
-    for state in states:
+        states += _mount_states(passage, is_whole_line=passage == text)
+    for state in dict.fromkeys(states):
         if state:
             yield "mount", state
 

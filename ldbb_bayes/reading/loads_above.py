@@ -99,9 +99,9 @@ def _lines_of_columns(
     The texts are loads, names, planes or directions. The lines stand directly above the header, and
     one of them must state loads; if none does, the list is empty. The line of loads comes first in
     the list, so that a load follows no number of a name, as in ``Run 2 100 N``, with which it could
-    be confused. The first column has no text. ``rows`` are the rows above the
-    header, and ``width`` is the number of cells of the header. ``merged_lines`` are the numbers of
-    the lines with merged cells.
+    be confused. The first column has no text. ``rows`` are the rows above the header, and ``width``
+    is the number of cells of the header. ``merged_lines`` are the numbers of the lines with merged
+    cells.
     """
     lines: list[list[str]] = []
     line_of_loads: list[str] = []

@@ -43,17 +43,17 @@ def with_loads_between(sheet: Sheet) -> Sheet:
     header = first_header(sheet.rows)
     if header is None:
         return sheet
-    names = sheet.rows[header]
+    first_header_row = sheet.rows[header]
     blocks = _blocks_of(sheet)
-    loads = []
+    loads = []  # loads that the heading of each block states, by line number
     for block in blocks:
         loads.append(_loads_in(sheet, block.heading) if block.numbers else {})
     n_with_load = sum(bool(loads_of_block) for loads_of_block in loads)
-    if n_with_load < 2 or not loads[0] or names not in blocks[0].heading:
+    if n_with_load < 2 or not loads[0] or first_header_row not in blocks[0].heading:
         return sheet
     first_heading = blocks[0].heading
     header_rows = []
-    for row in first_heading[first_heading.index(names) :]:
+    for row in first_heading[first_heading.index(first_header_row) :]:
         if row.line not in loads[0]:
             header_rows.append(row)
     rows: list[Row] = []
@@ -72,28 +72,28 @@ def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
     The rows after the last table form a block without numbers.
     """
     blocks = [_RowBlock([], [])]
-    run: list[Row] = []
+    successive: list[Row] = []  # successive rows of numbers
     for row in sheet.rows:
         if count_numbers(row.cells) >= 2:
-            run.append(row)
+            successive.append(row)
             continue
-        _close_run(blocks, run)
-        run = []
+        _close_run(blocks, successive)
+        successive = []
         blocks[-1].heading.append(row)
-    _close_run(blocks, run)
+    _close_run(blocks, successive)
     return blocks
 
 
-def _close_run(blocks: list[_RowBlock], run: Sequence[Row]) -> None:
+def _close_run(blocks: list[_RowBlock], successive: Sequence[Row]) -> None:
     """Add successive rows of numbers to the last block.
 
     If there are enough rows for a table, they become the numbers of this block, and a new block is
     begun. Otherwise, they become part of the heading of the last block.
     """
-    if len(run) < _FEWEST_ROWS:
-        blocks[-1].heading += run
+    if len(successive) < _FEWEST_ROWS:
+        blocks[-1].heading += successive
         return
-    blocks[-1].numbers += run
+    blocks[-1].numbers += successive
     blocks.append(_RowBlock([], []))
 
 

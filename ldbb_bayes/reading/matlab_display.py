@@ -85,10 +85,10 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
 
     If MATLAB shows a common factor above the numbers, the numbers are multiplied by it. A comment
     after a command, such as ``% theta [rad], distance [mm]``, is the header of the table if it
-    names every column. If a
-    later display has no header, the header of the first display is used. Lines above the first
-    display also apply to a later display, unless the lines above the later one state the same
-    field. If no display has enough rows for a table, the sheet is returned unchanged.
+    names every column. If a later display has no header, the header of the first display is used.
+    Lines above the first display also apply to a later display, unless the lines above the later
+    one state the same field. If no display has enough rows for a table, the sheet is returned
+    unchanged.
 
     Parameters
     ----------
@@ -129,18 +129,19 @@ def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_Shown]
     text, split into cells, and ``written`` are its lines as written.
     """
     shown = [_Shown([], [])]
-    run: list[Row] = []
+    successive: list[Row] = []  # successive rows of numbers with the same number of cells
     for row in rows:
-        if _is_row_of_numbers(row) and (not run or len(row.cells) == len(run[0].cells)):
-            run.append(row)
+        is_alike = not successive or len(row.cells) == len(successive[0].cells)
+        if _is_row_of_numbers(row) and is_alike:
+            successive.append(row)
             continue
-        _end_run(shown, run)
-        run = []
+        _end_run(shown, successive)
+        successive = []
         if _is_row_of_numbers(row):
-            run.append(row)
+            successive.append(row)
         else:
             shown[-1].above.append(Row(row.line, [written[row.line - 1].strip()]))
-    _end_run(shown, run)
+    _end_run(shown, successive)
     return shown
 
 
@@ -151,16 +152,16 @@ def _is_row_of_numbers(row: Row) -> bool:
     return all(looks_like_number(cell) or is_missing(cell) for cell in row.cells)
 
 
-def _end_run(shown: list[_Shown], run: Sequence[Row]) -> None:
+def _end_run(shown: list[_Shown], successive: Sequence[Row]) -> None:
     """Store successive rows of numbers as a matrix, if there are enough rows for a table.
 
-    A new item for the next matrix is then added to ``shown``. If there are too few rows, they are
-    added to the lines above the next matrix.
+    The rows become the numbers of the last item in ``shown``, and a new item for the next matrix is
+    added. If there are too few rows, they are added to the lines above the next matrix.
     """
-    if len(run) < _FEWEST_ROWS:
-        shown[-1].above += [Row(row.line, [" ".join(row.cells)]) for row in run]
+    if len(successive) < _FEWEST_ROWS:
+        shown[-1].above += [Row(row.line, [" ".join(row.cells)]) for row in successive]
         return
-    shown[-1].numbers += run
+    shown[-1].numbers += successive
     shown.append(_Shown([], []))
 
 
@@ -176,10 +177,12 @@ def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
 
 
 def _display(sheet: Sheet, shown: _Shown) -> _Display:
-    """Return a displayed matrix, with its numbers multiplied by the factor above them.
+    """Return a displayed matrix with its header, its lines and its multiplied numbers.
 
-    A factor is not used if a command or the name of another variable stands between the factor and
-    the numbers.
+    ``shown`` are the numbers and all lines above them; some of these lines state the common factor
+    of the numbers or the names of the columns. A factor is not used if a command or the name of
+    another variable stands between the factor and the numbers. Raise an `InputError` if the matrix
+    is shown in several parts, each with some of its columns.
     """
     display = _Display()
     for row in shown.above:

@@ -51,6 +51,9 @@ def is_octave(text: str) -> bool:
 def sheets_of_octave(sheet: Sheet, text: str) -> list[Sheet]:
     """Return one sheet for each table in a text file of Octave.
 
+    Vectors and matrices form one table, if there are vectors; otherwise each matrix is a table.
+    Strings, and variables with few numbers, become lines above the tables.
+
     Parameters
     ----------
     sheet

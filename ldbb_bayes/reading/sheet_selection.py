@@ -77,7 +77,7 @@ def select_sheets(
     selection = SheetSelection()
     incomplete: list[HeadedSheet] = []  # tables without a column of angles or of readings
     errors: list[InputError] = []
-    optional = {*matched}
+    optional = {*matched}  # files in which a missing table causes no error
     if not layout.sheets:
         optional |= _workbooks_of_several_sheets(sheets)
     optional |= _companions(sheets, layout, optional)
@@ -139,8 +139,9 @@ def note_left_out(left_out: Sequence[Sheet], lists: Collection[str], log: Assump
 def _lists_of_tests(sheets: Sequence[Sheet], optional: Collection[Path]) -> list[Sheet]:
     """Return the sheets with a list of tests whose readings are on other sheets.
 
-    Only the files in ``optional`` may have such sheets. If every sheet seems to be a list, the
-    result is empty, because each sheet is then assumed to have a table of readings below the list.
+    ``optional`` are the files in which a missing table causes no error; only they may have such
+    sheets. If every sheet seems to be a list, the result is empty, because each sheet is then
+    assumed to have a table of readings below the list.
     """
     lists = []
     for sheet in sheets:

@@ -926,17 +926,17 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
     column of times may be in the result, although later code may take the start times of the tests
     from it. ``rows_of_tests`` holds the indices of the rows of each test.
     """
-    used = set()
-    for column in range(len(columns.heading.headers)):
-        used.add(columns.place_of_column(column))
+    all_columns = range(len(columns.heading.headers))
+    used_in_all_tests = {columns.place_of_column(column) for column in all_columns}
     for rows in rows_of_tests:
-        places = set()
+        used_in_test = set()
         for statements in columns.constant_statements(rows).values():
-            places |= {statement.line for statement in statements}
-        used &= places
+            used_in_test |= {statement.line for statement in statements}
+        used_in_all_tests &= used_in_test
     headers = []
     for column in unused_columns(columns.heading):
-        if columns.place_of_column(column) not in used and column not in columns.numbering:
+        is_used = columns.place_of_column(column) in used_in_all_tests
+        if not is_used and column not in columns.numbering:
             headers.append(columns.heading.headers[column])
     return headers
 

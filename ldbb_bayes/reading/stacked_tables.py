@@ -60,22 +60,23 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
         return [sheet]
     tables = [list(sheet.rows[: header + 1])]
     lines_above_first = sheet.rows[:header]
-    lines_of_table = lines_above_first
-    end = header + 1
-    for k in headers:
-        begin = _end_of_numbers(sheet.rows, end, k)
-        tables[-1] += sheet.rows[end:begin]
-        begins_anew = _begins_anew(sheet.rows, header, k)
-        begins_anew |= _name_another_run(sheet, lines_of_table, sheet.rows[begin:k])
-        lines = [row for row in sheet.rows[begin:k] if not _is_of_page(row, lines_above_first)]
+    lines_above_table = lines_above_first
+    first_row = header + 1  # index of the first row below the header that was treated last
+    for next_header in headers:
+        end = _end_of_numbers(sheet.rows, first_row, next_header)
+        tables[-1] += sheet.rows[first_row:end]
+        lines_between = sheet.rows[end:next_header]
+        begins_anew = _begins_anew(sheet.rows, header, next_header)
+        begins_anew |= _name_another_run(sheet, lines_above_table, lines_between)
+        lines = [row for row in lines_between if not _is_of_page(row, lines_above_first)]
         if not begins_anew:
             lines = _without_titles(sheet, lines, lines_above_first)
         if lines or begins_anew:
             kept = lines_that_hold(sheet, lines_above_first, lines)
-            tables.append([*kept, *lines, sheet.rows[k]])
-            lines_of_table = sheet.rows[begin:k]
-        end = k + 1
-    tables[-1] += sheet.rows[end:]
+            tables.append([*kept, *lines, sheet.rows[next_header]])
+            lines_above_table = lines_between
+        first_row = next_header + 1
+    tables[-1] += sheet.rows[first_row:]
     if len(tables) == 1:
         return [replace(sheet, rows=tables[0], n_headers=len(headers))]
     return named_sheets(sheet, tables)
@@ -110,7 +111,8 @@ def first_header(rows: Sequence[Row]) -> int | None:
     """Return the index of the first header of a table; None if there is no header.
 
     A header names columns, and one of the two rows below it holds numbers. A line of dashes below
-    the header is not counted.
+    the header is not counted. A row that states loads or directions for the columns, or a row that
+    is followed by a header of angles and readings, is not the header.
     """
     for k in range(len(rows) - 1):
         cells = rows[k].cells
@@ -161,9 +163,10 @@ def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
 
     ``first_header`` and ``header`` are the indices of the two headers among the rows.
     """
-    beginnings = [rows[k + 1 : k + 2] for k in (first_header, header)]
-    cells = [row.cells[:1] for beginning in beginnings for row in beginning]
-    return len(cells) == 2 and cells[0] == cells[1]
+    first_cells = []
+    for header_row in (first_header, header):
+        first_cells += [row.cells[:1] for row in rows[header_row + 1 : header_row + 2]]
+    return len(first_cells) == 2 and first_cells[0] == first_cells[1]
 
 
 def _name_another_run(sheet: Sheet, lines: Sequence[Row], further_lines: Sequence[Row]) -> bool:

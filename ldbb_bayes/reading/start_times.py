@@ -246,22 +246,22 @@ def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     neither of the orders satisfy this condition, the result states that the times are not known.
     ``seconds`` are the times of day [s], shape (tests,).
     """
-    readings: dict[str, Array] = {}
+    times_by_order: dict[str, Array] = {}
     for order, days in _possible_days(stamps).items():
         ordinals = np.array([day.toordinal() for day in days], dtype=float)
         since_first_day = _DAY_S * (ordinals - ordinals.min()) + seconds
-        readings[order] = since_first_day - since_first_day.min()
-    if not readings:
+        times_by_order[order] = since_first_day - since_first_day.min()
+    if not times_by_order:
         return _Times(None, "their dates do not fit together: days and months change places")
-    candidates = list(readings.values())
+    candidates = list(times_by_order.values())
     if len(candidates) == 1 or np.array_equal(candidates[0], candidates[1]):
         return _Times(candidates[0], "")
-    within_a_day = [order for order, times in readings.items() if times.max() <= _DAY_S]
+    within_a_day = [order for order, times in times_by_order.items() if times.max() <= _DAY_S]
     open_stamp = _first_open(stamps)
     if len(within_a_day) != 1:
         return _Times(None, f"{open_stamp!r} may have the day or the month first")
     order = within_a_day[0]
-    return _Times(readings[order], f"{open_stamp!r} read with the {order} first")
+    return _Times(times_by_order[order], f"{open_stamp!r} read with the {order} first")
 
 
 def _possible_days(stamps: Sequence[Timestamp]) -> Mapping[str, list[date]]:

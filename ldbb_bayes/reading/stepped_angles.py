@@ -165,15 +165,16 @@ def _check_number(
     No reading may be missing. The end must be the angle of the last reading, or one step further.
     """
     n_readings = len(recording.lines)
-    rows = [row.line for row in recording.sheet.rows[recording.heading.first_row :]]
-    first = rows.index(recording.lines[0])
-    is_whole = rows[first : first + n_readings] == recording.lines
-    is_first = first == 0 or bool(recording.label)
+    lines_of_table = [row.line for row in recording.sheet.rows[recording.heading.first_row :]]
+    first = lines_of_table.index(recording.lines[0])
+    has_all_rows = lines_of_table[first : first + n_readings] == recording.lines
+    has_first_row = first == 0 or bool(recording.label)
+    fits_end = True
     if end is not None:
         n_steps = (end.value_deg - start.value_deg) / step_deg
         misfit = min(abs(n_steps - n_readings), abs(n_steps - n_readings + 1))
-        is_whole = is_whole and misfit < _EVEN_SHARE
-    if not (is_whole and is_first):
+        fits_end = misfit < _EVEN_SHARE
+    if not (has_all_rows and has_first_row and fits_end):
         raise InputError(
             f"{recording.place}: readings must be complete to follow from the step in the lines"
             f" above, got {n_readings} that do not fit. Add a column 'Angle [deg]'."

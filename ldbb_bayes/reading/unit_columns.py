@@ -56,6 +56,7 @@ def unit_columns(
 def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, int]:
     """Return a dict with the columns of units whose headers name the columns of numbers.
 
+    ``numeric`` are the indices of the columns of numbers, and ``headers`` are all headers.
     The keys are the indices of the columns of numbers, and the values are the indices of the
     columns of units. For example, the column ``theta_unit`` holds the units of the column
     ``theta``. If no column has the name in the header, the units belong to the columns with the
@@ -66,9 +67,9 @@ def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, 
         partner = partner_of_units(header)
         if not partner or column in numeric:
             continue
-        named = [number for number in numeric if _name_of(headers[number]) == partner]
-        alike = [number for number in numeric if _have_common_role(headers[number], partner)]
-        for number in named or alike:
+        of_name = [number for number in numeric if _name_of(headers[number]) == partner]
+        of_role = [number for number in numeric if _have_common_role(headers[number], partner)]
+        for number in of_name or of_role:
             pairs.setdefault(number, column)
     return pairs
 

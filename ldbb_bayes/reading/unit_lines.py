@@ -372,7 +372,7 @@ def _role_of_label(label: str) -> str | None:
     if not words:
         return ""
     for role in UNITS:
-        if all(any(word.startswith(role_word) for role_word in ROLES[role]) for word in words):
+        if all(word.startswith(tuple(ROLES[role])) for word in words):
             return role
     return None
 
@@ -418,8 +418,8 @@ def _units_in(text: str) -> list[_ListedUnit]:
             with_factor = (
                 scaled_unit(re.sub(r"1\s?/\s?", "1/", match["factor"]) + " " + word) or name
             )
-            is_range = size_of_unit("angle", with_factor) or 0.0
-            if name in UNITS["angle"] and is_range > _LARGEST_ANGLE_FACTOR * UNITS["angle"][name]:
+            size = size_of_unit("angle", with_factor) or 0.0
+            if name in UNITS["angle"] and size > _LARGEST_ANGLE_FACTOR * UNITS["angle"][name]:
                 with_factor = name
         units.append(_ListedUnit(name, with_factor, comparable(word) in _ALSO_WORDS))
     return units
