@@ -81,7 +81,7 @@ def drawing(name: str, *results: Any) -> Callable[[], Figure]:
     """
 
     def draw() -> Figure:
-        """Draw the figure."""
+        """Draw the figure ``name`` from the given results."""
         return cast("Figure", getattr(lb.figures, name)(*results))
 
     return draw

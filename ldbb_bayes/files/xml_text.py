@@ -58,7 +58,7 @@ def _refuse_dangerous(content: bytes) -> None:
         )
 
     def enter_element(*_: object) -> None:
-        """Count one more level of nested elements; raise an `InputError` if there are too many."""
+        """Increase the number of levels by one; raise an `InputError` if there are too many."""
         nonlocal depth
         depth += 1
         require(
@@ -68,7 +68,7 @@ def _refuse_dangerous(content: bytes) -> None:
         )
 
     def leave_element(*_: object) -> None:
-        """Count one level of nested elements less."""
+        """Reduce the number of levels by one, because an element ends."""
         nonlocal depth
         depth -= 1
 

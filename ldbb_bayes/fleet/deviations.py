@@ -23,30 +23,50 @@ from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.triangular import eliminate
 from ldbb_bayes.results import Array
 
-__all__ = ["Estimates", "deviating", "estimate_separately", "whitened"]
+__all__ = [
+    "DeviationFactors",
+    "Estimates",
+    "deviating",
+    "estimate_separately",
+    "factorize_deviations",
+]
 
 
-def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
-    """Return the matrices Lᵀ and L⁻¹ s (Λ_c, η_c), side by side in one array.
+class DeviationFactors(NamedTuple):
+    """Cholesky factors L of the precision matrices of w / s, and products with L⁻¹.
 
-    From these matrices, other functions compute integrals over w. w are the deviations of the c
-    parameters of a campaign or machine from their common level, with the standard deviations s; in
-    the formulae s stands for diag s. The likelihood of a campaign or machine has the precision
-    matrix Λ (inverse covariance) and the shift η, which is Λ times the estimate. Λ_c are the rows
-    of Λ that belong to the parameters. Λ_cc are the columns of Λ_c that belong to the parameters.
-    η_c are the elements of η that belong to the parameters. The precision matrix of w / s is
-    I + s Λ_cc s. L is its lower Cholesky factor: I + s Λ_cc s = L Lᵀ.
+    w are the deviations of the c parameters of each of n campaigns or machines from their common
+    level, with the standard deviations s; in the formulae s stands for diag s. The likelihood of a
+    campaign or machine has the precision matrix Λ (inverse covariance) and the shift η, which is Λ
+    times the estimate. Λ_c are the rows of Λ that belong to the parameters. Λ_cc are the columns of
+    Λ_c that belong to the parameters. η_c are the elements of η that belong to the parameters. The
+    precision matrix of w / s is I + s Λ_cc s = L Lᵀ, where L is lower triangular.
+    """
+
+    #: diagonal elements of L for k values of s and n campaigns or machines, shape (c, k, n)
+    diagonal: Array
+    #: L⁻¹ s (Λ_c, η_c) for k values of s and n campaigns or machines, shape (c, q + 1, k, n): the
+    #: first q columns belong to Λ_c, and the last column belongs to η_c
+    solved: Array
+    #: L⁻¹ for k values of s and n campaigns or machines, shape (c, c, k, n); shape (c, 0, k, n) if
+    #: it was not requested
+    inverse: Array
+
+
+def factorize_deviations(
+    likelihood: Gaussian, spread: Array, *, inverse: bool = False
+) -> DeviationFactors:
+    """Return the Cholesky factors from which integrals over the deviations w are computed.
+
+    w are the deviations of the c parameters of each campaign or machine from their common level,
+    with the standard deviations s.
 
     Parameters
     ----------
     likelihood : likelihoods of q parameters and instrument errors from n campaigns or machines,
         shape (n, q).
     spread : k values of the standard deviations s of the c parameters, shape (k, c).
-    inverse : whether to append L⁻¹ as further columns.
-
-    Returns
-    -------
-    Array of shape (c, c + q + 1, k, n), or of shape (c, 2 c + q + 1, k, n) if ``inverse`` is true.
+    inverse : whether to return the inverses of the Cholesky factors too.
     """
     c = spread.shape[1]
     q = likelihood.shift.shape[1]
@@ -63,7 +83,11 @@ def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> A
     if inverse:
         system[range(c), range(c + q + 1, 2 * c + q + 1)] = 1.0
     eliminate(system.reshape(1, *system.shape[:2], -1))
-    return system
+    return DeviationFactors(
+        diagonal=system[range(c), range(c)],
+        solved=system[:, c : c + q + 1],
+        inverse=system[:, c + q + 1 :],
+    )
 
 
 def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
@@ -81,11 +105,10 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
     spread : k values of the standard deviations s, one for each parameter, shape (k, number of
         parameters).
     """
-    c = spread.shape[1]
     q = likelihood.shift.shape[-1]
-    system = whitened(likelihood, spread)
-    gram = np.einsum("iakn,ibkn->knab", system[:, c:], system[:, c:])
-    log_determinant = np.log(system[range(c), range(c)]).sum(axis=0)
+    factors = factorize_deviations(likelihood, spread)
+    gram = np.einsum("iakn,ibkn->knab", factors.solved, factors.solved)
+    log_determinant = np.log(factors.diagonal).sum(axis=0)
     return Gaussian(
         likelihood.precision - gram[..., :q, :q],
         likelihood.shift - gram[..., :q, q],

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.multiple_testing import holm
-from ldbb_bayes.fleet.deviations import Estimates, estimate_separately, whitened
+from ldbb_bayes.fleet.deviations import Estimates, estimate_separately, factorize_deviations
 from ldbb_bayes.fleet.spread_density import (
     SpreadDensity,
     Spreads,
@@ -167,8 +167,8 @@ def _compare_each_with_others(
     z = np.empty((c, k, n))
     log_integral = shared.log_integral - shared.log_constant
     for rows in spread_slices(spread, likelihood):
-        system = whitened(likelihood, spread[rows])
-        gram = np.einsum("iakn,ibkn->abkn", system[:, c:], system[:, c:])
+        factors = factorize_deviations(likelihood, spread[rows])
+        gram = np.einsum("iakn,ibkn->abkn", factors.solved, factors.solved)
         precision_of_others = (
             np.moveaxis(shared.precision[rows], 0, -1)[..., None]
             - likelihood.precision.T[:, :, None]
@@ -180,7 +180,7 @@ def _compare_each_with_others(
         prediction = _predict_from_others(
             separate, precision_of_others, shift_of_others, spread[rows]
         )
-        log_determinant = np.log(system[range(c), range(c)]).sum(axis=0)
+        log_determinant = np.log(factors.diagonal).sum(axis=0)
         log_machine = 0.5 * gram[q, q] - log_determinant
         log_density[rows] = log_integral[rows, None] + log_machine - prediction.log_integral
         z[:, rows] = prediction.z

@@ -24,7 +24,7 @@ from scipy.special import gammaincinv, ndtri
 from scipy.stats import qmc
 
 from ldbb_bayes.fleet.campaign_statistics import mixture_covariance
-from ldbb_bayes.fleet.deviations import whitened
+from ldbb_bayes.fleet.deviations import factorize_deviations
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
 from ldbb_bayes.inference.diagnostics import pareto_smooth
 from ldbb_bayes.model.gaussian import Gaussian
@@ -131,15 +131,16 @@ def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
     likelihood : likelihoods of q parameters and instrument errors from n machines, shape (n, q).
     spread : k values of the spreads s of the c parameters, shape (k, c).
     """
-    k, c = spread.shape
+    k = len(spread)
     q = likelihood.shift.shape[1]
     gram = np.empty((k, q + 1, q + 1))
     log_constant = np.empty(k)
     for rows in spread_slices(spread, likelihood):
-        system = whitened(likelihood, spread[rows])
-        flat = system[:, c:].transpose(2, 1, 0, 3).reshape(system.shape[2], q + 1, -1)
+        factors = factorize_deviations(likelihood, spread[rows])
+        draws = factors.solved.shape[2]
+        flat = factors.solved.transpose(2, 1, 0, 3).reshape(draws, q + 1, -1)
         gram[rows] = flat @ np.swapaxes(flat, 1, 2)
-        log_constant[rows] = -np.log(system[range(c), range(c)]).sum(axis=(0, 2))
+        log_constant[rows] = -np.log(factors.diagonal).sum(axis=(0, 2))
     return Gaussian(
         np.eye(q) + likelihood.precision.sum(axis=0) - gram[:, :q, :q],
         likelihood.shift.sum(axis=0) - gram[:, :q, q],
@@ -191,16 +192,15 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
     shape = (len(spread), len(likelihood.shift), c)
     estimates = MachineEstimates(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
     for rows in spread_slices(spread, likelihood):
-        system = whitened(likelihood, spread[rows], inverse=True)
-        inverse = system[:, c + q + 1 :]
+        factors = factorize_deviations(likelihood, spread[rows], inverse=True)
         s = spread[rows].T[..., None]
-        gain = np.einsum("ijkn,irkn->jrkn", inverse, system[:, c : c + q + 1])
+        gain = np.einsum("ijkn,irkn->jrkn", factors.inverse, factors.solved)
         # Given μ and b, the posterior of z has the covariance (I + s Λ_cc s)⁻¹ = L⁻ᵀ L⁻¹ and the
         # mean gain[:, q] − z_response (μ, b). The parameters are c_m = μ + s z.
         z_response = gain[:, :q]
         z_mean = gain[:, q] - np.einsum("jrkn,kr->jkn", z_response, shared.mean[rows])
         c_response = np.eye(c, q)[..., None, None] - s[:, None] * z_response
-        conditional_variance = (inverse**2).sum(axis=0)
+        conditional_variance = (factors.inverse**2).sum(axis=0)
         z_variance = conditional_variance + _explained_variance(root[rows], z_response)
         c_variance = s**2 * conditional_variance + _explained_variance(root[rows], c_response)
         c_mean = shared.mean[rows, :c].T[..., None] + s * z_mean

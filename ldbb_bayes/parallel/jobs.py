@@ -149,7 +149,7 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
     future = executor.submit(call)
 
     def result() -> R:
-        """Wait for the result from the other process; if the call failed there, call it here."""
+        """Wait for the result of the call; if it failed in the other process, repeat it here."""
         with suppress(Exception):
             return future.result()
         return call()
