@@ -36,7 +36,7 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
         if wild_part is None or path.exists():
             paths.append(path)
             continue
-        matches = _matches_of(text, path, wild_part)
+        matches = _files_matching(text, path, wild_part)
         paths += [match for match in matches if match not in paths]
     require(paths, "files must be given, got none. Name the tables to read.")
     return paths
@@ -59,7 +59,7 @@ def _first_wild_part(path: Path) -> int | None:
     return None
 
 
-def _matches_of(text: str, path: Path, wild_part: int) -> list[Path]:
+def _files_matching(text: str, path: Path, wild_part: int) -> list[Path]:
     """Return the files that match a pattern with ``*`` or ``?``.
 
     If only folders match, the folders are returned. ``text`` is the pattern as the user wrote it,

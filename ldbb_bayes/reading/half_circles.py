@@ -74,15 +74,15 @@ def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
     while remaining:
         arc = remaining.pop(0)
         for k, other in enumerate(remaining):
-            if _are_halves(arc, other):
+            if _are_halves_of_one_test(arc, other):
                 del remaining[k]
-                arc = _join(arc, other)
+                arc = _joined_arc(arc, other)
                 break
         joined.append(arc)
     return joined
 
 
-def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
+def _are_halves_of_one_test(first: MeasuredArc, second: MeasuredArc) -> bool:
     """Return whether two arcs are the two halves of one test.
 
     Both arcs must be half circles with the same direction of travel and the same fields, such as
@@ -100,7 +100,7 @@ def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
     return largest_gap <= _LARGEST_GAP_STEPS * max(first.step_deg, second.step_deg)
 
 
-def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
+def _joined_arc(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
     """Return the arc of one test that consists of two half circles.
 
     A multiple of 360° is added to the angles of the second half, so that these angles continue the

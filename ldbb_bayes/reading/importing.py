@@ -163,7 +163,7 @@ def import_campaign(
     matched = set(paths) - {Path(file) for file in named}
     selection = _select_tables(paths, matched, layout, log)
     recordings = _split_into_tests(selection, layout, campaign, log)
-    note_left_out(selection.left_out, _lists_of_tests(recordings), log)
+    note_left_out(selection.left_out, _sheets_that_list_tests(recordings), log)
     for recording in recordings:
         check_feed_is_whole(recording)
     _check_lines(recordings, campaign)
@@ -270,7 +270,7 @@ def _split_into_tests(
     return recordings
 
 
-def _lists_of_tests(recordings: Iterable[Recording]) -> set[str]:
+def _sheets_that_list_tests(recordings: Iterable[Recording]) -> set[str]:
     """Return file and name of each sheet with a list of tests, from which cells were taken.
 
     The cells of such a list are stored with the lines above the table of a test, with a text such

@@ -40,10 +40,10 @@ def with_merged_cells_filled(row: Row, names: Sequence[str]) -> Row:
         starts = _starts_of_even_groups(cells)
     if len(starts) < 2:
         return row
-    filled = _filled(cells, starts)
+    filled = _with_groups_filled(cells, starts)
     if filled is None and cells[0]:
         # The first cell may be a label of the row, such as "Force [N]", and not belong to a group.
-        filled = _filled(["", *cells[1:]], starts)
+        filled = _with_groups_filled(["", *cells[1:]], starts)
         if filled is not None:
             filled[0] = cells[0]
     if filled is None:
@@ -67,7 +67,7 @@ def _starts_of_even_groups(cells: Sequence[str]) -> list[int]:
     return starts
 
 
-def _filled(cells: Sequence[str], starts: Sequence[int]) -> list[str] | None:
+def _with_groups_filled(cells: Sequence[str], starts: Sequence[int]) -> list[str] | None:
     """Return the cells of a row after copying the text of each group of columns to all its cells.
 
     ``starts`` are the indices of the columns at which the groups begin. Return None if a group does

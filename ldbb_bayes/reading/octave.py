@@ -70,7 +70,7 @@ def sheets_of_octave(sheet: Sheet, text: str) -> list[Sheet]:
     statements = []
     vectors = []
     matrices = []
-    for variable in _variables(text):
+    for variable in _variables_in(text):
         _check_rows(sheet, variable)
         length = max((len(column) for column in variable.columns), default=0)
         if length < _FEWEST_ROWS or "string" in variable.type:
@@ -79,14 +79,14 @@ def sheets_of_octave(sheet: Sheet, text: str) -> list[Sheet]:
             vectors.append(variable)
         else:
             matrices.append(variable)
-    lines = [_statement(variable) for variable in statements if variable.rows]
+    lines = [_line_of_variable(variable) for variable in statements if variable.rows]
     tables = [EntryTable(m.name, lines, [], [row.cells for row in m.rows]) for m in matrices]
     if vectors:
         tables = [_table_of_vectors(sheet, lines, [*vectors, *matrices])]
     return sheets_of_entries(sheet, tables or [EntryTable("", lines, [], [])], "Octave")
 
 
-def _variables(text: str) -> Iterator[_Variable]:
+def _variables_in(text: str) -> Iterator[_Variable]:
     """Yield the variables in a text that Octave saved. Lines above the first one are left out."""
     variable = _Variable("")
     for line, content in enumerate(text.split("\n"), start=1):
@@ -116,7 +116,7 @@ def _check_rows(sheet: Sheet, variable: _Variable) -> None:
             )
 
 
-def _statement(variable: _Variable) -> str:
+def _line_of_variable(variable: _Variable) -> str:
     """Return a variable of Octave, such as a number or a string, as one line of text.
 
     The line consists of name and value of the variable. The name is left out if the value contains

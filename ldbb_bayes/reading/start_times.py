@@ -95,7 +95,7 @@ def take_start_times(
         return set()
     starts = []
     for recording in recordings:
-        start = _start_of(recording)
+        start = _start_of_test(recording)
         if start is not None:
             starts.append(start)
     titles = [recording.title for recording in recordings]
@@ -123,7 +123,7 @@ def _times_of_tests(starts: Sequence[_Start], titles: Sequence[str]) -> _Times:
         lacking = [title for title in titles if title not in stated]
         counts = f"only {len(starts)} of {len(titles)} tests state when they were run"
         return _Times(None, f"{counts}, not {shown_list(lacking, _LIST_SHOWN)}")
-    return _times_of([start.stamp for start in starts])
+    return _times_from_stamps([start.stamp for start in starts])
 
 
 def _states_time(recording: Recording) -> bool:
@@ -133,31 +133,31 @@ def _states_time(recording: Recording) -> bool:
     return recording.fields.get("time_s") is not None
 
 
-def _start_of(recording: Recording) -> _Start | None:
+def _start_of_test(recording: Recording) -> _Start | None:
     """Return the start time of a test from the most reliable source; None if none states a time.
 
     Sources are columns, lines above the table, and names of test and file. A time of day without a
     date gets the date that another source states.
     """
-    starts = _statements(recording)
+    starts = _stated_starts(recording)
     timed = [start for start in starts if start.stamp.seconds is not None]
     if not timed:
         return None
-    start = min(timed, key=_rank)
+    start = min(timed, key=_rank_of_source)
     dated = [other for other in starts if other.stamp.has_date]
     if start.stamp.has_date or not dated:
         return start
-    day = min(dated, key=_rank).stamp
+    day = min(dated, key=_rank_of_source).stamp
     stamp = replace(start.stamp, day_first=day.day_first, month_first=day.month_first)
     return start._replace(stamp=stamp)
 
 
-def _rank(start: _Start) -> Rank:
+def _rank_of_source(start: _Start) -> Rank:
     """Return the rank of a start time; a smaller rank means a more reliable source."""
     return start.stamp.rank
 
 
-def _statements(recording: Recording) -> list[_Start]:
+def _stated_starts(recording: Recording) -> list[_Start]:
     """Return all dates and times that columns, lines and names state for a test."""
     title = recording.title
     starts = []
@@ -182,7 +182,7 @@ def _stamps_of_cell(header: str, cell: str) -> list[Timestamp]:
     return stamps_in(f"{header}: {cell}", Rank.COLUMN)
 
 
-def _times_of(stamps: Sequence[Timestamp]) -> _Times:
+def _times_from_stamps(stamps: Sequence[Timestamp]) -> _Times:
     """Return the times [s] from the earliest start to the start of each test.
 
     ``stamps`` holds one timestamp with a time of day for each test. If the timestamps do not
@@ -191,9 +191,9 @@ def _times_of(stamps: Sequence[Timestamp]) -> _Times:
     seconds = _seconds_of_day(stamps)
     dated = [stamp for stamp in stamps if stamp.has_date]
     if len(dated) == len(stamps):
-        times = _times_of_dates(stamps, seconds)
+        times = _times_from_dates(stamps, seconds)
     elif len(dated) == 0 or _is_one_day(dated):
-        times = _Times(_across_midnight(seconds), "")
+        times = _Times(_times_across_midnight(seconds), "")
     else:
         times = _Times(None, "some tests state no date, and the others several")
     if times.seconds is None:
@@ -220,7 +220,7 @@ def _is_one_day(stamps: Sequence[Timestamp]) -> bool:
     return len(days) == 1
 
 
-def _across_midnight(seconds: Array) -> Array:
+def _times_across_midnight(seconds: Array) -> Array:
     """Return times [s] since the earliest start, computed from times of day without dates.
 
     ``seconds`` are the times of day [s], shape (tests,). If they span more than twelve hours, the
@@ -238,7 +238,7 @@ def _across_midnight(seconds: Array) -> Array:
     return seconds - seconds.min()
 
 
-def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
+def _times_from_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     """Return the times [s] from the earliest start to each start, from timestamps with dates.
 
     Dates such as 03/04/2026 may have the day or the month first. If both orders are possible and
@@ -257,7 +257,7 @@ def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     if len(candidates) == 1 or np.array_equal(candidates[0], candidates[1]):
         return _Times(candidates[0], "")
     within_a_day = [order for order, times in times_by_order.items() if times.max() <= _DAY_S]
-    open_stamp = _first_open(stamps)
+    open_stamp = _first_ambiguous_date(stamps)
     if len(within_a_day) != 1:
         return _Times(None, f"{open_stamp!r} may have the day or the month first")
     order = within_a_day[0]
@@ -282,7 +282,7 @@ def _possible_days(stamps: Sequence[Timestamp]) -> Mapping[str, list[date]]:
     return possible
 
 
-def _first_open(stamps: Sequence[Timestamp]) -> str:
+def _first_ambiguous_date(stamps: Sequence[Timestamp]) -> str:
     """Return the text of the first timestamp whose date depends on the order of day and month."""
     for stamp in stamps:
         if stamp.day_first != stamp.month_first:

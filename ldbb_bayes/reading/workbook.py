@@ -74,7 +74,7 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     source: Any = path if is_compound else io.BytesIO(raw)
     try:
         with python_calamine.load_workbook(source) as book:
-            sheets = _sheets_of(path, book, wanted, parts_of_sheets(raw))
+            sheets = _wanted_sheets(path, book, wanted, parts_of_sheets(raw))
     except python_calamine.PasswordError:
         raise InputError(
             f"{path} must be a workbook without a password, got one with. Save it without."
@@ -106,7 +106,7 @@ def _unreadable(path: Path, state: str) -> InputError:
     )
 
 
-def _sheets_of(
+def _wanted_sheets(
     path: Path,
     book: python_calamine.CalamineWorkbook,
     wanted: Sequence[str],
@@ -131,7 +131,7 @@ def _sheets_of(
     sheets = []
     for name in wanted or visible or hidden:
         sheet_parts = parts.get(name, SheetParts())
-        rows = _rows_of(book.get_sheet_by_name(name), sheet_parts.hidden_lines)
+        rows = _visible_rows(book.get_sheet_by_name(name), sheet_parts.hidden_lines)
         if rows:
             sheets.append(
                 Sheet(
@@ -158,7 +158,7 @@ def _hidden_sheets(book: python_calamine.CalamineWorkbook) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _rows_of(sheet: python_calamine.CalamineSheet, hidden_lines: Collection[int]) -> list[Row]:
+def _visible_rows(sheet: python_calamine.CalamineSheet, hidden_lines: Collection[int]) -> list[Row]:
     """Return the rows of a sheet with their line numbers; hidden and empty rows are left out."""
     rows = []
     for line, values in enumerate(sheet.to_python(skip_empty_area=False), start=1):
