@@ -9,7 +9,13 @@ from typing import Any, NamedTuple
 from ldbb_bayes.reading.cited_lines import CitedLine
 from ldbb_bayes.reading.layout import Layout
 
-__all__ = ["Assumption", "AssumptionLog", "shown_list"]
+__all__ = ["NOTHING_STATED", "Assumption", "AssumptionLog", "shown_list"]
+
+#: reason for a value that is assumed because nothing in the files states it
+NOTHING_STATED = "nothing says otherwise"
+# The same reason if there are texts that nothing was taken from, so that one of them may state the
+# value.
+_NOTHING_UNDERSTOOD = "no text that is understood says otherwise"
 
 
 def shown_list(texts: Iterable[str], longest: int) -> str:
@@ -89,6 +95,15 @@ class AssumptionLog:
     def cite(self, place: str, lines: Iterable[CitedLine]) -> None:
         """Store the lines that an assumption about a file, sheet or test rests on."""
         self._cited_lines.setdefault(place, []).extend(lines)
+
+    def allow_for_unused_texts(self) -> None:
+        """Qualify the reason `NOTHING_STATED`: a text that is not understood may state a value."""
+        places_of_entries: dict[_Entry, list[str]] = {}
+        for entry, places in self._places.items():
+            if entry.reason == NOTHING_STATED:
+                entry = entry._replace(reason=_NOTHING_UNDERSTOOD)
+            places_of_entries.setdefault(entry, []).extend(places)
+        self._places = places_of_entries
 
     def keep(self, **fields: Any) -> None:
         """Store values that were found in one sheet for fields of the layout.

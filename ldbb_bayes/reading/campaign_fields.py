@@ -12,7 +12,7 @@ from ldbb_bayes.campaign.campaign import LABELS, CircularTest, ForceLaw, MountCo
 from ldbb_bayes.campaign.preview import resolution_of
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
+from ldbb_bayes.reading.assumptions import NOTHING_STATED, AssumptionLog, shown_list
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, with_words
 from ldbb_bayes.reading.names import plane_in_name, plane_word_in_name
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, check_plane
@@ -397,7 +397,7 @@ def note_assumed_fields(
             continue
         if key in ("radius_mm", "plane") and all(getattr(test, key) for test in tests):
             continue
-        log.add("", key, value, reasons.pop(key, "nothing says otherwise"), option)
+        log.add("", key, value, reasons.pop(key, NOTHING_STATED), option)
         assumed.append(key)
     for key, reason in reasons.items():
         log.add("", key, "not taken from there", reason, option_for(key))

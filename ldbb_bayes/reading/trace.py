@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.reading.angle_convention import angle_convention
+from ldbb_bayes.reading.assumptions import NOTHING_STATED
 from ldbb_bayes.reading.cartesian_columns import (
     cure_of_positions,
     lie_on_circle,
@@ -316,7 +317,7 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
     """
     value = quantity_of(recording, key)
     if value is None:
-        recording.note(key, "0°", "nothing says otherwise", option_for(key))
+        recording.note(key, "0°", NOTHING_STATED, option_for(key))
         return 0.0
     return value
 

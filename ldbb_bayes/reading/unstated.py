@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import CircularTest
 from ldbb_bayes.reading.angle_convention import is_about_angles
-from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.assumptions import NOTHING_STATED, AssumptionLog
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.mount_statement import unread_mount
@@ -76,9 +76,7 @@ def note_unstated(
     """
     noted = {assumption.what for assumption in log.assumptions()}
     unused = _unused_texts(recordings, log)
-    reason = "nothing says otherwise"
-    if unused:
-        reason = "no text that is understood says otherwise"
+    reason = NOTHING_STATED
     has_reading = _has_column(recordings, "reading")
     if has_reading and layout.sign is None and "sign of the reading" not in noted:
         log.add("", "sign of the reading", "1: a longer bar is positive", reason, "--sign")
@@ -89,6 +87,8 @@ def note_unstated(
         log.add("", "angle", convention, reason, "--angle-zero, --angle-sense")
     if "direction" not in noted and all(test.direction is None for test in tests):
         log.add("", "direction", "not stated", reason, "--direction")
+    if unused:
+        log.allow_for_unused_texts()
     _note_unused_texts(unused, log)
 
 

@@ -316,3 +316,10 @@ def test_all_texts_on_conventions_are_told(tmp_path: Path) -> None:
     notes = lb.import_campaign(path).assumptions
     told = " ".join(f"{note.value} {note.because}" for note in notes)
     assert [line for line in lines if line not in told] == []
+
+
+def test_values_of_the_campaign_may_be_stated_by_a_text_that_is_not_understood(
+    tmp_path: Path,
+) -> None:
+    notes = notes_of(tmp_path, ["Magnetfuß kompensiert"])
+    assert notes["mount"].endswith("(no text that is understood says otherwise)")
