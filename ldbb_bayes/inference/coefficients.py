@@ -254,6 +254,7 @@ def elastic_draws_with(
 
 
 def _joint_load_of(bound: BoundModel) -> JointLoad | None:
+    """Return the model's term for joints that deflect under their own load, or None without it."""
     for term in bound.model.nuisances:
         if isinstance(term, JointLoad):
             return term

@@ -322,6 +322,6 @@ def left_out_log_densities(
     log_densities = {}
     for name, nodes in nodes_by_model.items():
         nodes_by_test = left_out_nodes.get(name, {})
-        left_out = [fold.evidence.log_value for fold in nodes_by_test.values()]
+        left_out = [without.evidence.log_value for without in nodes_by_test.values()]
         log_densities[name] = nodes.evidence.log_value - np.array(left_out)
     return log_densities

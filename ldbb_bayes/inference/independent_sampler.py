@@ -168,11 +168,13 @@ def _propose_untruncated(
     log_weight = -proposal.log_proposal(free) - log_scale
     log_evidence, conditional = posterior.given(free)
     log_weight += posterior.bound.hyper_prior.log_density_of_free(free) + log_evidence
-    standard, count = _draw_standard(conditional, tries, rng, truncated=posterior.truncated)
+    draws = _draw_standard(conditional, tries, rng, truncated=posterior.truncated)
     with np.errstate(divide="ignore"):
-        index = _accept(log_weight + np.log(count / tries), rng)
+        index = _accept(log_weight + np.log(draws.usable / tries), rng)
+    # A value of φ that is accepted several times gets different draws of β, as far as there are
+    # enough usable draws.
     repetition = np.arange(len(index)) - np.searchsorted(index, index)
-    z = standard[index, np.minimum(repetition, count[index] - 1)]
+    z = draws.standard[index, np.minimum(repetition, draws.usable[index] - 1)]
     if not posterior.truncated:
         z = rng.standard_normal(z.shape)
     root = conditional.root[index]
@@ -193,21 +195,31 @@ def _accept(log_weight: Array, rng: np.random.Generator) -> Index:
     return np.repeat(np.arange(len(weight)), (np.floor(weight) + rounded_up).astype(int))
 
 
+class _StandardDraws(NamedTuple):
+    """Random draws of the p parameters, in coordinates in which they are standard normal.
+
+    ``standard``, shape (w, tries, p), holds several draws for each of w values of the
+    hyper-parameters, the usable draws first. ``usable``, shape (w,), is the number of usable draws
+    for each value.
+    """
+
+    standard: Array
+    usable: Array
+
+
 def _draw_standard(
     conditional: ParameterConditional,
     tries: int,
     rng: np.random.Generator,
     *,
     truncated: bool = True,
-) -> tuple[Array, Array]:
+) -> _StandardDraws:
     """Return random draws of the parameters in coordinates in which they are standard normal.
 
     In these coordinates, the Gaussian density of the p parameters given the hyper-parameters is
     N(0, I). ``conditional`` holds the Gaussian densities for w values of the hyper-parameters. For
     each value, ``tries`` draws are made. If ``truncated`` is True, only draws without a negative
-    compliance are usable. The result is a tuple of two arrays: the draws, shape (w, tries, p), with
-    the usable draws first, and the number of usable draws for each value of the hyper-parameters,
-    shape (w,).
+    compliance are usable; otherwise all draws are usable.
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows
@@ -215,6 +227,8 @@ def _draw_standard(
         rows = rows[:0]
     spread = np.swapaxes(conditional.spread(rows), 1, 2)
     compliance = z @ spread + (conditional.mean @ rows.T)[:, None]
-    inside = (compliance >= 0.0).all(axis=2)
-    order = np.argsort(~inside, axis=1, kind="stable")
-    return np.take_along_axis(z, order[:, :, None], axis=1), inside.sum(axis=1)
+    is_usable = (compliance >= 0.0).all(axis=2)
+    usable_first = np.argsort(~is_usable, axis=1, kind="stable")
+    return _StandardDraws(
+        np.take_along_axis(z, usable_first[:, :, None], axis=1), is_usable.sum(axis=1)
+    )

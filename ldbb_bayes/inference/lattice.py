@@ -198,7 +198,7 @@ def _grow_grid(
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])
-    front = _first_front(starts, offset)
+    front = _nearest_grid_points(starts, offset)
     known_ids = np.zeros(0, dtype=np.int64)
     places = np.zeros((0, h))
     values = np.zeros(0)
@@ -220,7 +220,7 @@ def _grow_grid(
     return _Grid(places + offset, values, edge)
 
 
-def _first_front(starts: Sequence[Array], offset: float) -> Array:
+def _nearest_grid_points(starts: Sequence[Array], offset: float) -> Array:
     """Return the first points of a grid: the grid points nearest to given points.
 
     ``starts`` holds the given points in h dimensions. These points, and the n grid points returned,

@@ -284,6 +284,12 @@ class HyperPosterior:
         return self._integrals[tolerance]
 
     def _integrate(self, tolerance: float, *, step: float | None = None) -> Integral:
+        """Return the integral of the smooth posterior density, with nodes in unbounded coordinates.
+
+        ``tolerance`` is the error allowed in the log integral [nat]. ``step`` is the first spacing
+        of the nodes if they form a lattice, in standard deviations of the Gaussian fitted at the
+        highest mode; by default, it is computed from the tolerance.
+        """
         integral = integrate(
             self._smooth_of_scores,
             [*self.modes, *self._corners],

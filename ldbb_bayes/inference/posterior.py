@@ -353,6 +353,7 @@ def _fields(source: Campaign | CircularTest, *excluded: str) -> dict[str, Any]:
 
 
 def _require_tree(posterior: object) -> None:
+    """Raise an `InputError` unless ``posterior`` is an xarray DataTree."""
     require(
         isinstance(posterior, xr.DataTree),
         f"the posterior must be a DataTree, got {type(posterior).__name__}. Pass what lb.sample or"

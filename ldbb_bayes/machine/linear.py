@@ -279,8 +279,8 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     norms = np.linalg.norm(unit, axis=0)
     planar = set(wrench_names(machine))
     index = [i for i, name in enumerate(names) if name in planar]
-    loaded = norms > _NULL_SHARE * norms.max()
-    index += [i for i, name in enumerate(names) if name not in planar and loaded[i]]
+    changes_a_reading = norms > _NULL_SHARE * norms.max()
+    index += [i for i, name in enumerate(names) if name not in planar and changes_a_reading[i]]
     unit = unit[:, index]
     norms = norms[index]
     live = np.flatnonzero(norms > _NULL_SHARE * norms.max())

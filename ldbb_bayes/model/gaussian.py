@@ -259,6 +259,10 @@ class Gaussian(Shown):
 
     @cached_property
     def _factors(self) -> _Factors:
+        """Mean of the coefficients, and factors of the precision matrix.
+
+        They are computed from ``precision`` and ``shift``.
+        """
         diagonal = np.diagonal(self.precision, axis1=-2, axis2=-1)
         scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         root = np.linalg.cholesky(self.precision * (scale[..., :, None] * scale[..., None, :]))

@@ -996,6 +996,12 @@ class BoundModel(Shown):
     def _structured(
         self, columns: Sequence[Columns | BasisNoise], interest: Array | None = None
     ) -> StructuredGaussian:
+        """Return the density of the readings with the coefficients of ``columns`` integrated out.
+
+        ``interest``, shape (tests, 25, p), holds the effects of the p parameters for whose values
+        the density is computed; None if it does not depend on parameters. The readings that the
+        least-squares estimate `centre` of the parameters predicts are subtracted.
+        """
         return StructuredGaussian(
             self.reduced,
             columns,

@@ -168,7 +168,7 @@ class _Points:
         dimensions = max(len(tilted.bound) - 1, 1)
         points = _scrambled_lattice(dimensions, size, self.seed).reshape(dimensions, -1, 1)
         if not self.shared:
-            points = points + _shift_of_problem(tilted)[:dimensions]
+            points = points + _shift_of_points(tilted)[:dimensions]
         return _fold(points % 1.0)
 
 
@@ -315,7 +315,7 @@ class Orthant:
             points = rule.points[..., None]
             log_rule_weight = rule.log_weight
         else:
-            shift = _shift_of_problem(self._tilted)
+            shift = _shift_of_points(self._tilted)
             points = _fold((_lattice(d, size, seed)[:, :, None] + shift) % 1.0)
             log_rule_weight = np.zeros(1)
         log_weight, x = self._tilted.propose(points)
@@ -682,7 +682,7 @@ def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
     return np.asarray(_lattice(dimensions, size, seed)[:, None] + shift[:, :, None])
 
 
-def _shift_of_problem(tilted: Tilted) -> Array:
+def _shift_of_points(tilted: Tilted) -> Array:
     """Return the shifts of the quasi-random points for w sets of constraints, shape (d, 1, w).
 
     ``tilted`` holds the constraints. Each set has d constraints on a standard normal vector. The
