@@ -95,5 +95,7 @@ class AnsweringProcess:
 
     def stop(self) -> None:
         """End the process that answers requests, even while it computes an answer."""
+        # `process_executor` kills its processes at once if its ``with`` block is interrupted. If
+        # the block ended without an interruption, the current answer would be finished first.
         interruption = KeyboardInterrupt()
         self._stack.__exit__(type(interruption), interruption, None)

@@ -99,7 +99,7 @@ _KINDS_OF_ENTRY: Mapping[Any, str] = {
 }
 
 
-def _type_read(field_option: Option) -> Any:
+def _type_of_entry(field_option: Option) -> Any:
     """Return the Python type to which the command line converts the typed value of an option."""
     kind = field_option.kind
     return kind.typed if isinstance(kind, Kind) else kind
@@ -118,7 +118,7 @@ def _entry_field(name: str, group_name: str, field_option: Option) -> Field:
         )
     kind = "choice"
     if not choices:
-        kind = _KINDS_OF_ENTRY.get(_type_read(field_option), "text")
+        kind = _KINDS_OF_ENTRY.get(_type_of_entry(field_option), "text")
     flag = field_option.flag(name)
     return Field(name, group_name, flag, field_option.help, kind, choices)
 
@@ -163,7 +163,7 @@ def typed_value(field_option: Option, name: str, text: str, folder: Path) -> Any
     InputError
         If the text cannot be read.
     """
-    typed = _type_read(field_option)
+    typed = _type_of_entry(field_option)
     flag = field_option.flag(name)
     if typed is bool:
         return text == "yes"
@@ -213,7 +213,7 @@ def _typed_number(field_option: Option, flag: str, text: str) -> float:
     thousands, or if the number is outside the limits of the option that the field sets. ``flag`` is
     the flag of this option at a terminal, such as ``--radius-mm``.
     """
-    typed = _type_read(field_option)
+    typed = _type_of_entry(field_option)
     has_thousands = re.fullmatch(r"[-−]?[1-9]\d{0,2}([.,]\d{3})+", text) or "_" in text
     require(
         not has_thousands,

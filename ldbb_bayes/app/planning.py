@@ -251,11 +251,11 @@ def _equally_spaced_tests(
     lowest and highest force.
     """
     number = int(sliders["circles"])
-    kinds = _tests_of_all_settings(space, sliders["low"])
+    tests_at_lowest_force = _tests_of_all_settings(space, sliders["low"])
     forces_N = _force_levels(sliders["low"], sliders["high"], int(min(sliders["levels"], number)))
     tests = []
-    for force_N, kind in _pairs_in_turn(forces_N, kinds, number):
-        tests.append(replace(kind, force_N=force_N))
+    for force_N, test in _pairs_in_turn(forces_N, tests_at_lowest_force, number):
+        tests.append(replace(test, force_N=force_N))
     return tuple(tests)
 
 
@@ -289,12 +289,12 @@ def _tests_of_all_settings(space: Space, force_N: float) -> list[lb.CircularTest
 
     All these tests have the force ``force_N``.
     """
-    settings = grid_of_tests(space.templates, [force_N], [(0.0, 0.0)], space.radii_mm)
-    number = len(settings) * len(space.clockings_deg)
-    kinds = []
-    for test, (work_deg, tool_deg) in _pairs_in_turn(settings, space.clockings_deg, number):
-        kinds.append(replace(test, work_ball_deg=work_deg, tool_ball_deg=tool_deg))
-    return kinds
+    unturned_tests = grid_of_tests(space.templates, [force_N], [(0.0, 0.0)], space.radii_mm)
+    number = len(unturned_tests) * len(space.clockings_deg)
+    tests = []
+    for test, (work_deg, tool_deg) in _pairs_in_turn(unturned_tests, space.clockings_deg, number):
+        tests.append(replace(test, work_ball_deg=work_deg, tool_ball_deg=tool_deg))
+    return tests
 
 
 def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.CircularTest, ...]:
@@ -312,8 +312,8 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     """
     low = sliders["low"]
     high = sliders["high"]
-    kinds = len(_tests_of_all_settings(space, low))
-    most_levels = max(_FEWEST_LEVELS, _MOST_CANDIDATES // kinds)
+    tests_per_force = len(_tests_of_all_settings(space, low))
+    most_levels = max(_FEWEST_LEVELS, _MOST_CANDIDATES // tests_per_force)
     levels = _force_levels(low, high, max(2, min(round(high - low) + 1, most_levels)))
     # Sort the ball angles, as the command ``design`` does, so that both searches start from the
     # same tests.
@@ -326,11 +326,11 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
         # this condition if there is only one circle, or only one possible force.
         return equally_spaced
     counts = _best_counts(candidates, number)
-    repeated = np.repeat(np.arange(len(counts)), counts)
-    found = tuple(candidates.tests[k] for k in repeated)
-    if _information(space, equally_spaced) > _information(space, found):
+    indices_of_best = np.repeat(np.arange(len(counts)), counts)
+    best = tuple(candidates.tests[k] for k in indices_of_best)
+    if _information(space, equally_spaced) > _information(space, best):
         return equally_spaced
-    return found
+    return best
 
 
 def _information(space: Space, tests: Sequence[lb.CircularTest]) -> float:

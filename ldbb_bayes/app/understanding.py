@@ -110,7 +110,7 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
         "tests": _test_rows(preview, traces),
         "has_unstated_travel": any(test.travel and not test.direction for test in preview.tests),
         "readings": campaign.readings,
-        "assumptions": _in_one_row(
+        "assumptions": _merged_rows(
             [_assumption_row(assumption, folder) for assumption in assumptions]
         ),
         "remarks": [wording.remark_words(remark) for remark in preview.remarks],
@@ -135,17 +135,19 @@ def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) 
     error
         The error that was raised when the files were read with all entries.
     """
-    to_blame = []
-    involved = []
-    for name in choices.keys() & FIELDS.keys() - {"language"}:
+    causes = []
+    possible_causes = []
+    for name in choices:
+        if name not in FIELDS or name == "language":
+            continue
         other_choices = {key: text for key, text in choices.items() if key != name}
         try:
             read_files(folder, other_choices)
-            to_blame.append(name)
-        except InputError as error_of_others:
-            if str(error_of_others) != str(error):
-                involved.append(name)
-    return sorted(to_blame or involved)
+            causes.append(name)
+        except InputError as remaining_error:
+            if str(remaining_error) != str(error):
+                possible_causes.append(name)
+    return sorted(causes or possible_causes)
 
 
 def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -181,7 +183,7 @@ def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[s
     return rows
 
 
-def _in_one_row(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _merged_rows(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the rows of the table of assumptions, with rows on the same quantity joined into one.
 
     A quantity such as the force may be assumed for several files. Successive rows on the same
@@ -190,21 +192,21 @@ def _in_one_row(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """
     merged: list[dict[str, Any]] = []
     for row in rows:
-        before = merged[-1] if merged else None
-        if (
-            before
-            and row["place"]
-            and (row["what"], row["fields"])
-            == (
-                before["what"],
-                before["fields"],
-            )
-        ):
-            before["value"] += f", {row['value']}"
-            before["place"] += f", {row['place']}"
+        if merged and row["place"] and _is_on_same_quantity(row, merged[-1]):
+            merged[-1]["value"] += f", {row['value']}"
+            merged[-1]["place"] += f", {row['place']}"
         else:
             merged.append(dict(row))
     return merged
+
+
+def _is_on_same_quantity(row: Mapping[str, Any], other_row: Mapping[str, Any]) -> bool:
+    """Return whether two rows of the table of assumptions are on the same quantity.
+
+    This is so if both rows have the same subject and the same entry fields.
+    """
+    has_same_fields = row["fields"] == other_row["fields"]
+    return bool(row["what"] == other_row["what"] and has_same_fields)
 
 
 def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:

@@ -70,9 +70,7 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     }
     effects = {}
     for certificate, sd in sd_by_certificate.items():
-        part = "all"
-        if certificate in CERTIFICATES:
-            part = _PARTS[next(iter(CERTIFICATES[certificate]))]
+        part = _part_of_instrument(certificate)
         reductions = sorted(((1.0 - sd[name] / today[name], name) for name in units), reverse=True)
         rows = []
         for reduction, name in reductions[:_MOST_EFFECTS]:
@@ -83,6 +81,18 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
         uncertainty_change(name, today[name], today[name], unit) for name, unit in units.items()
     ]
     return {"effects": effects, "today": rows_today}
+
+
+def _part_of_instrument(certificate: str) -> str:
+    """Return the part of the instrument that a certificate would cover, such as ``bar``.
+
+    ``certificate`` is the name of the certificate. The result is ``all`` for the name that stands
+    for all certificates together.
+    """
+    if certificate not in CERTIFICATES:
+        return "all"
+    first_attribute = next(iter(CERTIFICATES[certificate]))
+    return _PARTS[first_attribute]
 
 
 def uncertainty_change(name: str, sd_before: float, sd_after: float, unit: str) -> dict[str, Any]:

@@ -76,7 +76,7 @@ class Findings:
     sheets_only: bool = False
 
     @property
-    def numbers(self) -> xr.DataTree:
+    def posterior_of_certificate(self) -> xr.DataTree:
         """Posterior from which the estimates on the test certificate are computed.
 
         This is the averaged posterior if an average over models was computed, and otherwise the
@@ -92,7 +92,7 @@ class Findings:
         other than compliance, such as a nonlinear mount, that may explain why the readings change
         with force. The mapping is empty if no average over models was computed.
         """
-        averaged = record_of(self.numbers).get("averaged", {})
+        averaged = record_of(self.posterior_of_certificate).get("averaged", {})
         probabilities: dict[str, float] = averaged.get("probability", {})
         return probabilities
 
@@ -133,7 +133,7 @@ class Findings:
         A verdict states how far the readings determine a quantity. If the estimates on the
         certificate are averages over models, the verdicts are averages, too.
         """
-        return judge_quantities(self.numbers)
+        return judge_quantities(self.posterior_of_certificate)
 
     @property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
@@ -167,7 +167,7 @@ class Findings:
 
         The keys are the names of the parameters.
         """
-        return budget_uncertainty(self.numbers)
+        return budget_uncertainty(self.posterior_of_certificate)
 
     @cached_property
     def gum_validation(self) -> GumValidation:
@@ -176,10 +176,10 @@ class Findings:
         The interval according to the GUM is computed with the law of propagation of uncertainty.
         The comparison follows the validation procedure of JCGM 101.
         """
-        return validate_gum(self.numbers, prob=self.prob)
+        return validate_gum(self.posterior_of_certificate, prob=self.prob)
 
     @cached_property
-    def path(self) -> pd.DataFrame:
+    def circularity(self) -> pd.DataFrame:
         """Table of circular-test quantities of the tool path, such as the circular deviation G.
 
         The tool path is computed for the machine alone, without the errors of the instrument.
@@ -192,7 +192,9 @@ class Findings:
         Compliances and circular deviations are assessed at the force ``force_N`` [N], or at the
         model's reference force if ``force_N`` is None.
         """
-        return assess_conformity(self.numbers, self.tolerances or None, force_N=force_N)
+        return assess_conformity(
+            self.posterior_of_certificate, self.tolerances or None, force_N=force_N
+        )
 
     @property
     def has_flat_priors(self) -> bool:

@@ -33,9 +33,12 @@ def judged_quantities(
     compliances: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}
     others: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}
     for name, entry in result.parameters.items():
-        kind = compliances if name.startswith("C") else others
-        if not is_slope(name):
-            kind[display_name(name)] = entry
+        if is_slope(name):
+            continue
+        if name.startswith("C"):
+            compliances[display_name(name)] = entry
+        else:
+            others[display_name(name)] = entry
     for name, change in result.changes.items():
         compliances[f"Δ{display_name(name)}"] = change
     return compliances | others

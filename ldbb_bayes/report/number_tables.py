@@ -103,7 +103,7 @@ def _annex_tables(findings: Findings) -> dict[str, pd.DataFrame]:
     measured, pairs = measure_circularity(posterior)
     by_source = _with_unit_suffixes(decompose_deviation(posterior, prob=findings.prob))
     frames = {
-        "circularity": findings.path.set_index("plane"),
+        "circularity": findings.circularity.set_index("plane"),
         "measured_circularity": _with_unit_suffixes(measured).rename_axis("test"),
         "contributions": by_source.set_index("plane"),
     }
@@ -133,7 +133,7 @@ def _changes_table(findings: Findings) -> pd.DataFrame:
     The table has one row for each compliance.
     """
     rows = {}
-    changes = change_with_force(findings.numbers, prob=findings.prob)
+    changes = change_with_force(findings.posterior_of_certificate, prob=findings.prob)
     for name, change in changes.items():
         rows[name] = {
             "unit": change.unit,
@@ -161,7 +161,7 @@ def _stiffness_table(findings: Findings, force_N: float | None) -> pd.DataFrame:
     The forces are the smallest force tested, the reference force, the largest force tested, and
     ``force_N``, the force [N] for which the test certificate states the stiffness.
     """
-    numbers = findings.numbers
+    numbers = findings.posterior_of_certificate
     table = stiffness(numbers, prob=findings.prob).table()
     if force_N is not None and force_N not in table["force_N"].to_list():
         further = stiffness(numbers, [force_N], prob=findings.prob).table()
@@ -212,7 +212,7 @@ def _averaged_table(findings: Findings) -> pd.DataFrame:
     change of compliance with force): a slope is exactly zero in some of the models, so that mean
     and U would not describe its distribution.
     """
-    averaged = findings.numbers
+    averaged = findings.posterior_of_certificate
     summary = summarize(averaged, prob=findings.prob)
     summary = summary.drop(columns=["ess_bulk", "ess_tail", "rhat"])
     parameters = bound_of(averaged).parameters

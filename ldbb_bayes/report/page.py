@@ -413,7 +413,7 @@ def write_report(
     write_whole(folder / "report.json", json_text(record).encode())
     write_whole(folder / "report.html", page.encode())
     write_whole(folder / "report.pdf", pdf)
-    write_dcc(findings.numbers, folder / "dcc.xml", prob=prob)
+    write_dcc(findings.posterior_of_certificate, folder / "dcc.xml", prob=prob)
     return document
 
 

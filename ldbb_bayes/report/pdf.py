@@ -344,11 +344,13 @@ def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
         longest = max(pdf.get_string_width(row[k]) for row in rows)
         widths.append(longest * 1.1 + 3.0)
     inner_width = sum(widths[1:-1])
-    outer_width = sum({0: widths[0], len(widths) - 1: widths[-1]}.values())
-    share = (_WIDTH - inner_width) / outer_width
-    widths[0] *= share
+    outer_width = widths[0]
     if len(widths) > 1:
-        widths[-1] *= share
+        outer_width += widths[-1]
+    stretch = (_WIDTH - inner_width) / outer_width
+    widths[0] *= stretch
+    if len(widths) > 1:
+        widths[-1] *= stretch
     return widths
 
 

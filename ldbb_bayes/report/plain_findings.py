@@ -74,7 +74,7 @@ def plain_words(numbers: SheetNumbers) -> Items:
     items = [
         *_sentences_under_load(numbers),
         *_findings_in_words(numbers),
-        _not_determined(numbers),
+        _undetermined_sentence(numbers),
     ]
     return Items(words("sheet.plain"), tuple(items))
 
@@ -199,15 +199,15 @@ def _soft_axis_findings(numbers: SheetNumbers) -> Iterator[Finding]:
         if difference.mean < 0.0:
             softer = plane.plane[1]
             stiffer = plane.plane[0]
-        stiffness = numbers.stiffness_of_axis(softer)
-        other = numbers.stiffness_of_axis(stiffer)
-        if stiffness is None or other is None:
+        smaller_stiffness = numbers.stiffness_of_axis(softer)
+        larger_stiffness = numbers.stiffness_of_axis(stiffer)
+        if smaller_stiffness is None or larger_stiffness is None:
             continue
         values = {
             "softer": softer,
             "stiffer": stiffer,
-            "soft": _with_U(stiffness, words),
-            "stiff": _with_U(other, words),
+            "soft": _with_U(smaller_stiffness, words),
+            "stiff": _with_U(larger_stiffness, words),
         }
         probability = _probability_of_sign(difference.mean, difference.sd)
         yield Finding(FindingKind.SOFT_AXIS, probability, values)
@@ -320,7 +320,7 @@ def best_step(numbers: SheetNumbers) -> str:
     return ranked(shares, shares.__getitem__)[0]
 
 
-def _not_determined(numbers: SheetNumbers) -> str:
+def _undetermined_sentence(numbers: SheetNumbers) -> str:
     """Return a string that names the undetermined parameters and the step that would help most.
 
     A step reduces the uncertainty that is due to one effect. If the readings determine all

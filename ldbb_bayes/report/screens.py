@@ -32,7 +32,7 @@ _MOST_DESIGNS = 2
 
 
 @screen_of.register
-def _(result: Identifiability) -> tuple[Passage, ...]:
+def _screen_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
     """Return a short version of the verdicts on how far the readings determine each parameter.
 
     The first table has one row for each parameter. It states the expanded uncertainty U (k = 2),
@@ -54,7 +54,7 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 
 
 @screen_of.register
-def _(comparison: Comparison) -> tuple[Passage, ...]:
+def _screen_of_comparison(comparison: Comparison) -> tuple[Passage, ...]:
     """Return a short version of a comparison of models.
 
     The short version has sentences on the evidence, a table of the models, and a table that shows
@@ -69,7 +69,7 @@ def _(comparison: Comparison) -> tuple[Passage, ...]:
 
 
 @screen_of.register
-def _(design: Design) -> tuple[Passage, ...]:
+def _screen_of_design(design: Design) -> tuple[Passage, ...]:
     """Return a short version of a design of the next tests.
 
     The short version first states the tests to run. A table of the expected standard uncertainties

@@ -91,8 +91,8 @@ def results(findings: Findings) -> Iterator[Part]:
     yield wording.PAGE["results"].format(percent=wording.percent_of(findings.result))
     yield fit_tables.results_table(findings.result, findings.verdicts_of_fit, shares=False)
     yield picture("forest", findings.posterior)
-    if len(bound_of(findings.numbers).setting.planes) == len(LINEAR):
-        yield picture("compliance_ellipsoid", findings.numbers)
+    if len(bound_of(findings.posterior_of_certificate).setting.planes) == len(LINEAR):
+        yield picture("compliance_ellipsoid", findings.posterior_of_certificate)
     coefficients = fit_tables.coefficient_table(findings.result, findings.verdicts_of_fit)
     if coefficients.rows:
         yield Details(wording.PAGE["coefficients_hint"], (coefficients,))
@@ -171,13 +171,13 @@ def uncertainty(findings: Findings) -> Iterator[Part]:
 def path(findings: Findings) -> Iterator[Part]:
     """Yield the section on the tool path, with circular-test quantities as functions of force."""
     bound = bound_of(findings.posterior)
-    planes = list(dict.fromkeys(findings.path["plane"]))
+    planes = list(dict.fromkeys(findings.circularity["plane"]))
     squarenesses = [display_name(squareness_name(bound, plane)) for plane in planes]
     yield wording.PAGE["path"].format(
         squareness=wording.joined(squarenesses), percent=wording.percent_of(findings.result)
     )
     for plane in planes:
-        table = findings.path[findings.path["plane"] == plane]
+        table = findings.circularity[findings.circularity["plane"] == plane]
         where = f", plane {plane}" if len(planes) > 1 else ""
         radius_mm = table["radius_mm"].iloc[0]
         caption = f"The machine's path{where} (R = {radius_mm:g} mm)"

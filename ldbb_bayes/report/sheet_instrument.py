@@ -68,7 +68,7 @@ def instrument_pieces(findings: Findings, words: Words) -> list[InstrumentPiece]
             uncertainty = by_name[name]
             size = _ball_size(findings, key, words)
             if not size:
-                size = words.number(_size(key, uncertainty))
+                size = words.number(_uncertainty_text(key, uncertainty))
             certificate = _certificate_name(findings, key)
             pieces.append(InstrumentPiece(key, size, certificate, uncertainty.stated))
     return pieces
@@ -123,7 +123,7 @@ def _sphericity(sphericity_um: float, words: Words) -> str:
     return words("entries.sphericity", size=words.number(f"{sphericity_um:g}"))
 
 
-def _size(key: str, uncertainty: Uncertainty) -> str:
+def _uncertainty_text(key: str, uncertainty: Uncertainty) -> str:
     """Return a string with the certified or assumed uncertainty U (k = 2) of a part.
 
     ``key`` names the part of the instrument, such as ``bar``. For a bar with a length error other

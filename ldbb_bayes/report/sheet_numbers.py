@@ -127,7 +127,7 @@ class SheetNumbers:
 
         The keys are the names of the compliances.
         """
-        return change_with_force(self.findings.numbers, prob=self.findings.prob)
+        return change_with_force(self.findings.posterior_of_certificate, prob=self.findings.prob)
 
     @cached_property
     def planes(self) -> tuple[str, ...]:
@@ -144,7 +144,7 @@ class SheetNumbers:
 
         Return None if the model has no direct compliance of this axis.
         """
-        for compliance in bound_of(self.findings.numbers).compliances:
+        for compliance in bound_of(self.findings.posterior_of_certificate).compliances:
             if compliance.kind == "direct" and compliance.joint == axis:
                 return self.stiffnesses[compliance.label]
         return None
@@ -174,7 +174,7 @@ class SheetNumbers:
 
         Offsets of the tool ball are left out. The keys are the names of the parameters.
         """
-        bound = bound_of(self.findings.numbers)
+        bound = bound_of(self.findings.posterior_of_certificate)
         names = _names_by_label(bound)
         undetermined = undetermined_parameters(self.findings.verdicts)
         stated = {}
@@ -202,7 +202,7 @@ class SheetNumbers:
         The draws of a compliance C(F) are values of C at the force ``force_N``. The keys are the
         names of the parameters.
         """
-        return draws_at(self.findings.numbers, self.force_N)
+        return draws_at(self.findings.posterior_of_certificate, self.force_N)
 
     @cached_property
     def _summaries(self) -> dict[str, Mapping[str, float]]:
@@ -244,7 +244,7 @@ class SheetNumbers:
         stiffness is stated.
         """
         stated = {}
-        for compliance in bound_of(self.findings.numbers).compliances:
+        for compliance in bound_of(self.findings.posterior_of_certificate).compliances:
             if compliance.kind == "direct":
                 stated[compliance.label] = self._stiffness(compliance)
         return stated
@@ -290,7 +290,7 @@ class SheetNumbers:
 
         The keys are the labels of the errors.
         """
-        names = _names_by_label(bound_of(self.findings.numbers))
+        names = _names_by_label(bound_of(self.findings.posterior_of_certificate))
         stated = {}
         for label, quantity in self.parameters.items():
             if label in names and names[label].kind in _SHEET_1_KINDS:
@@ -304,7 +304,9 @@ class SheetNumbers:
 
     @cached_property
     def _directional(self) -> DirectionalStiffness:
-        return stiffness(self.findings.numbers, [self.force_N], prob=self.findings.prob)
+        return stiffness(
+            self.findings.posterior_of_certificate, [self.force_N], prob=self.findings.prob
+        )
 
     @cached_property
     def path(self) -> dict[str, StatedQuantity]:
@@ -343,7 +345,7 @@ class SheetNumbers:
         several planes were tested. At 0 N, the symbol of a quantity ends in _0.
         """
         prob = self.findings.prob
-        table = predict_circularity(self.findings.numbers, [force_N], prob=prob)
+        table = predict_circularity(self.findings.posterior_of_certificate, [force_N], prob=prob)
         has_several_planes = table["plane"].nunique() > 1
         confounding_effects = self._partners_of_geometry()
         suffix = "_no_load" if force_N == 0.0 else ""

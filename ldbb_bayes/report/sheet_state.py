@@ -22,6 +22,13 @@ _MOST_REASONS = 2  # largest number of reasons that the banner states
 _MOST_IN_WORDS = 2
 # largest number of undetermined quantities that the test certificate lists
 _MOST_UNDETERMINED = 12
+# The test certificate states the probability that compliance changes with force only if this
+# probability lies between these two limits, so that the change is neither excluded nor certain.
+_CHANGE_IS_EXCLUDED = 0.05
+_CHANGE_IS_CERTAIN = 0.95
+# The test certificate names the changes whose signs are uncertain only if the probability that
+# compliance changes with force is above this limit.
+_CHANGE_IS_LIKELY = 0.5
 
 
 def banner(numbers: SheetNumbers) -> Banner:
@@ -49,7 +56,7 @@ def banner(numbers: SheetNumbers) -> Banner:
         reasons.append(text)
     if findings.has_flat_priors:
         reasons.append(words("state.least_squares"))
-    forces_N = campaign_of(findings.numbers).forces_N
+    forces_N = campaign_of(findings.posterior_of_certificate).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
         # A force outside the tested range is the first reason for caution. Only a reason why the
@@ -109,19 +116,19 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
 def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     """Return texts that state what the readings do not determine, each with a reason.
 
-    If the readings determine all quantities, a single text says so.
+    The texts name the undetermined parameters, the changes with force whose signs are uncertain,
+    and the confounded circular deviations. If it is uncertain whether compliance changes with
+    force, one text states the probability of a change. If the readings determine all quantities, a
+    single text says so.
     """
     words = numbers.words
     items = []
     for quantity in numbers.parameters.values():
         if quantity.is_undetermined:
             items.append(f"{quantity.words} ({quantity.symbol}): {remark(quantity, words)}")
-    unknown_signs = [
-        symbol
-        for symbol, quantity in numbers.changes.items()
-        if quantity.direction == "no_change" and numbers.findings.probability_of_change > 0.5
-    ]
-    if unknown_signs:
+    probability_of_change = numbers.findings.probability_of_change
+    unknown_signs = _changes_of_unknown_sign(numbers)
+    if unknown_signs and probability_of_change > _CHANGE_IS_LIKELY:
         items.append(words("notes.unknown_signs", symbols=words.joined(unknown_signs)))
     of_the_path = [*numbers.path.values(), *numbers.unloaded_path.values()]
     confounded = [quantity for quantity in of_the_path if quantity.confounding_effects]
@@ -129,8 +136,8 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
         symbols = words.joined([quantity.symbol for quantity in confounded])
         without_note = replace(confounded[0], note="")
         items.append(f"{symbols}: {remark(without_note, words)}")
-    if 0.05 < numbers.findings.probability_of_change < 0.95:
-        probability = words.percent(numbers.findings.probability_of_change)
+    if _CHANGE_IS_EXCLUDED < probability_of_change < _CHANGE_IS_CERTAIN:
+        probability = words.percent(probability_of_change)
         items.append(words("notes.varying", probability=probability))
     if not items:
         return [words("sheet.all_determined")]
@@ -139,3 +146,12 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
         continued = words("sheet.continued", count=str(excess))
         return [*items[:_MOST_UNDETERMINED], continued]
     return items
+
+
+def _changes_of_unknown_sign(numbers: SheetNumbers) -> list[str]:
+    """Return the names of the compliances whose changes with force have uncertain signs."""
+    names = []
+    for name, quantity in numbers.changes.items():
+        if quantity.direction == "no_change":
+            names.append(name)
+    return names

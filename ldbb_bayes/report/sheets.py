@@ -190,8 +190,16 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     rests_on = tuple(assumption_fields(numbers))
     yield Fields(rests_on, heading=words("sheet.rests_on"))
     yield words("notes.rests_on")
-    rose = _picture("stiffness_rose", findings.numbers, words("sheet.rose"), words, compact=True)
-    curve = _picture("compliance_against_force", findings.numbers, words("sheet.curve"), words)
+    rose = _picture(
+        "stiffness_rose",
+        findings.posterior_of_certificate,
+        words("sheet.rose"),
+        words,
+        compact=True,
+    )
+    curve = _picture(
+        "compliance_against_force", findings.posterior_of_certificate, words("sheet.curve"), words
+    )
     yield PictureRow((rose, curve))
     provenance = findings.result["provenance"]
     yield words(
@@ -230,16 +238,21 @@ def _gum_sentence(numbers: SheetNumbers) -> str:
     """
     words = numbers.words
     validation = numbers.findings.gum_validation
-    by_use: dict[bool, list[str]] = {True: [], False: []}
+    agreeing = []
+    differing = []
     for name, entry in validation.parameters.items():
-        if name in numbers.parameters:
-            by_use[entry.validated].append(display_name(name))
+        if name not in numbers.parameters:
+            continue
+        if entry.validated:
+            agreeing.append(display_name(name))
+        else:
+            differing.append(display_name(name))
     digits = str(validation.digits)
-    if not by_use[False]:
+    if not differing:
         return words("notes.gum_agrees", digits=digits)
-    if not by_use[True]:
+    if not agreeing:
         return words("notes.gum_differs", digits=digits)
-    return words("notes.gum_agrees_in_part", digits=digits, symbols=words.joined(by_use[True]))
+    return words("notes.gum_agrees_in_part", digits=digits, symbols=words.joined(agreeing))
 
 
 def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
@@ -336,7 +349,9 @@ def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
     words = numbers.words
     quantities = numbers.parameters | numbers.slopes
     for label, quantity in numbers.stiffnesses.items():
-        quantities[f"stiffness_{label[2]}"] = quantity
+        # The key of the stiffness 1 / C_XXX is the label C_XXX; its tolerance is stiffness_X.
+        axis = label[2]
+        quantities[f"stiffness_{axis}"] = quantity
     quantities |= numbers.path | numbers.directions
     rows = []
     for name, conformity in numbers.findings.conformity(numbers.force_N).items():

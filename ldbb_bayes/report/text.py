@@ -254,7 +254,7 @@ def _record_of_validation(result: Validation) -> dict[str, Any]:
 
 
 @parts_of.register(ByName)
-def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
+def _passages_of_results_by_name(results: ByName[Any]) -> tuple[Passage, ...]:
     """Return a table of uncertainty budgets, decisions on conformity, or changes with force.
 
     All ``results`` are of the same kind, which is one of these three. The keys of budgets are names

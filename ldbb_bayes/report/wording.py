@@ -545,8 +545,11 @@ def sensitive_words(names: Sequence[str]) -> str:
         text += ", …"
     if not count:
         return text
-    coefficients = f"{count} coefficient{'' if count == 1 else 's'} of the change with force"
-    return f"{text} and {coefficients}" if text else coefficients
+    plural = "" if count == 1 else "s"
+    coefficients = f"{count} coefficient{plural} of the change with force"
+    if not text:
+        return coefficients
+    return f"{text} and {coefficients}"
 
 
 def expectation(fit: Fit) -> str:
@@ -1336,8 +1339,8 @@ def _limit_digits(limit: float) -> str:
 def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return sentences on the trend of a machine, the most important sentence first.
 
-    A trend is the change of one machine's parameters over its campaigns. Sentences on limitations
-    of the trend are not included.
+    A trend is the change of one machine's parameters over its campaigns. ``trend`` is the result of
+    `fit_trend`. Sentences on limitations of the trend are not included.
     """
     estimates = trend.estimates
     probability_of_time = 0.0
@@ -1355,14 +1358,16 @@ def trend_sentences(trend: Any) -> tuple[str, ...]:
 def population_sentences(population: Any) -> tuple[str, ...]:
     """Return sentences on a population of machines, and on machines that do not belong to it.
 
-    Sentences on the limitations of the population are not included.
+    ``population`` is the result of `fit_population`. For each machine that does not belong to the
+    population, a sentence names the parameter in which the machine deviates most, relative to the
+    scatter of the population. Sentences on the limitations of the population are not included.
     """
-    furthest = {}
+    most_deviating = {}
     for name in population.not_belonging:
-        z = population.machine[name].z
-        distance = {parameter: abs(value) for parameter, value in z.items()}
-        furthest[name] = ranked(z, distance.__getitem__)[0]
-    return _sentences("population_sentences", population, furthest)
+        z_scores = population.machine[name].z
+        sizes = {parameter: abs(z) for parameter, z in z_scores.items()}
+        most_deviating[name] = ranked(z_scores, sizes.__getitem__)[0]
+    return _sentences("population_sentences", population, most_deviating)
 
 
 def population_doubts(doubts: Any) -> tuple[str, ...]:
@@ -1472,10 +1477,11 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) ->
     with force) are not named.
     """
     tail = 0.5 - 0.5 * prob
-    probability = table["probability_of_increase"]
     sizes = []
-    for name, row in table[(probability > 1.0 - tail) | (probability < tail)].iterrows():
-        if is_slope(str(name)):
+    for name, row in table.iterrows():
+        probability = row["probability_of_increase"]
+        interval_excludes_zero = probability > 1.0 - tail or probability < tail
+        if is_slope(str(name)) or not interval_excludes_zero:
             continue
         interval = (row["ci_low"], row["ci_high"])
         size = plus_minus(row["difference"], row["sd"], interval, row["unit"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, 
 
 
 @dataclass(frozen=True, eq=False)
-class _Traces:
+class _TraceData:
     """Readings, predictions and radial scale for a figure of polar traces.
 
     ``bound`` is the model of a campaign. ``beta``, shape (draws, p), holds random draws of the p
@@ -60,6 +61,7 @@ class _Traces:
 
     @cached_property
     def readings_um(self) -> list[Array]:
+        """Readings of each test [µm], in the order of the tests."""
         return [test.readings_mm() * 1e3 for test in self.bound.campaign.tests]
 
     @cached_property
@@ -74,14 +76,17 @@ class _Traces:
 
     @cached_property
     def low(self) -> float:
+        """Lowest reading of all tests [µm]."""
         return float(min(readings.min() for readings in self.readings_um))
 
     @cached_property
     def high(self) -> float:
+        """Highest reading of all tests [µm]."""
         return float(max(readings.max() for readings in self.readings_um))
 
     @property
     def span(self) -> float:
+        """Range of the readings of all tests, but at least 0.001 µm [µm]."""
         return max(self.high - self.low, 1e-3)
 
     @property
@@ -105,19 +110,23 @@ class _Traces:
 
     @property
     def has_bands(self) -> bool:
+        """Whether the figure has 95 % bands, which it has only if there are few tests."""
         return len(self.bound.campaign.tests) <= _MOST_BANDS
 
     @property
     def line_width(self) -> float:
+        """Width of the lines [points], which is smaller if there are many tests."""
         return float(np.clip(_MOST_BANDS / len(self.bound.campaign.tests), 0.35, 1.0))
 
     @property
     def stride(self) -> int:
         """Step n with which readings are drawn as dots: every n-th reading of a test is drawn."""
-        return -(-sum(map(len, self.readings_um)) // _MOST_DOTS)
+        number_of_readings = sum(len(readings) for readings in self.readings_um)
+        return math.ceil(number_of_readings / _MOST_DOTS)
 
     @cached_property
     def colours(self) -> list[Any]:
+        """Colour of each test, which depends on the force of the test."""
         return style.force_colours(self.bound.setting.force_N.tolist())
 
 
@@ -152,14 +161,14 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
-    shown = _Traces(bound, beta, phi, words)
+    trace_data = _TraceData(bound, beta, phi, words)
     rng = np.random.default_rng(0)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
     new_circles = np.zeros(0)
-    if shown.has_bands:
+    if trace_data.has_bands:
         new_circles = new_circle_coefficients(bound, phi, beta, rng)
     planes = bound.setting.planes
-    heads = [_panel_head(shown, plane) for plane in planes]
+    heads = [_panel_head(trace_data, plane) for plane in planes]
     lines = max(head.count("\n") + 1 for head in heads)
     figure = Figure(figsize=(0.75 + 3.6 * len(planes), 3.5 + 0.12 * lines))
     width = figure.get_figwidth()
@@ -172,55 +181,59 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
         for r, test in enumerate(bound.campaign.tests):
             if test.plane != plane:
                 continue
-            if shown.has_bands:
+            if trace_data.has_bands:
                 limits = band_um(new_circles[:, r], sigma, _ANGLE[::3], rng)
-                band(axes, _ANGLE[::3], shown.zero_radius + limits, shown.colours[r], 0.25)
-            _draw_trace(axes, shown, r)
-        _draw_rings(axes, shown, plane)
+                band(
+                    axes, _ANGLE[::3], trace_data.zero_radius + limits, trace_data.colours[r], 0.25
+                )
+            _draw_trace(axes, trace_data, r)
+        _draw_rings(axes, trace_data, plane)
         axes.set_title(heads[k], fontsize=7, pad=8)
-    _draw_force_scale(figure, shown)
+    _draw_force_scale(figure, trace_data)
     return figure
 
 
-def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
+def _draw_trace(axes: Any, trace_data: _TraceData, r: int) -> None:
     """Draw the readings and the prediction of the test with index ``r`` in a polar panel.
 
-    ``axes`` is the panel, and ``shown`` holds the readings and predictions of all tests.
+    ``axes`` is the panel, and ``trace_data`` holds the readings and predictions of all tests.
     """
-    test = shown.bound.campaign.tests[r]
-    colour = shown.colours[r]
-    dots = slice(None, None, shown.stride)
-    radius = shown.zero_radius + shown.readings_um[r][dots]
-    axes.plot(test.angles_rad()[dots], radius, ".", color=colour, markersize=1.4 * shown.line_width)
+    test = trace_data.bound.campaign.tests[r]
+    colour = trace_data.colours[r]
+    dots = slice(None, None, trace_data.stride)
+    radius = trace_data.zero_radius + trace_data.readings_um[r][dots]
+    axes.plot(
+        test.angles_rad()[dots], radius, ".", color=colour, markersize=1.4 * trace_data.line_width
+    )
     is_counterclockwise = test.direction == "CCW"
-    both_ways = test.plane in shown.bound.setting.both_ways
+    both_ways = test.plane in trace_data.bound.setting.both_ways
     axes.plot(
         _ANGLE[::2],
-        shown.zero_radius + shown.predicted_um[r][::2],
+        trace_data.zero_radius + trace_data.predicted_um[r][::2],
         color=colour,
-        linewidth=shown.line_width,
+        linewidth=trace_data.line_width,
         linestyle=":" if both_ways and is_counterclockwise else "-",
     )
 
 
-def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
+def _draw_rings(axes: Any, trace_data: _TraceData, plane: str) -> None:
     """Draw the scale of the polar panel of one plane.
 
     The scale consists of rings labelled in µm, of angles, and of the names of the machine axes. The
     circle of zero readings is drawn if it lies in the panel.
     """
-    zero = shown.zero_radius
-    if shown.has_nominal_circle:
+    zero = trace_data.zero_radius
+    if trace_data.has_nominal_circle:
         circle = np.full_like(_ANGLE[::2], zero)
         axes.plot(_ANGLE[::2], circle, color="black", linewidth=0.8, linestyle=_DASHED)
     angles = range(0, 360, 45)
     names = {0: f"+{PLANES[plane].first}", 90: f"+{PLANES[plane].second}"}
     axes.set_xticks(np.deg2rad(angles), [names.get(angle, f"{angle}°") for angle in angles])
     axes.tick_params(pad=0)
-    axes.set_rlim(0.0, shown.outer_radius)
+    axes.set_rlim(0.0, trace_data.outer_radius)
 
-    step = _round_step(shown.span / 4.0)
-    multiples = np.arange(np.ceil(shown.low / step), np.floor(shown.high / step) + 1)
+    step = _round_step(trace_data.span / 4.0)
+    multiples = np.arange(np.ceil(trace_data.low / step), np.floor(trace_data.high / step) + 1)
     rings_um = multiples * step + 0.0
     axes.set_rgrids((zero + rings_um).tolist(), [""] * len(rings_um))
     for ring in rings_um:
@@ -239,28 +252,28 @@ def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
         )
 
 
-def _panel_head(shown: _Traces, plane: str) -> str:
+def _panel_head(trace_data: _TraceData, plane: str) -> str:
     """Return the heading of the polar panel of one plane.
 
     The heading explains the panel's dots, lines, band and rings, in the language of
-    ``shown.words``.
+    ``trace_data.words``.
     """
-    words = shown.words
-    setting = shown.bound.setting
+    words = trace_data.words
+    setting = trace_data.bound.setting
     readings = words["readings"]
-    if shown.stride > 1:
-        readings = words["some_readings"].format(every=shown.stride)
+    if trace_data.stride > 1:
+        readings = words["some_readings"].format(every=trace_data.stride)
     marks = [readings, words["prediction"]]
     if plane in setting.both_ways:
         marks.append(words["counterclockwise"])
-    if shown.has_bands:
+    if trace_data.has_bands:
         marks.append(words["band"])
     radii_mm = set()
     for radius, plane_of_test in zip(setting.radius_mm, setting.plane, strict=True):
         if plane_of_test == plane:
             radii_mm.add(radius)
     rings = words["rings"]
-    if not shown.has_nominal_circle:
+    if not trace_data.has_nominal_circle:
         rings = words["rings_without_nominal_circle"]
     elif len(radii_mm) > 1:
         rings = words["rings_of_several_radii"]
@@ -270,17 +283,17 @@ def _panel_head(shown: _Traces, plane: str) -> str:
     return "\n".join(textwrap.fill(line, 72) for line in lines)
 
 
-def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
+def _draw_force_scale(figure: Figure, trace_data: _TraceData) -> None:
     """Draw the colour scale of forces on the right-hand side of the figure.
 
     On the scale, forces increase upwards if the trace at the largest force lies outside the trace
     at the smallest force, and downwards if not.
     """
-    forces_N = shown.bound.setting.force_N
+    forces_N = trace_data.bound.setting.force_N
     levels = np.unique(forces_N)
     count = len(levels)
     rows = np.arange(count)
-    if _mean_reading(shown, levels[-1]) < _mean_reading(shown, levels[0]):
+    if _mean_reading(trace_data, levels[-1]) < _mean_reading(trace_data, levels[0]):
         rows = rows[::-1]
     width = figure.get_figwidth()
     axes = figure.add_axes((1.0 - 0.55 / width, 0.14, 0.14 / width, 0.56))
@@ -297,19 +310,21 @@ def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
     axes.set(xlim=(0.0, 1.0), ylim=(-0.5, count - 0.5), xticks=[])
     axes.set_yticks(rows[named], [f"{force:.4g}" for force in levels[named]])
     axes.tick_params(length=0, pad=2, labelsize=7)
-    axes.set_title(shown.words["force"], fontsize=7)
+    axes.set_title(trace_data.words["force"], fontsize=7)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
 
 
-def _mean_reading(shown: _Traces, force_N: float) -> float:
+def _mean_reading(trace_data: _TraceData, force_N: float) -> float:
     """Return the mean reading [µm] of all tests at the force ``force_N`` [N].
 
     The result is the mean of the mean readings of these tests, so that tests with more readings
-    have no larger weight. ``shown`` holds the readings of all tests.
+    have no larger weight. ``trace_data`` holds the readings of all tests.
     """
     means = []
-    for readings, force in zip(shown.readings_um, shown.bound.setting.force_N, strict=True):
+    for readings, force in zip(
+        trace_data.readings_um, trace_data.bound.setting.force_N, strict=True
+    ):
         if force == force_N:
             means.append(readings.mean())
     return float(np.mean(means))
@@ -359,11 +374,11 @@ def residuals(posterior: xr.DataTree) -> Figure:
     ]
     tests = bound.campaign.tests
     colours = style.force_colours(bound.setting.force_N.tolist())
-    shown = np.unique(np.linspace(0, len(tests) - 1, _MOST_RESIDUALS).astype(int)).tolist()
-    figure, all_axes = panels(len(shown), 1, 0.6, 0.9, sharex=True, sharey=True)
+    indices = np.unique(np.linspace(0, len(tests) - 1, _MOST_RESIDUALS).astype(int)).tolist()
+    figure, all_axes = panels(len(indices), 1, 0.6, 0.9, sharex=True, sharey=True)
     limit = 1.05 * max(np.abs(residual).max() for residual in residuals_um)
     step = _round_step(0.7 * limit)
-    for axes, r in zip(all_axes, shown, strict=True):
+    for axes, r in zip(all_axes, indices, strict=True):
         angle = np.mod(tests[r].angle_deg, 360.0)
         order = np.argsort(angle)
         axes.plot(angle[order], residuals_um[r][order], color=colours[r], linewidth=0.6)
@@ -371,7 +386,7 @@ def residuals(posterior: xr.DataTree) -> Figure:
         axes.set(ylim=(-limit, limit), yticks=(-step, 0.0, step))
     all_axes[-1].set(xlim=(0.0, 360.0), xticks=range(0, 361, 45), xlabel="angle of the bar (°)")
     title = "Reading minus prediction"
-    if len(shown) < len(tests):
-        title += f", {len(shown)} of {len(tests)} tests"
+    if len(indices) < len(tests):
+        title += f", {len(indices)} of {len(tests)} tests"
     figure.suptitle(f"{title}; each circle's own shift and discrepancy are left in")
     return figure

@@ -197,14 +197,14 @@ def _draw_axis_section(
     half_width = 1.96 * np.nan_to_num(errors, posinf=0.0)
     allowed = np.array([assumption.is_allowed for assumption in assumptions])
     inside = (value >= section.low) & (value <= section.high)
-    for chosen, face in ((allowed & inside, ACCENT), (~allowed & inside, "white")):
+    for is_drawn, fill_colour in ((allowed & inside, ACCENT), (~allowed & inside, "white")):
         axes.errorbar(
-            value[chosen],
-            rows[chosen],
-            xerr=half_width[chosen],
+            value[is_drawn],
+            rows[is_drawn],
+            xerr=half_width[is_drawn],
             fmt="o",
             color=ACCENT,
-            markerfacecolor=face,
+            markerfacecolor=fill_colour,
             markersize=4,
         )
     axes.set_xlim(section.low, section.high)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -69,7 +70,8 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
     plans = _plans(design, today)
     step = len(plans) + 1.8
     number = len(expected_by_name)
-    figure = style.new_figure(style.WIDTH, 0.4 + 0.15 * step * -(-number // _COLUMNS))
+    lines = math.ceil(number / _COLUMNS)
+    figure = style.new_figure(style.WIDTH, 0.4 + 0.15 * step * lines)
     axes = figure.subplots()
     left = np.arange(number) % _COLUMNS
     top = -step * (np.arange(number) // _COLUMNS)

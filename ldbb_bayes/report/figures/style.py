@@ -7,6 +7,7 @@ not use Matplotlib's interface pyplot.
 from __future__ import annotations
 
 import functools
+import math
 import os
 from collections.abc import Callable, Iterable, Sequence
 from itertools import cycle
@@ -171,7 +172,7 @@ def panels(
     together. Further ``options`` are passed to ``Figure.subplots``.
     """
     columns = min(count, columns)
-    rows = -(-count // columns)
+    rows = math.ceil(count / columns)
     figure = new_figure(WIDTH, extra + height * rows)
     all_axes = list(figure.subplots(rows, columns, squeeze=False, **options).flat)
     for k, axes in enumerate(all_axes):
