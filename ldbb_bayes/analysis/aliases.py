@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldbb_bayes.analysis.null_space import EXACT_SHARE, NullSpace
-from ldbb_bayes.analysis.origins import edition_terms, is_size_stated
+from ldbb_bayes.analysis.origins import is_size_stated, ready_made_terms, term_named
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import Columns, Term
@@ -126,7 +126,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         is a parameter.
     """
     coefficients = _all_coefficients(bound)
-    scaled = _effects(bound, coefficients.columns) * coefficients.prior_sd
+    scaled = _reading_changes(bound, coefficients.columns) * coefficients.prior_sd
     limit = _VISIBLE_SHARE * bound.campaign.resolution_um * _MICROMETRE
     space = NullSpace(scaled, len(bound.names), limit)
     combinations = []
@@ -171,17 +171,20 @@ def _describe_degeneracy(
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
-    members = [int(i) for i in np.flatnonzero(effect > _ROUNDING * effect.max())]
+    # Indices of the coefficients in the combination. Parameters of interest come before nuisance
+    # coefficients.
+    members = np.flatnonzero(effect > _ROUNDING * effect.max()).tolist()
     parameters = [i for i in members if i < space.parameters]
     named = tuple(names[i] for i in parameters if effect[i] > _NAMED_SHARE * effect.max())
     if not named:
         return None
-    nuisances = _sort_by_effect([i for i in members[len(parameters) :] if i != pivot], effect)
+    other_nuisances = [i for i in members if i >= space.parameters and i != pivot]
+    nuisances = _sort_by_effect(other_nuisances, effect)
     if pivot >= space.parameters:
         nuisances.insert(0, pivot)
     change = _in_reading_units(coefficients, pivot, vector)
     prior_sds = change / coefficients.prior_sd
-    terms = [_modelled_term(bound, coefficients.owners[i]) for i in nuisances]
+    terms = [term_named(bound, coefficients.owners[i]) for i in nuisances]
     stated = [
         is_size_stated(bound, names[i], term) for i, term in zip(nuisances, terms, strict=True)
     ]
@@ -237,14 +240,6 @@ def _reading_change_um(space: NullSpace, prior_sds: Array) -> float:
     return float(change / _MICROMETRE)
 
 
-def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
-    """Return the model's nuisance term whose class is named ``owner``; None if there is none."""
-    for term in bound.model.nuisances:
-        if type(term).__name__ == owner:
-            return term
-    return None
-
-
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
@@ -253,7 +248,7 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
     coefficients of all terms of the preset, including those that are left out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
-    terms = {**edition_terms(bound), **modelled}
+    terms = {**ready_made_terms(bound), **modelled}
     names = list(bound.names)
     owners = [""] * len(bound.names)
     columns = [bound.interest]
@@ -279,7 +274,7 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
     )
 
 
-def _effects(bound: BoundModel, columns: Array) -> Array:
+def _reading_changes(bound: BoundModel, columns: Array) -> Array:
     """Return the change of k readings per unit of each of m coefficients, shape (k, m) [mm].
 
     ``columns``, shape (tests, 25, m), also holds changes per unit of each coefficient, but of the

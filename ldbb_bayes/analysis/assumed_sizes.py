@@ -81,11 +81,11 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
         parameter = ranked(shares[term], shares[term].__getitem__)[0]
         share = shares[term][parameter]
         if share >= _DECIDING_SHARE:
-            assumptions.append(DecidingAssumption(term, parameter, share, _sizes(lines)))
+            assumptions.append(DecidingAssumption(term, parameter, share, _largest_sizes(lines)))
     return tuple(ranked(assumptions, lambda assumption: assumption.share))
 
 
-def _sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
+def _largest_sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
     """Return the largest prior standard deviation of an effect's coefficients, for each unit.
 
     ``lines`` are the lines of the effect in the uncertainty budgets. A line for one coefficient

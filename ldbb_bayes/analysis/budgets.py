@@ -192,7 +192,7 @@ class _SourceKey(NamedTuple):
 
 
 @dataclass
-class _Portion:
+class _SourceShare:
     """Share of one source of uncertainty in the variance of a parameter, summed over the models.
 
     Each model contributes a part to the share. ``share`` is the sum of these parts, and ``largest``
@@ -372,7 +372,7 @@ def _contributions(variance: _ParameterVariance, u: float) -> tuple[Contribution
     """
     lines = []
     unlisted_shares: dict[tuple[str, Origin], float] = {}
-    for key, portion in _portions(variance).items():
+    for key, portion in _shares_of_sources(variance).items():
         if key.source == key.term:
             noise = _noise_source(portion.budget.bound, key.term, portion.budget.phi)
             lines.append(_contribution(key, noise.kind, portion.share, u, noise.u, noise.unit))
@@ -389,17 +389,17 @@ def _contributions(variance: _ParameterVariance, u: float) -> tuple[Contribution
     return tuple(ranked(lines, lambda line: line.share))
 
 
-def _portions(variance: _ParameterVariance) -> dict[_SourceKey, _Portion]:
+def _shares_of_sources(variance: _ParameterVariance) -> dict[_SourceKey, _SourceShare]:
     """Return the share of one parameter's variance that each source of uncertainty causes.
 
     If the posterior is an average over models, the shares are averaged over these models.
     """
-    portions: dict[_SourceKey, _Portion] = {}
+    portions: dict[_SourceKey, _SourceShare] = {}
     for budget, row, weight in zip(variance.budgets, variance.rows, variance.weights, strict=True):
         for (source, term), shares in budget.shares.items():
             key = _SourceKey(source, term, _origin_of(budget, row, source, term))
             share = weight / variance.total * float(shares[row])
-            portion = portions.setdefault(key, _Portion(0.0, -np.inf, budget, row))
+            portion = portions.setdefault(key, _SourceShare(0.0, -np.inf, budget, row))
             portion.share += share
             if share > portion.largest:
                 portion.largest = share
@@ -419,7 +419,7 @@ def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin
     return budget.origins[source, term]
 
 
-def _coefficient_line(key: _SourceKey, portion: _Portion, u: float) -> Contribution:
+def _coefficient_line(key: _SourceKey, portion: _SourceShare, u: float) -> Contribution:
     """Return the line of one nuisance coefficient in the budget of a parameter.
 
     ``key`` names the coefficient, ``portion`` holds its share of the parameter's variance, and

@@ -353,7 +353,7 @@ def stiffness(
     """
     check_probability(prob)
     bound = bound_of(posterior)
-    forces = _forces(bound, forces_N)
+    forces = _forces_of_stiffness(bound, forces_N)
     circles = [first_circle(bound, plane) for plane in bound.setting.planes]
     draws = elastic_draws_of(posterior, circles, forces, _DRAWS)
     return _stiffness_of(bound, circles, forces, draws, prob)
@@ -369,7 +369,7 @@ def stiffness_of_fit(
     ``prob`` is the probability of the credible intervals.
     """
     bound = draws.bound
-    forces = _forces(bound, [force_N])
+    forces = _forces_of_stiffness(bound, [force_N])
     circles = [first_circle(bound, plane) for plane in bound.setting.planes]
     elastic = elastic_draws(draws.thinned(_DRAWS), circles, forces, np.random.default_rng(0))
     return _stiffness_of(bound, circles, forces, elastic, prob)
@@ -405,21 +405,21 @@ def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[st
     k_max are in N/mm.
     """
     bound = bound_of(posterior)
-    forces = _forces(bound, [force_N])
+    forces = _forces_of_stiffness(bound, [force_N])
     circles = [first_circle(bound, plane) for plane in bound.setting.planes]
     draws = elastic_draws_of(posterior, circles, forces, _DRAWS)
     by_plane = {}
     for k, plane in enumerate(bound.setting.planes):
         extremes = extremes_of(draws.per_force[:, k, 0] @ basis(ANGLE_RAD).T)
         by_plane[plane] = {
-            "k_min": _inverse(extremes.largest),
-            "k_max": _inverse(extremes.smallest),
-            "k_ratio": _ratio(extremes),
+            "k_min": _stiffness_from(extremes.largest),
+            "k_max": _stiffness_from(extremes.smallest),
+            "k_ratio": _stiffness_ratio(extremes),
         }
     return by_plane
 
 
-def _forces(bound: BoundModel, forces_N: Sequence[float]) -> Array:
+def _forces_of_stiffness(bound: BoundModel, forces_N: Sequence[float]) -> Array:
     """Return the forces at which stiffness is computed [N]; raise an error if one is not positive.
 
     The result holds the forces in ``forces_N``. If ``forces_N`` is empty, the result holds the
@@ -460,7 +460,7 @@ def _plane_stiffness(
     band = np.quantile(along_bar, [tail, 1.0 - tail], axis=0)
     tensor = _plane_tensor(bound, r, plane, compliances)
     principal_rad = 0.5 * np.arctan2(2.0 * tensor.cross, tensor.first - tensor.second)
-    cross_name, cross = _cross(bound, plane, compliances, prob)
+    cross_name, cross = _cross_compliance(bound, plane, compliances, prob)
     first = _direct_compliance(bound, plane[0], compliances)
     second = _direct_compliance(bound, plane[1], compliances)
     return PlaneStiffness(
@@ -473,7 +473,9 @@ def _plane_stiffness(
         compliance_high=band[1],
         least=_stated_stiffness(extremes.largest, prob),
         greatest=_stated_stiffness(extremes.smallest, prob),
-        ratio=_stated_value("", _ratio(extremes), prob, _hardly_positive(extremes.smallest, prob)),
+        ratio=_stated_value(
+            "", _stiffness_ratio(extremes), prob, _hardly_positive(extremes.smallest, prob)
+        ),
         softest=_direction(ANGLE_RAD[extremes.index_of_largest], prob),
         stiffest=_direction(ANGLE_RAD[extremes.index_of_smallest], prob),
         principal_axis=_direction(principal_rad, prob),
@@ -503,7 +505,7 @@ def _direct_compliance(bound: BoundModel, axis: str, compliances: Array) -> _Nam
     raise LookupError(f"axis {axis} must have a direct compliance, got none")
 
 
-def _cross(
+def _cross_compliance(
     bound: BoundModel, plane: str, compliances: Array, prob: float
 ) -> tuple[str, StatedValue | None]:
     """Return the name and the estimate of a plane's cross compliance.
@@ -585,10 +587,12 @@ def _stated_stiffness(compliance: Array, prob: float) -> StatedValue:
     If the compliance may be nearly zero, only the lower end of the stiffness's credible interval is
     determined; the result states this. ``prob`` is the probability of the interval.
     """
-    return _stated_value("N/mm", _inverse(compliance), prob, _hardly_positive(compliance, prob))
+    return _stated_value(
+        "N/mm", _stiffness_from(compliance), prob, _hardly_positive(compliance, prob)
+    )
 
 
-def _inverse(compliance: Array) -> Array:
+def _stiffness_from(compliance: Array) -> Array:
     """Return draws of a stiffness from draws of a compliance, shape (draws,).
 
     Draws of the compliance near or below zero are first replaced by a small positive value.
@@ -596,7 +600,7 @@ def _inverse(compliance: Array) -> Array:
     return np.asarray(1.0 / _above_zero(compliance))
 
 
-def _ratio(extremes: CurveExtremes) -> Array:
+def _stiffness_ratio(extremes: CurveExtremes) -> Array:
     """Return draws of the largest compliance divided by the smallest; no draw is below one."""
     return np.asarray(np.maximum(extremes.largest / _above_zero(extremes.smallest), 1.0))
 

@@ -81,7 +81,7 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
         bound = bound_of(posterior)
     tests = {test.name: _measure_test(bound, test) for test in bound.campaign.tests}
     pairs = {}
-    for pair in _pairs(bound.campaign.tests):
+    for pair in _opposite_pairs(bound.campaign.tests):
         name = f"{pair.clockwise.name} + {pair.counterclockwise.name}"
         pairs[name] = _measure_pair(pair)
     columns = ["force_N", "plane", *BIDIRECTIONAL, "G_b_minimum_zone"]
@@ -175,7 +175,7 @@ def _trace(test: CircularTest) -> Array:
     return np.array([test.angles_rad(), test.reading_um], dtype=float)
 
 
-def _pairs(tests: Sequence[CircularTest]) -> list[_Pair]:
+def _opposite_pairs(tests: Sequence[CircularTest]) -> list[_Pair]:
     """Return all pairs of tests that differ only in direction, clockwise and counterclockwise."""
     pairs = []
     for clockwise in tests:

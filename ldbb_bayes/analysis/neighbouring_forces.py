@@ -104,7 +104,7 @@ def local_fits(
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
     tables = []
     near = None
-    for names in _pairs(campaign):
+    for names in _neighbouring_pairs(campaign):
         bound = all_tests.keeping(names)
         posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=near)
         near = posterior.plain.mode
@@ -135,7 +135,7 @@ def local_fits(
     )
 
 
-def _pairs(campaign: Campaign) -> list[tuple[str, ...]]:
+def _neighbouring_pairs(campaign: Campaign) -> list[tuple[str, ...]]:
     """Return the names of the tests at each pair of neighbouring force levels."""
     if campaign.force_levels < 2:
         raise InputError(

@@ -36,9 +36,17 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.prior import settings_of_sd
 from ldbb_bayes.model.terms import BasisNoise, Columns, Term
-from ldbb_bayes.model.terms.columns import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, OWN, Source
 
-__all__ = ["MAJORITY", "Origin", "edition_terms", "is_prior_stated", "is_size_stated", "origins"]
+__all__ = [
+    "MAJORITY",
+    "Origin",
+    "is_prior_stated",
+    "is_size_stated",
+    "origins",
+    "ready_made_terms",
+    "term_named",
+]
 
 # Sources of uncertainty are said to cause most of a parameter's variance if together they cause
 # more than this share of it. If these sources were removed, the standard uncertainty of the
@@ -85,7 +93,7 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
         if owner == OWN:
             continue
         origin = Origin.ASSUMED
-        if is_size_stated(bound, name, _term_named(bound, owner)):
+        if is_size_stated(bound, name, term_named(bound, owner)):
             origin = Origin.STATED
         elif sd_ratio[k] < MEASURED_SD_RATIO:
             origin = Origin.MEASURED
@@ -136,7 +144,7 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
     defaults of the term's class. Settings that are strings, such as the covariate of a drift, are
     kept, because they state which effect is modelled, and not how large the effect is.
     """
-    usual = edition_terms(bound).get(type(term), type(term)())
+    usual = ready_made_terms(bound).get(type(term), type(term)())
     kinds_of_effect = {name: value for name, value in vars(term).items() if isinstance(value, str)}
     with_usual_sizes: Term = replace(cast("Any", usual), **kinds_of_effect)
     return with_usual_sizes
@@ -147,8 +155,8 @@ class _PriorSize(NamedTuple):
 
     #: the prior sd, or a factor of it if the prior sd is proportional to hyper-parameters
     sd: float
-    #: the hyper-parameters by which ``sd`` is multiplied
-    hyper_parameters: object
+    #: the product of hyper-parameters by which ``sd`` is multiplied
+    hyper_parameters: Source
     #: the part of the prior sd that is not multiplied by hyper-parameters, because the user or a
     #: certificate states it
     stated: float
@@ -177,31 +185,31 @@ def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
     prior = bound.model.prior
     if parameter in prior.overrides or parameter in prior.means:
         return True
-    default = _edition(bound).prior
+    default = _ready_made_model(bound).prior
     settings = settings_of_sd(parameter)
     return any(getattr(prior, name) != getattr(default, name) for name in settings)
 
 
-def edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
+def ready_made_terms(bound: BoundModel) -> dict[type[Term], Term]:
     """Return the nuisance terms of a model, with the settings that they have by default.
 
     A nuisance is an effect that is modelled but not of interest. The terms are those of the
     ready-made model, such as ``HybridModel.first``, from which the model ``bound`` was made.
     Changes that the user has made since are ignored. The keys are the classes of the terms.
     """
-    return {type(term): term for term in _edition(bound).nuisances}
+    return {type(term): term for term in _ready_made_model(bound).nuisances}
 
 
-def _edition(bound: BoundModel) -> HybridModel:
+def _ready_made_model(bound: BoundModel) -> HybridModel:
     """Return the ready-made model, such as ``HybridModel.first``, from which a model was made.
 
     The ready-made model ``paper`` has no nuisances; ``HybridModel.first`` is returned in its place.
     """
-    return _edition_of(bound.model.preset, bound.model.degree)
+    return _ready_made_model_named(bound.model.preset, bound.model.degree)
 
 
 @cache
-def _edition_of(preset: str, degree: int) -> HybridModel:
+def _ready_made_model_named(preset: str, degree: int) -> HybridModel:
     """Return the ready-made model ``HybridModel.default`` or ``HybridModel.first``.
 
     ``preset`` is the name of a ready-made model. For every name except "default", the result is
@@ -212,8 +220,11 @@ def _edition_of(preset: str, degree: int) -> HybridModel:
     return HybridModel.first(degree)
 
 
-def _term_named(bound: BoundModel, owner: str) -> Term | None:
-    """Return the model's nuisance term whose class has the name ``owner``, or None."""
+def term_named(bound: BoundModel, owner: str) -> Term | None:
+    """Return the nuisance term of a model whose class has the name ``owner``.
+
+    Return None if the model ``bound`` has no such term.
+    """
     for term in bound.model.nuisances:
         if type(term).__name__ == owner:
             return term
@@ -232,7 +243,7 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
     noises = _noises_of(bound).get(name, ())
     if noises and all(noise.hyper is not None for noise in noises):
         return Origin.MEASURED
-    term = _term_named(bound, name)
+    term = term_named(bound, name)
     for noise in noises:
         names = noise.names if isinstance(noise, Columns) else ()
         if names and all(is_size_stated(bound, coefficient, term) for coefficient in names):

@@ -114,13 +114,13 @@ def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, R
     for i, name in enumerate(once):
         helpful = []
         for trial in trials:
-            if _helps(trial, i, repetition[i], float(measured_share[i])):
+            if _is_helpful(trial, i, repetition[i], float(measured_share[i])):
                 helpful.append(trial)
-        cheapest[name] = _cheapest(helpful, i, float(sd[i]))
+        cheapest[name] = _choose_remedy(helpful, i, float(sd[i]))
     return cheapest
 
 
-def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> bool:
+def _is_helpful(trial: _Trial, i: int, repetition: float, measured_share: float) -> bool:
     """Return whether a remedy by itself reduces the standard uncertainty of parameter i noticeably.
 
     A remedy is a certificate or a change of the plan. The standard uncertainty with the remedy must
@@ -141,7 +141,7 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
     return True
 
 
-def _cheapest(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
+def _choose_remedy(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
     """Return the first sufficient remedy for parameter i, or the best remedy if none is sufficient.
 
     A remedy is a certificate or a change of the plan. A remedy is sufficient if it removes at least

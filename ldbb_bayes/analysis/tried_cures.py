@@ -215,24 +215,24 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
     reordered. If the campaign has already been run, its circles are repeated in the new order.
     """
     plan = bound.campaign.plan()
-    tests = _timed(plan)
+    tests = _with_drift_times(plan)
     plans: dict[RemedyKind, Campaign] = {}
     if bound.columns_of.get(Drift):
         if bound.campaign.is_plan:
             plans[RemedyKind.ORDER] = replace(plan, tests=_shuffled(tests))
         else:
-            plans[RemedyKind.ORDER] = _extended(plan, tests, _shuffled(tests))
+            plans[RemedyKind.ORDER] = _with_added_circles(plan, tests, _shuffled(tests))
     directed = in_other_direction(replace(plan, tests=tests))
     if directed.further:
-        plans[RemedyKind.DIRECTION] = _extended(plan, directed.stated, directed.further)
+        plans[RemedyKind.DIRECTION] = _with_added_circles(plan, directed.stated, directed.further)
     turned = clocked(plan, (_TURN_DEG,), work_ball=True, tool_ball=True)
-    plans[RemedyKind.BALLS] = _extended(plan, tests, turned)
-    plans[RemedyKind.CIRCLES] = _extended(plan, tests, tests)
-    plans[RemedyKind.RADIUS] = _extended(plan, tests, at_other_radius(plan))
+    plans[RemedyKind.BALLS] = _with_added_circles(plan, tests, turned)
+    plans[RemedyKind.CIRCLES] = _with_added_circles(plan, tests, tests)
+    plans[RemedyKind.RADIUS] = _with_added_circles(plan, tests, at_other_radius(plan))
     return plans
 
 
-def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
+def _with_drift_times(plan: Campaign) -> tuple[CircularTest, ...]:
     """Return the circles of a plan with the times from which drift is computed.
 
     If all circles state their times, these times are kept. If not all circles state a time, but the
@@ -246,7 +246,7 @@ def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
     return tuple(replace(test, time_s=k * SECONDS_PER_TEST) for k, test in enumerate(plan.tests))
 
 
-def _extended(
+def _with_added_circles(
     plan: Campaign, before: Sequence[CircularTest], added: Sequence[CircularTest]
 ) -> Campaign:
     """Return a plan with the circles ``before``, followed by the circles ``added`` under new names.

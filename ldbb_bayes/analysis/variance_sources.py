@@ -185,12 +185,13 @@ class ModelVariance:
 class AveragedVariance:
     """Variances of q quantities in an average over models, and the sources of these variances.
 
-    ``models`` are the models of the average, or a single model. The first ``number`` quantities are
-    the parameters: all parameters that at least one of the models has.
+    ``models`` are the models of the average, or a single model. The first
+    ``number_of_parameters`` quantities are the parameters: all parameters that at least one of the
+    models has.
     """
 
     models: tuple[ModelVariance, ...]
-    number: int
+    number_of_parameters: int
 
     @cached_property
     def mean(self) -> Array:
@@ -289,23 +290,25 @@ class AveragedVariance:
             variance += model.probability * model.variance_without_assumed(partners)
         return np.sqrt(variance)
 
-    def sources(self, i: int, own: Sequence[str]) -> SourcesOfVariance:
+    def sources(self, index: int, parameters: Sequence[str]) -> SourcesOfVariance:
         """Return the sources of the variance of one quantity, the largest share first.
 
-        ``i`` is the index of the quantity. ``own`` holds the names of the parameters from which the
-        quantity is computed: for a parameter its own name, for a change of a compliance with force
-        the names of the coefficients of this change, such as ``C_XXX_1``. Their priors together
-        count as one source.
+        ``index`` is the index of the quantity. ``parameters`` are the names of the parameters from
+        which the quantity is computed. If the quantity is a parameter, this is the name of the
+        parameter. If the quantity is the change of a compliance with force, these are the names of
+        the slopes that the change depends on, such as ``C_XXX_1``. The priors of these parameters
+        together count as one source.
         """
         sd = np.sqrt(self._divisor)
         shares: dict[tuple[str, Origin], float] = {}
         patterns: dict[str, Array] = {}
         for (source, origin), covariance in self.errors.items():
-            label = OWN if source in own else source
-            share = float(covariance[i, i] / self._divisor[i])
+            label = OWN if source in parameters else source
+            share = float(covariance[index, index] / self._divisor[index])
             shares[label, origin] = shares.get((label, origin), 0.0) + share
             if origin == Origin.ASSUMED:
-                pattern = covariance[: self.number, i] / sd[: self.number]
+                number = self.number_of_parameters
+                pattern = covariance[:number, index] / sd[:number]
                 patterns[label] = patterns.get(label, 0.0) + pattern
         entries = []
         for (label, origin), share in shares.items():

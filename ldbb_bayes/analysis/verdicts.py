@@ -43,7 +43,7 @@ from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
 from ldbb_bayes.analysis.design.candidates import bind_plan
 from ldbb_bayes.analysis.design.forecast import forecast_plan, states_of
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
-from ldbb_bayes.analysis.origins import Origin, edition_terms
+from ldbb_bayes.analysis.origins import Origin, ready_made_terms
 from ldbb_bayes.analysis.paired_remedies import PairedRemedy, paired_remedies
 from ldbb_bayes.analysis.remedies import Remedy, remedies
 from ldbb_bayes.analysis.tried_cures import TriedCures
@@ -415,7 +415,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     changes = curve_changes(bound, information)
     variance = _averaged_over_scales(bound, information, changes, weight, nodes)
     prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
-    posterior_sd = variance.models[0].sd[: variance.number]
+    posterior_sd = variance.models[0].sd[: variance.number_of_parameters]
     if expected is None:
         expected = SampledSd(prior_sd, posterior_sd)
     parameters = _judge_average(variance, bound, expected)
@@ -568,7 +568,7 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     variance = AveragedVariance(tuple(variances), len(bound.names))
     prior_variance = np.zeros(len(all_changes))
     for model_variance in variances:
-        weights = model_variance.weights[variance.number :]
+        weights = model_variance.weights[variance.number_of_parameters :]
         prior_variance += np.sum(weights**2, axis=1) / len(variances)
     if bound.model.prior.flat:
         prior_variance = np.full(len(all_changes), np.inf)
@@ -588,8 +588,8 @@ def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange])
     """
     bound = model.bound
     information = information_of(bound, model.phi.mean(axis=0))
-    number = model.beta.shape[1]
-    weights = np.zeros((number + len(changes), len(information.names)))
+    number_of_parameters = model.beta.shape[1]
+    weights = np.zeros((number_of_parameters + len(changes), len(information.names)))
     weights[model.places] = weights_of_parameters(information)
     mean = [model.mean]
     sd = [model.sd]
@@ -597,7 +597,7 @@ def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange])
         changes_of_model = curve_changes(bound, information)
         for k, name in enumerate(changes):
             if name in changes_of_model:
-                weights[number + k] = changes_of_model[name].weights
+                weights[number_of_parameters + k] = changes_of_model[name].weights
         drawn = _drawn_changes(model, list(changes))
         mean.append(drawn.mean(axis=0))
         sd.append(drawn.std(axis=0))
@@ -637,7 +637,7 @@ def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVar
     for j, name in enumerate(bound.names):
         if np.isfinite(bound.prior_sd[j]):
             prior_sd[j] = float(posterior["prior"][name].std())
-    return SampledSd(prior_sd, np.sqrt(variance.variance[: variance.number]))
+    return SampledSd(prior_sd, np.sqrt(variance.variance[: variance.number_of_parameters]))
 
 
 def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
@@ -715,7 +715,7 @@ def not_modelled(bound: BoundModel) -> tuple[str, ...]:
     if bound.model.preset == "paper":
         return ()
     modelled = {type(term) for term in bound.model.nuisances}
-    return tuple(kind.__name__ for kind in edition_terms(bound) if kind not in modelled)
+    return tuple(kind.__name__ for kind in ready_made_terms(bound) if kind not in modelled)
 
 
 class PartneredVerdict(NamedTuple):
@@ -844,7 +844,7 @@ def _judge_changes(
     """
     entries = {}
     for k, (name, change) in enumerate(changes.items()):
-        i = variance.number + k
+        i = variance.number_of_parameters + k
         sd = float(np.sqrt(variance.variance[i]))
         sources = variance.sources(i, change.slopes)
         contraction = 1.0 - float(sd / prior_sd[k]) ** 2

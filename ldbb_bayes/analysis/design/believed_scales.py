@@ -293,8 +293,8 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
     are computed for each set.
     """
     values = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
-    on_all_tests = _on_all_tests(bound, values)
-    on_single_tests = [_on_one_test(bound, values, r) for r in range(len(bound.reduced))]
+    on_all_tests = _effects_on_all_tests(bound, values)
+    on_single_tests = [_effects_on_one_test(bound, values, r) for r in range(len(bound.reduced))]
     all_readings, common_effects = on_all_tests.columns.shape
     first_block = _EffectBlock(
         slice(0, all_readings), slice(0, common_effects), on_all_tests.columns
@@ -325,7 +325,7 @@ class _EffectColumns(NamedTuple):
     variances: Array
 
 
-def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _EffectColumns:
+def _effects_on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _EffectColumns:
     """Return the design matrix of the effects that are common to all tests, and their variances.
 
     These are the effects of the parameters, and of nuisance coefficients that act in several tests.
@@ -343,7 +343,7 @@ def _on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _EffectColu
     return _combine_groups(columns, sds, len(values["sigma"]))
 
 
-def _on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _EffectColumns:
+def _effects_on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _EffectColumns:
     """Return the design matrix of effects that change one test only, and their variances.
 
     ``r`` is the index of the test. ``values`` holds w values of each hyper-parameter, by name;

@@ -106,7 +106,7 @@ def judge_plan(
     return FoundCampaign(family, tuple(tests), plan, stated)
 
 
-def _excess(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
+def _log_ratios_to_goals(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
     """Return ln(u/u*) of every goal on every possible machine, shape (machines, goals).
 
     u is the standard uncertainty of the goal's parameter, and u* the largest standard uncertainty
@@ -126,7 +126,7 @@ def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> d
     are the names of the goals' parameters. In addition, the key "" (an empty string) holds the
     share of the machines on which all goals are met together.
     """
-    is_met = _excess(stated, goals) <= 0.0
+    is_met = _log_ratios_to_goals(stated, goals) <= 0.0
     shares = {name: float(is_met[:, k].mean()) for k, name in enumerate(goals)}
     shares[""] = float(is_met.all(axis=1).mean())
     return shares
@@ -317,7 +317,7 @@ class _Search:
         probability. The quick forecast gives a single number. It is computed from ``counts``, the
         number of circles that the campaign has of every candidate test.
         """
-        excess = _excess(campaign.stated, self._goals).max(axis=1)
+        excess = _log_ratios_to_goals(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
         return float(np.quantile(excess, self._probability)) - distance
 
@@ -362,13 +362,13 @@ class _Search:
         if progress.forecasts >= _MOST_FORECASTS:
             progress.circles = _MOST_CIRCLES
             return None
-        campaign = self._judge(progress, counts)
+        campaign = self._forecast_fully(progress, counts)
         if not self._is_met(campaign):
             progress.last_failed = circles
             return None
         return self._with_fewer_circles(progress, campaign)
 
-    def _judge(self, progress: _Progress, counts: Array) -> FoundCampaign:
+    def _forecast_fully(self, progress: _Progress, counts: Array) -> FoundCampaign:
         """Return a campaign with its full forecast, and update ``progress``.
 
         The function stores in ``progress`` by which factor the uncertainties of the full forecast
@@ -398,7 +398,7 @@ class _Search:
                 break
             if not self._is_met(judge_plan(family, tests, _FEW_MACHINES)):
                 break
-            shorter = self._judge(progress, counts)
+            shorter = self._forecast_fully(progress, counts)
             if not self._is_met(shorter):
                 break
             best = shorter

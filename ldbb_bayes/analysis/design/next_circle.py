@@ -424,10 +424,10 @@ def _best_circles(
     ``distances`` holds, for each possible circle, the total distance expected after it.
     """
     table = space.frame([space.tests[k] for k in order])
-    return table.assign(share=_shares_of_the_way(distance_now, distances[order]))
+    return table.assign(share=_progress_of_circles(distance_now, distances[order]))
 
 
-def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
+def _progress_of_circles(distance_now: float, distances: Array) -> Array:
     """Return how much nearer each circle brings the campaign to its aims, as a fraction.
 
     The fraction is 0 if the circle does not help, and 1 if all aims are reached after it.

@@ -97,11 +97,11 @@ def near_miss_of(
     certificate = ""
     lowest = floor + float(np.log(_WORTH_SHARE))
     for missing, statements in missing_certificates(family.bound.campaign.instrument).items():
-        distance = _floors_with(family, missing, statements)[name]
+        distance = _floors_with_certificate(family, missing, statements)[name]
         if distance < lowest:
             certificate = missing
             lowest = distance
-    holder = _held_by(family)[name]
+    holder = _largest_remaining_sources(family)[name]
     return NearMiss(circles, likely_U, probability, holder.name, holder.share, certificate)
 
 
@@ -120,15 +120,17 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
     statements_of_all: dict[str, object] = {}
     missing = missing_certificates(family.space.pilot.instrument)
     for certificate, statements in missing.items():
-        floors_with[certificate] = _floors_with(family, certificate, statements)
+        floors_with[certificate] = _floors_with_certificate(family, certificate, statements)
         statements_of_all.update(statements)
     if len(missing) > 1:
-        floors_with[_ALL_CERTIFICATES] = _floors_with(family, _ALL_CERTIFICATES, statements_of_all)
+        floors_with[_ALL_CERTIFICATES] = _floors_with_certificate(
+            family, _ALL_CERTIFICATES, statements_of_all
+        )
     allowed = _typical_limits(family)
-    held_by = _held_by(family)
+    held_by = _largest_remaining_sources(family)
     obstacles = {}
     for name in stuck:
-        certificate, distance = _most_helpful(name, floor[name], floors_with)
+        certificate, distance = _most_helpful_certificate(name, floor[name], floors_with)
         obstacles[name] = Obstacle(
             U_floor=allowed[name] * float(np.exp(floor[name])),
             held_by=held_by[name].name,
@@ -140,7 +142,7 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
     return obstacles
 
 
-def _floors_with(
+def _floors_with_certificate(
     family: CampaignFamily, name: str, statements: Mapping[str, object]
 ) -> dict[str, float]:
     """Return ln(u/u*) of every goal after very many circles, with one more certificate.
@@ -156,7 +158,7 @@ def _floors_with(
     return dict(zip(family.goals, certified.quick.floor().tolist(), strict=True))
 
 
-def _most_helpful(
+def _most_helpful_certificate(
     name: str, floor: float, floors_with: Mapping[str, Mapping[str, float]]
 ) -> tuple[str, float]:
     """Return the most helpful certificate for a goal, and ln(u/u*) with this certificate.
@@ -201,14 +203,14 @@ def _typical_limits(family: CampaignFamily) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class _Holder:
+class _LargestSource:
     """The source with the largest share of the variance of a parameter after very many circles."""
 
     name: str
     share: float
 
 
-def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
+def _largest_remaining_sources(family: CampaignFamily) -> dict[str, _LargestSource]:
     """Return, for every goal, the largest source of variance that remains after very many circles.
 
     The variance is that of the goal's parameter, if every possible circle is run very many times.
@@ -217,15 +219,15 @@ def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
     bound = family.bound
     run = len(family.space.pilot.tests) if family.space.augment else 0
     phi = np.sqrt((extend_hyper_parameters(bound, family.states.phi, run) ** 2).mean(axis=0))
-    sources = sources_of(bound, _repeated(information_of(bound, phi)))
+    sources = sources_of(bound, _as_if_run_very_often(information_of(bound, phi)))
     holders = {}
     for name in family.goals:
         largest = sources[name].sources[0]
-        holders[name] = _Holder(largest.name, largest.share)
+        holders[name] = _LargestSource(largest.name, largest.share)
     return holders
 
 
-def _repeated(information: Information) -> Information:
+def _as_if_run_very_often(information: Information) -> Information:
     """Return the linear model of the readings as if each circle were run very many times.
 
     The random errors that differ from circle to circle then average out; effects that are the same

@@ -91,7 +91,7 @@ class QuickForecast:
         number of circles that the campaign has of every candidate test.
         """
         covariance = self._covariance(counts)
-        return float(self._distance(self._of_goals(covariance)))
+        return float(self._distance(self._variances_of_goals(covariance)))
 
     def distances(self, counts: Array) -> Array:
         """Return ln(u/u*) of every goal, averaged over the hyper-parameters, shape (goals,).
@@ -100,7 +100,7 @@ class QuickForecast:
         standard uncertainty that the goal permits. ``counts`` holds, for every candidate test, the
         number of circles in the campaign, shape (candidates,).
         """
-        covariance = self._of_goals(self._covariance(counts))
+        covariance = self._variances_of_goals(self._covariance(counts))
         return np.asarray(self._log_ratio(covariance).mean(axis=0))
 
     def floor(self) -> Array:
@@ -139,7 +139,7 @@ class QuickForecast:
             best = int(np.argmin(self._distances_after(covariance)))
             counts[best] += 1
             covariance = self._covariance(counts)
-        distance = float(self._distance(self._of_goals(covariance)))
+        distance = float(self._distance(self._variances_of_goals(covariance)))
         for _ in range(_MOST_PASSES):
             changed = False
             for candidate in np.flatnonzero(counts).tolist():
@@ -168,7 +168,7 @@ class QuickForecast:
         precision = self._prior + np.swapaxes(stacked, -1, -2) @ stacked
         return np.asarray(np.linalg.inv(precision))
 
-    def _of_goals(self, covariance: Array) -> Array:
+    def _variances_of_goals(self, covariance: Array) -> Array:
         """Return the variances of the goals' parameters, which are the last coefficients.
 
         The result has the shape (K, goals). ``covariance``, shape (K, p, p), are the covariances of

@@ -107,9 +107,13 @@ def extend_hyper_parameters(
     if pilot is not bound.campaign:
         pilot_bound = _hyper_posterior(bound.model, pilot).bound
     pilot_column = {name: k for k, name in enumerate(pilot_bound.hyper_prior.names)}
+    # Names of the noise factors λ of the circles that have already been run. The same circle may
+    # have different names in ``bound`` and in the model of the pilot alone.
     circles_run = bound.setting.circle[:run].tolist()
     pilot_circle = dict(zip(circles_run, pilot_bound.setting.circle.tolist(), strict=False))
 
+    # First, every hyper-parameter gets values spread evenly over its prior, in random order. The
+    # values of the pilot, or λ = 1, then replace them where they apply.
     hyper_prior = bound.hyper_prior
     nodes = len(phi)
     even_levels = np.tile((np.arange(nodes) + 0.5) / nodes, (len(hyper_prior.names), 1))
