@@ -23,6 +23,7 @@ from ldbb_bayes.reading.words import (
     UNITS,
     WORDS,
     comparable,
+    joined_prefixes,
     unit_in_shares,
     unit_named,
 )
@@ -70,14 +71,31 @@ _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
 # Regular expression for the number of a column in its header, such as 2 in "reading 2 µm". The
 # number has one or two digits. It is not 10, which is a factor of the unit, as in "10 µm".
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
-# Regular expression for a header in which the program R has replaced brackets by dots, such as
-# ``force..lbf.``.
-_DOTS_FOR_BRACKETS = re.compile(r"(?P<name>.*?\w)\.\.(?P<unit>[^\W\d_]+)\.")
-# Regular expression for a header of words with dots between them, as the program R writes them.
-_DOTS_FOR_BLANKS = re.compile(r"[^\W\d_]+(?:\.[^\W\d_]+)+\.?")
+# Regular expression for the header of a column in a table of the program R, which has dots in place
+# of blanks and brackets, such as ``force..lbf.``.
+_HEADER_WITH_DOTS = re.compile(r"[^\W\d_][\w.]*\.[\w.]*")
+# Regular expression for dots in such a header that are no decimal points.
+_DOTS = re.compile(r"(?<!\d)\.+|\.+(?!\d)")
+# Regular expression for a unit in such a header whose first sign, such as µ, is lost: ``...m.`` for
+# a blank, a bracket and µm.
+_LOST_SIGN = re.compile(r"\.{3,}(?:m|s|N|in|inch)\.$")
+# Regular expression for the number that R puts behind the second of two equal headers.
+_NUMBER_OF_EQUAL = re.compile(r"\.\d+$")
 # Regular expression for a word which shows that the next word is not a unit, such as "of" in "Angle
 # of turn".
 _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
+# Regular expressions for a word before a unit that multiplies or divides it, such as "milli", and
+# for a word between the two, such as "of".
+_MULTIPLIER = re.compile(WORDS["columns"]["multiplier"], re.IGNORECASE)
+_BETWEEN = re.compile(WORDS["columns"]["between"], re.IGNORECASE)
+# Regular expressions for headers that end with a unit that this package does not read. The keys are
+# the roles.
+_FOREIGN_UNITS = {
+    role: re.compile(
+        rf"(?P<name>.*[^\W_])[\s_/.,]+(?P<unit>{WORDS['columns'][f'foreign_{role}']})\.?", re.I
+    )
+    for role in ("force", "pressure", "reading", "angle")
+}
 # Words that begin like a word for time, but mean something else.
 _NO_TIMES = WORDS["columns"]["no_time"].split()
 # Regular expression for the header of a column of temperatures.
@@ -112,7 +130,8 @@ def unit_of(header: str) -> Header:
     only if the column is used. If a header states two different units of the same quantity, such as
     mm and µm, both are returned as one text, which later code treats as an unknown unit.
     """
-    stated = _unit_between_dots(header) or _name_and_unit(header)
+    header = joined_prefixes(header)
+    stated = _with_multiplier(_unit_between_dots(header) or _name_and_unit(header))
     behind = re.split(r"[\])}>]", header)[-1]
     for text in (stated.name, behind):
         words = re.split(r"[\s_]+", text.strip())
@@ -125,22 +144,43 @@ def _unit_between_dots(header: str) -> Header | None:
     """Return name and unit of a header in which the program R has put dots for other characters.
 
     Examples are ``force..lbf.`` for ``force [lbf]``, and ``deviation.thousandths.of.an.inch``.
-    Return None for any other header.
+    Return None for any other header, and for one that states no unit.
     """
-    header = header.strip()[:LONGEST_NAME]
-    match = _DOTS_FOR_BRACKETS.fullmatch(header)
-    if match is not None and unit_named(match["unit"]):
-        return Header(match["name"].replace(".", " "), unit_named(match["unit"]))
-    if _DOTS_FOR_BLANKS.fullmatch(header) is None:
+    header = _NUMBER_OF_EQUAL.sub("", header.strip()[:LONGEST_NAME])
+    if _HEADER_WITH_DOTS.fullmatch(header) is None:
         return None
-    words = header.strip(".").split(".")
+    if _LOST_SIGN.search(header):
+        return Header(_DOTS.split(header)[0], f"?{_DOTS.split(header.strip('.'))[-1]}")
+    words = _DOTS.sub(" ", header).split()
     for k in range(1, len(words)):
         unit = " ".join(words[k:])
-        if _BEFORE_NO_UNIT.fullmatch(words[k - 1]):
+        if _BEFORE_NO_UNIT.fullmatch(words[k - 1]) or _FACTOR.fullmatch(words[k - 1]):
             continue
         if unit_named(unit) or unit_in_shares(unit):
             return Header(" ".join(words[:k]), unit_named(unit) or unit)
-    return None
+    stated = _unit_at_end(" ".join(words))
+    return stated if stated.unit else None
+
+
+def _with_multiplier(stated: Header) -> Header:
+    """Return name and unit of a header; words that multiply the unit become part of the unit.
+
+    For the name "Angle half" and the unit deg, the unit is the text "half deg". Later code raises
+    an error for such a text unless it is a known fraction of a unit, such as "tenths of a deg".
+    """
+    words = re.split(r"[\s_.]+", stated.name)
+    first = len(words)
+    while first > 1 and (_MULTIPLIER.fullmatch(words[first - 1]) or _is_between(words, first - 1)):
+        first -= 1
+    multiplier = words[first:]
+    if not stated.unit or not multiplier or _BETWEEN.fullmatch(multiplier[0]):
+        return stated
+    return Header(" ".join(words[:first]), " ".join([*multiplier, stated.unit]))
+
+
+def _is_between(words: Sequence[str], k: int) -> bool:
+    """Return whether the word with the index ``k`` may stand between a multiplier and a unit."""
+    return k > 1 and _BETWEEN.fullmatch(words[k]) is not None
 
 
 def _contradicts(word: str, unit: str) -> bool:
@@ -237,7 +277,7 @@ def _unit_at_end(header: str) -> Header:
     header = _with_factor_apart(header)
     match = _UNIT_AT_END.fullmatch(header)
     if not match:
-        return Header(header, "")
+        return _unread_unit_at_end(header)
     name = match[1].strip(" _")
     unit = unit_named(match[2])
     if comparable(match[2]) == "grad" and comparable(name).startswith("winkel"):
@@ -246,7 +286,7 @@ def _unit_at_end(header: str) -> Header:
         # The readings are counts (digital steps); the size of one count must be stated elsewhere.
         return Header(name, match[2])
     if not unit:
-        return Header(header, "")
+        return _unread_unit_at_end(header)
     last_word = re.split(r"[\s_]+", name)[-1]
     if _BEFORE_NO_UNIT.fullmatch(last_word):
         return Header(header, "")
@@ -255,6 +295,19 @@ def _unit_at_end(header: str) -> Header:
     if not name:
         return Header(header, "")
     return Header(name, unit)
+
+
+def _unread_unit_at_end(header: str) -> Header:
+    """Return the name and the unit of a header whose last word is a unit that no option reads.
+
+    Examples are a force in oz, and a reading in "tenths", which may be tenths of several units. The
+    unit is empty if the header ends with another word, or names another quantity.
+    """
+    for role, pattern in _FOREIGN_UNITS.items():
+        match = pattern.fullmatch(header)
+        if match is not None and has_role(match["name"], role):
+            return Header(match["name"], match["unit"])
+    return Header(header, "")
 
 
 def has_role(name: str, role: str) -> bool:

@@ -15,6 +15,7 @@ from ldbb_bayes.reading.words import (
     UNITS,
     WORDS,
     comparable,
+    joined_prefixes,
     scaled_unit,
     shares_mentioned,
     size_of_unit,
@@ -158,7 +159,7 @@ def units_stated(text: str) -> dict[str, str]:
     are returned as one text. In both cases, an error is raised later, but only if the table itself
     does not state the unit.
     """
-    text = text[:LONGEST_TEXT]
+    text = joined_prefixes(text[:LONGEST_TEXT])
     stated = {}
     scale = _size_of_count(text)
     if scale:
@@ -462,8 +463,12 @@ def multiplies_readings(text: str) -> bool:
 
 
 def _words_outside_brackets(header: str) -> str:
-    """Return a header with a blank in place of brackets, the texts in them, and underscores."""
-    return _IN_BRACKETS.sub(" ", header[:LONGEST_TEXT]).replace("_", " ")
+    """Return a header with blanks in place of brackets, the texts in them, and underscores.
+
+    Dots that are no decimal points become blanks too.
+    """
+    words = _IN_BRACKETS.sub(" ", header[:LONGEST_TEXT]).replace("_", " ")
+    return re.sub(r"(?<!\d)\.|\.(?!\d)", " ", words)
 
 
 def header_has_factor(header: str) -> bool:

@@ -22,6 +22,7 @@ __all__ = [
     "UNITS",
     "WORDS",
     "comparable",
+    "joined_prefixes",
     "scaled_unit",
     "shares_mentioned",
     "size_of_unit",
@@ -43,7 +44,15 @@ _SCALED_UNIT = re.compile(
     r"(?P<inverse>1/)?(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
 )
 
-_SHARE_SIZES = {"tenth": 0.1, "hundredth": 0.01, "thousandth": 0.001, "ten_thousandth": 0.0001}
+# Sizes of the fractions of a unit for which ``words.toml`` lists words.
+_SHARE_SIZES = {
+    "tenth": 1e-1,
+    "hundredth": 1e-2,
+    "ten_thousandth": 1e-4,
+    "hundred_thousandth": 1e-5,
+    "thousandth": 1e-3,
+    "millionth": 1e-6,
+}
 
 # Content of ``words.toml``: words and units that files of readings use.
 WORDS: Mapping[str, Any] = tomllib.loads(
@@ -73,6 +82,11 @@ OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECAS
 # Regular expression for a word for a fraction of a unit, such as tenths.
 SHARE = re.compile(
     rf"(?<!\w)(?:{'|'.join(WORDS['shares'][share] for share in _SHARE_SIZES)})(?!\w)", re.IGNORECASE
+)
+# Regular expression for a prefix that stands alone in front of a unit, such as "micro metres".
+_PREFIX = re.compile(
+    rf"(?<![^\W_])(?P<prefix>{'|'.join(WORDS['columns']['prefixes'])})[\s._\-]+(?P<unit>[^\W\d_]+)",
+    re.IGNORECASE,
 )
 # Regular expressions for a fraction of a unit in words, such as "tenths of a micron".
 _UNIT_IN_SHARES = {
@@ -155,6 +169,23 @@ def scaled_unit(text: str) -> str:
     if match["inverse"]:
         factor = 1.0 / factor
     return f"{factor:.12g} {unit}"
+
+
+def joined_prefixes(text: str) -> str:
+    """Return a text in which a prefix that stands alone is joined to its unit.
+
+    For example, ``micro metres`` becomes ``um``, and ``force.kilo.newton`` becomes ``force.kN``.
+    """
+    return _PREFIX.sub(_joined_prefix, text)
+
+
+def _joined_prefix(match: re.Match[str]) -> str:
+    """Return the unit in a match of ``_PREFIX``; if it is unknown, the matched text."""
+    sign = WORDS["columns"]["prefixes"][match["prefix"].lower()]
+    unit = unit_named(match["unit"])
+    if not unit:
+        return match[0]
+    return unit_named(sign + unit) or unit_named(match["prefix"] + unit) or match[0]
 
 
 def unit_in_shares(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Field files that are printouts: units below aligned names, and headers of pages."""
+"""Field files of several programs: printouts with units below aligned names, and headers of R."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["printout_cases"]
 
 def printout_cases() -> dict[str, FieldCase]:
     """Return the cases of printouts."""
-    return {**unit_row_cases()}
+    return {**unit_row_cases(), **dotted_cases()}
 
 
 def printed(circle: Circle, k: int) -> list[object]:
@@ -55,5 +55,49 @@ def unit_row_cases() -> dict[str, FieldCase]:
             lambda circle, k: [circle.angle_deg[k], k + 1, *field.scaled(1e3)(circle, k)[1:], 0.1],
             above="Angle,Index,Deviation,Spread",
         ),
+    )
+    return cases
+
+
+def dotted_cases() -> dict[str, FieldCase]:
+    """Return tables whose headers have dots or words in front of their units."""
+    kind = "words in front of units"
+    cases = {}
+    for number, (header, size) in enumerate(
+        {
+            "angle.deg,deviation.micro.metres": 1.0,
+            "angle_deg,dev_milli_inch": 25.4,
+            "angle deg,dev hundred thousandths of an inch": 0.254,
+            "angle..deg.,deviation..um..1": 1.0,
+        }.items()
+    ):
+        files = field.texts(header, field.scaled(size))
+        cases[f"unit_words_{number}"] = FieldCase(kind, f"a header {header!r}", files)
+
+    def tenths(circle: Circle, k: int) -> list[object]:
+        return [f"{10.0 * circle.angle_deg[k]:g}", f"{circle.reading_um[k]:.3f}"]
+
+    cases["unit_words_angle"] = FieldCase(
+        kind,
+        "angles in tenths of a degree",
+        field.texts("angle.tenths.of.a.degree,deviation.um", tenths),
+    )
+
+    def row(circle: Circle, k: int) -> list[object]:
+        return [f"c{circle.force_N:g}", f"{circle.force_N / 9.80665:.9f}", *field.plain(circle, k)]
+
+    cases["unit_words_kilograms"] = FieldCase(
+        kind,
+        "a force in kilograms",
+        field.tidy("test,load_kg,angle_deg,reading_um", row),
+        refusal="got 'kg' in line 1. Correct the header, or give --force-unit",
+        step=("--force-unit", "kgf"),
+    )
+    cases["unit_words_lost_sign"] = FieldCase(
+        kind,
+        "R's dots in place of a space, a bracket and µ",
+        field.texts("angle..deg.,dev...m."),
+        refusal="got '?m' in line 1. Correct the header, or give --unit",
+        step=("--unit", "um"),
     )
     return cases

@@ -1,0 +1,72 @@
+"""Units in headers: words that multiply them, R's dots, and units that are not read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.words import size_of_unit
+
+
+@pytest.mark.parametrize(
+    ("role", "header", "size"),
+    [
+        ("reading", "deviation.micro.metres", 1.0),
+        ("reading", "dev_milli_inch", 25.4),
+        ("reading", "deviation.thousandths.of.an.inch", 25.4),
+        ("reading", "dev hundred thousandths of an inch", 0.254),
+        ("reading", "dev.millionths.of.an.inch", 0.0254),
+        ("reading", "Reading..um..1", 1.0),
+        ("angle", "angle.milli.deg", 1e-3),
+        ("angle", "angle tenths of a degree", 0.1),
+        ("force", "Force kilo newton", 1e3),
+        ("force", "force.pound.force", 4.4482216152605),
+        ("force", "F_pounds", 4.4482216152605),
+    ],
+)
+def test_words_that_multiply_a_unit_count(role: str, header: str, size: float) -> None:
+    assert size_of_unit(role, unit_of(header).unit) == pytest.approx(size)
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("force.oz", "oz"),
+        ("Load kg", "kg"),
+        ("Pressure kg/cm2", "kg/cm2"),
+        ("dev_tenths", "tenths"),
+        ("angle_counts", "counts"),
+        ("Angle half deg", "half deg"),
+        ("dev...m.", "?m"),
+        ("dev.1000ths.of.an.inch", "1000ths of an inch"),
+        ("dev..0.1.um.", "(0.1) um"),
+    ],
+)
+def test_a_unit_that_is_not_read_is_no_other_unit(header: str, unit: str) -> None:
+    assert unit_of(header).unit == unit
+
+
+def test_a_unit_that_is_not_read_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    rows = [f"{5 * k},{0.1 * k:.2f},100" for k in range(72)]
+    path.write_text("\n".join(["angle.deg,dev.um,force.oz", *rows, ""]))
+    with pytest.raises(lb.InputError, match=r"got 'oz' in line 1.*--force-unit"):
+        lb.import_campaign(path)
+
+
+def test_a_factor_between_dots_is_asked(tmp_path: Path) -> None:
+    path = tmp_path / "100N.csv"
+    rows = [f"{5 * k},{k}" for k in range(72)]
+    path.write_text("\n".join(["angle.deg,dev.um.x10", *rows, ""]))
+    with pytest.raises(lb.InputError, match="--unit"):
+        lb.import_campaign(path)
+
+
+def test_a_prefix_apart_from_its_unit_is_read_in_a_line(tmp_path: Path) -> None:
+    path = tmp_path / "100N.csv"
+    rows = [f"{5 * k},{k / 1000}" for k in range(72)]
+    path.write_text("\n".join(["Unit: milli metres", "Angle [deg],Reading", *rows, ""]))
+    assert lb.import_campaign(path).campaign.tests[0].reading_um[1] == pytest.approx(1.0)
