@@ -53,7 +53,8 @@ def with_aligned_headers(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]
 def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
     """Return whether the numbers of a table begin at the row with the index ``first``.
 
-    The row above must have another number of cells, as a header has whose names hold blanks.
+    The row above must have another number of cells. If the names of a header hold blanks, a split
+    at every blank gives too many cells.
     """
     width = len(rows[first].cells)
     below = rows[first : first + _FEWEST_ROWS]

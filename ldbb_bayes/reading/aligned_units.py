@@ -28,7 +28,7 @@ _NAMES = (re.compile(r"\S+"), re.compile(r"\S+(?: \S+)*"))
 
 
 class _Word(NamedTuple):
-    """Text in a line, with its place."""
+    """Text in a line, with the indices of the characters at which it begins and ends."""
 
     text: str
     start: int  # index of the first character in the line
@@ -36,7 +36,7 @@ class _Word(NamedTuple):
 
 
 def with_aligned_units(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:
-    """Return rows in which each unit below a header has the cell of the column that it aligns with.
+    """Return rows in which each unit below a header is in the cell of the column above it.
 
     Only rows of units with fewer cells than the table has columns are changed, and only if each
     unit aligns with another column. All other rows are returned unchanged.
@@ -78,30 +78,36 @@ def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
 
 
 def _holds_numbers(row: Row) -> bool:
+    """Return whether at least two cells of a row hold a number, with or without a unit."""
     return sum(number_in_cell(cell) is not None for cell in row.cells) >= 2
 
 
 def _line_above(rows: Sequence[Row], lines: Sequence[str]) -> str:
-    """Return the line of the last of some rows that is not a line of dashes."""
-    wordy = [row for row in rows if not is_rule(row.cells)]
-    if not wordy:
+    """Return the line of the last row that is not a line of dashes, as the file writes it.
+
+    The result is empty if there is no such row. ``lines`` are all lines of the text.
+    """
+    rows_of_words = [row for row in rows if not is_rule(row.cells)]
+    if not rows_of_words:
         return ""
-    return lines[wordy[-1].line - 1]
+    return lines[rows_of_words[-1].line - 1]
 
 
 def _words_of(line: str, pattern: re.Pattern[str]) -> list[_Word]:
-    """Return the texts of a line that match a pattern, with their places on a printed page.
+    """Return the texts of a line that match a pattern, each with its beginning and end.
 
-    A sign that marks the line as a comment is no text.
+    Tabs are replaced by blanks, as on a printed page. A sign that marks the line as a comment is
+    ignored.
     """
     text = COMMENT_SIGN.sub(lambda sign: " " * len(sign[0]), line.expandtabs(), count=1)
     return [_Word(match[0], match.start(), match.end()) for match in pattern.finditer(text)]
 
 
 def _units_with_places(row: Row, lines: Sequence[str]) -> list[_Word]:
-    """Return the units of a row with their places; an empty list if it is not a row of units.
+    """Return the units of a row, each with its beginning and end in the line.
 
-    A factor, such as 10, belongs to the unit behind it.
+    A factor, such as 10, belongs to the unit that follows it. The result is an empty list if the
+    row is not a row of units. ``lines`` are all lines of the text.
     """
     words = _words_of(lines[row.line - 1], _NAMES[0])
     texts = joined_factors([word.text for word in words])

@@ -87,7 +87,7 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
 
 
 def _split_angles_beside_texts(rows: list[Row], units: dict[tuple[int, int], str]) -> None:
-    """Replace angles such as 12°30' in rows that also hold texts by numbers in arcseconds.
+    """Replace, in rows that also hold texts, angles such as 12°30' by numbers in arcseconds.
 
     An angle is replaced only if the row above or below also has an angle in this column. The cells
     are replaced in ``rows``, and their unit is stored in ``units``; its keys are line number and

@@ -676,10 +676,10 @@ def _several_readings(
 
 
 def _check_are_no_angles(place: str, headers: Sequence[str]) -> None:
-    """Raise an `InputError` if one of the columns of readings holds angles by its header.
+    """Raise an `InputError` if the header of a column of readings names angles.
 
-    An example is ``Angle 238 N (deg)``: each test then has a column of angles of its own. ``place``
-    names the table.
+    An example is ``Angle 238 N (deg)``: each test then has a separate column of angles. ``place``
+    names the table, and ``headers`` are the headers of the columns of readings.
     """
     for header in headers:
         if has_role(unit_of(header).name, "angle") or unit_of(header).unit in UNITS["angle"]:

@@ -107,7 +107,9 @@ class _HeaderRows(NamedTuple):
     # units with a factor, such as 0.1 um, in the row of units; the keys are the column indices
     scaled_units: Mapping[int, str]
     unit_line: int  # line number of the row of units; 0 if there is none
-    columns_with_unit_below: frozenset[int]  # indices of the columns with a unit in this row
+    columns_with_unit_below: frozenset[
+        int
+    ]  # indices of the columns with a unit in the row of units
 
 
 def find_heading(sheet: Sheet, layout: Layout) -> Heading:
@@ -285,7 +287,8 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
         if column < len(units_below) and units_below[column]:
             below = units_below[column]
             if unit and _is_scaled(below):
-                # This text is no known unit; later code raises an error if the column is used.
+                # Two units in one text are no known unit; later code raises an error if the column
+                # is used.
                 unit = f"{unit} and {below}"
             else:
                 unit = unit_of(f"{header} [{below}]").unit

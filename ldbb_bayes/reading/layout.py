@@ -244,7 +244,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
 
 
 def _without(fields: dict[str, Any], keys: set[str]) -> dict[str, Any]:
-    """Return the fields whose names are not among ``keys``."""
+    """Return a dict of fields without the fields whose names are in ``keys``."""
     return {key: value for key, value in fields.items() if key not in keys}
 
 

@@ -101,8 +101,8 @@ def _quantities() -> dict[str, _Quantity]:
         units = entry["units"]
         if isinstance(units, str):  # ``units`` is a role, such as force, and not a dict of units
             units = UNITS[units]
-        # ``one`` is the factor from the unit of the sizes (µm for lengths) to the unit of the field
-        # (mm for radius_mm). It also halves a diameter.
+        # Sizes of units are in µm for lengths. The entry ``one`` in ``words.toml`` is the factor
+        # that converts them to the unit of the field, such as mm; it also halves a diameter.
         factor = entry.get("one", 1.0)
         sizes = {unit: factor * size for unit, size in units.items()}
         quantities[key] = _Quantity(

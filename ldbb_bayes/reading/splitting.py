@@ -828,7 +828,7 @@ def _two_numbering_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> 
 
 
 def _without_test_column(heading: Heading) -> Heading:
-    """Return the heading of a table in which no column has the role of naming the tests."""
+    """Return a copy of a table's heading in which no column is said to name the tests."""
     roles = dict(heading.roles)
     roles.pop("test", None)
     return replace(heading, roles=roles)

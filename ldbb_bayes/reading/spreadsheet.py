@@ -157,7 +157,8 @@ def _find_separator(lines: Sequence[str]) -> str:
         return best_separator
     for separator in _SEPARATORS:
         if separator == " " and best_separator in _SURE and best_score > _SURE_SCORE:
-            continue  # blanks are then probably parts of cells, as in "100 N"
+            # Another separator is almost certain. Blanks are then parts of cells, as in "100 N".
+            continue
         score = _separator_score(sample, separator)
         if score > best_score + _SCORE_MARGIN:
             best_separator = separator

@@ -61,7 +61,7 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
     tables = [list(sheet.rows[: header + 1])]
     lines_above_first = sheet.rows[:header]
     lines_above_table = lines_above_first
-    first_row = header + 1  # index of the first row below the header that was treated last
+    first_row = header + 1  # index of the row below the last header that was examined
     for next_header in headers:
         end = _end_of_numbers(sheet.rows, first_row, next_header)
         tables[-1] += sheet.rows[first_row:end]

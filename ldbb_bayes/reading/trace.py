@@ -425,7 +425,8 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     if n_laps >= _MORE_THAN_A_TURN and not is_sense_stated:
         rises = float(np.median(np.diff(recording.numbers["angle"]))) > 0.0
         other_sense = "CCW"
-        # The sense is not stated, so ``run`` was found with angles counted counter-clockwise.
+        # Nothing states the sense of the angles. The direction ``run`` follows from the angles if
+        # they are counted counter-clockwise.
         if rises == (run == "CCW"):
             other_sense = "CW"
         raise InputError(

@@ -100,7 +100,7 @@ class UnreadDirection(NamedTuple):
 
 
 def _senses_by_word() -> dict[str, str]:
-    """Return a dict with CW or CCW for each word that means a sense, such as HORAIRE."""
+    """Return a dict with CW or CCW for each word, such as HORAIRE, for a direction of travel."""
     senses = {}
     for sense in ("CW", "CCW"):
         for word in _WORDS[sense]:

@@ -56,11 +56,11 @@ def unit_columns(
 def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, int]:
     """Return a dict with the columns of units whose headers name the columns of numbers.
 
-    ``numeric`` are the indices of the columns of numbers, and ``headers`` are all headers.
     The keys are the indices of the columns of numbers, and the values are the indices of the
     columns of units. For example, the column ``theta_unit`` holds the units of the column
     ``theta``. If no column has the name in the header, the units belong to the columns with the
-    same role: the units in the column ``angle unit`` belong to the column ``phi``.
+    same role: the units in the column ``angle unit`` belong to the column ``phi``. ``numeric`` are
+    the indices of the columns of numbers, and ``headers`` are all headers.
     """
     pairs: dict[int, int] = {}
     for column, header in enumerate(headers):

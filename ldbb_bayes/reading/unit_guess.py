@@ -135,9 +135,9 @@ def _check_unit_of_forces(recordings: Sequence[Recording]) -> None:
 
 
 def _is_distance(recording: Recording) -> bool:
-    """Return whether readings are distances between the balls in mm.
+    """Return whether readings without a unit are taken as distances between the balls in mm.
 
-    They are if their median is near the radius of the circle in mm.
+    They are taken as such distances if their median is near the radius of the circle in mm.
     """
     median = float(np.median(recording.numbers["reading"]))
     return abs(median / recording.radius_mm - 1.0) < _NEAR_RADIUS

@@ -1,4 +1,4 @@
-"""Rows of units below the header of a table."""
+"""Rows of units, such as ``deg;um``, below the header of a table."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ from ldbb_bayes.reading.unused_segments import unused_segments
 
 __all__ = ["note_unstated"]
 
-# Unused texts on conventions all get separate notes, and so do others as long as the notes are not
-# more than this number; one further note counts the rest.
+# Each unused text on a convention, such as the sign of readings, gets a note. Other unused texts
+# get notes only until there are this many notes; one further note counts the texts without a note.
 _MOST_TEXTS = 6
 # A note shows at most this number of characters of a text.
 _TEXT_SHOWN = 160

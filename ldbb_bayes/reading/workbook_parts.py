@@ -61,7 +61,7 @@ def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
 
 
 def _root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
-    """Return the root element of an XML file inside a workbook; ``path`` is its path there.
+    """Return the root element of an XML file; ``path`` is its path inside the workbook.
 
     Raise a ValueError if the XML file is too large to be examined.
     """
