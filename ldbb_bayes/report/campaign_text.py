@@ -144,9 +144,9 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
     """
     rows = []
     for assumed in result.assumed:
-        _, one, label = Term.owner(assumed.name).unit_of(assumed.name)
+        _, unit_size, label = Term.owner(assumed.name).unit_of(assumed.name)
         words, place = wording.assumed_words(assumed)
-        nominal, spread = value_and_uncertainty(assumed.value / one, assumed.sd / one)
+        nominal, spread = value_and_uncertainty(assumed.value / unit_size, assumed.sd / unit_size)
         source = "certificate" if assumed.stated else "the model"
         rows.append((words, nominal, spread, label, source, place))
     heads = ("assumed", "nominal", "u (1 sd)", "unit", "source", "in campaign.toml")

@@ -654,9 +654,9 @@ def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
     for name, entry in entries.items():
         if abs(entry["mean"]) <= 2.0 * entry["sd"]:
             continue
-        one, unit = wording.unit_words(name)
-        mean, spread = value_and_uncertainty(entry["mean"] / one, entry["sd"] / one)
-        prior_sd, _ = round_uncertainty(entry["prior_sd"] / one)
+        unit_size, unit = wording.unit_words(name)
+        mean, spread = value_and_uncertainty(entry["mean"] / unit_size, entry["sd"] / unit_size)
+        prior_sd, _ = round_uncertainty(entry["prior_sd"] / unit_size)
         rows.append((wording.nuisance_words(name), mean, spread, prior_sd, unit))
     if not rows:
         return f"None of the {len(entries)} other effects differs from zero by more than 2 u."

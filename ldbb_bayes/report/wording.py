@@ -328,11 +328,11 @@ def unit_words(name: str) -> tuple[float, str]:
     The size is in internal units (mm, N, rad). For example, the size is 1e-3 (mm) for the label
     "µm". A nuisance coefficient describes an effect that is modelled but not of interest.
     """
-    inside_unit, one, label = Term.owner(name).unit_of(name)
+    inside_unit, unit_size, label = Term.owner(name).unit_of(name)
     if inside_unit.endswith("/N"):
         factor, label = display_unit(inside_unit)
         return 1.0 / factor, label
-    return one, label
+    return unit_size, label
 
 
 def source_unit_words(source: str, term: str, unit: str) -> tuple[float, str]:
@@ -348,8 +348,8 @@ def source_unit_words(source: str, term: str, unit: str) -> tuple[float, str]:
         if unit == "N":
             return 1.0, "N"
         return 1e3, "µm"
-    one, label = unit_words(source)
-    return 1.0 / one, label
+    unit_size, label = unit_words(source)
+    return 1.0 / unit_size, label
 
 
 def nuisance_words(name: str) -> str:
@@ -437,9 +437,9 @@ def _effect_words(degeneracy: Degeneracy) -> str:
     """
     amounts = []
     for name in degeneracy.nuisances:
-        one, unit = unit_words(name)
+        unit_size, unit = unit_words(name)
         amount = degeneracy.combination[name]
-        amounts.append(_amount_words(amount, 1.0 / one, unit, nuisance_words(name), ""))
+        amounts.append(_amount_words(amount, 1.0 / unit_size, unit, nuisance_words(name), ""))
     if len(amounts) > 4:
         return f"{amounts[0]} together with {len(amounts) - 1} other effects"
     if len(amounts) > 1:
