@@ -157,6 +157,7 @@ def all_checks(checks_by_test: Mapping[str, TestChecks]) -> list[Check]:
 
 
 def _surprise(check: Check) -> float:
+    """Return −ln p for the p-value of a check, with p raised to at least ``_SMALLEST_P``."""
     return -math.log(max(check.p, _SMALLEST_P))
 
 
@@ -339,9 +340,9 @@ def check_predictions(
     for r, test in enumerate(tests_in_order(bound)):
         orders_p = _p_values_of_orders(draws, r, shared[:, r], sigma)
         reduced = bound.reduced[r]
-        outside = reduced.readings - SIZE
-        if outside > 0:
-            tail = chdtrc(outside, reduced.residual_ss / sigma**2).mean()
+        freedom = reduced.readings - SIZE
+        if freedom > 0:
+            tail = chdtrc(freedom, reduced.residual_ss / sigma**2).mean()
             noise_p = float(2.0 * min(tail, 1.0 - tail))
             correlation, correlation_p = autocorrelation(test)
             checks[str(test.name)] = TestChecks(orders_p, noise_p, correlation, correlation_p)

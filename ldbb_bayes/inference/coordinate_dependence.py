@@ -85,7 +85,7 @@ class Dependence:
         width − offset removes this dependence. The result also holds the sum of the logarithms of
         all widths at each point.
         """
-        terms = _terms(u[:, : self.leading])
+        terms = _polynomial_terms(u[:, : self.leading])
         log_width = _limited(terms @ self.log_width)
         z = (u - terms @ self.mean) * np.exp(-log_width) - self.offset
         return IndependentPoints(z, log_width.sum(axis=1))
@@ -101,13 +101,13 @@ class Dependence:
             columns = slice(first, first + 1)
             if first == self.leading:
                 columns = slice(first, None)
-            terms = _terms(u[:, : self.leading])
+            terms = _polynomial_terms(u[:, : self.leading])
             width = np.exp(_limited(terms @ self.log_width[:, columns]))
             u[:, columns] = terms @ self.mean[:, columns] + width * standard[:, columns]
         return u
 
 
-def _terms(leading: Array) -> Array:
+def _polynomial_terms(leading: Array) -> Array:
     """Return the terms of the polynomials: 1, the first k coordinates, and their squares.
 
     ``leading``, shape (n, k), holds the k coordinates of n points. Coordinates beyond ±5 are first

@@ -232,6 +232,7 @@ def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
 
 
 def _without_test(bound: BoundModel, name: str) -> BoundModel:
+    """Return the model of the campaign with all tests except the named one."""
     return bound.keeping([other for other in bound.test_names if other != name])
 
 

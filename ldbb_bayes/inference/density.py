@@ -241,15 +241,19 @@ class LogDensity(Shown):
 
     @cached_property
     def _hyper_posterior(self) -> HyperPosterior:
+        """Posterior density of the hyper-parameters, with the model's condition on compliances."""
         return HyperPosterior(self.bound, truncated=self.bound.truncation.active)
 
     def _log_joint(self, beta: Array, phi: Array) -> Array:
+        """Return ln p(y, β, φ) at n points, shape (n,), from β (n, p) and φ (n, h)."""
         return _log_joint(self.bound, beta, phi, self.bound.hyper_prior.log_density(phi))
 
     def _log_prior(self, beta: Array, phi: Array) -> Array:
+        """Return ln p(β) + ln p(φ) at n points, shape (n,), from β (n, p) and φ (n, h)."""
         return self.bound.log_prior(beta) + self.bound.hyper_prior.log_density(phi)
 
     def _log_likelihood(self, beta: Array, phi: Array) -> Array:
+        """Return ln p(y | β, φ) at n points, shape (n,), from β (n, p) and φ (n, h)."""
         return self.bound.log_likelihood(phi, beta)
 
     def _check_points(self, x: Array, argument: str = "x") -> Array:

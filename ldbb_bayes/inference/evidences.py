@@ -214,7 +214,7 @@ class Evidences(Shown):
         """
         posterior = self.posterior(model)
         names = posterior.bound.hyper_prior.names
-        key = _family(model)
+        key = _key_of_related_models(model)
         if key not in self._related_models:
             plain = posterior.plain
             self._related_models[key] = RelatedModels(plain.nodes(self.tolerance), self.tolerance)
@@ -238,8 +238,8 @@ def _largest_first(model: HybridModel) -> list[int]:
     return [-model.degree, len(model.fixed), -len(model.rivals)]
 
 
-def _family(model: HybridModel) -> str:
-    """Return a description, as TOML text, of what a model has in common with related models.
+def _key_of_related_models(model: HybridModel) -> str:
+    """Return a key that related models share: the TOML text of what they have in common.
 
     The text describes a simplified model: with constant compliances, without alternative
     explanations (effects that look like a change of compliance with force), and without the

@@ -184,6 +184,7 @@ class Fit(Result):
         return tuple(check for check in self.unexpected if self._moves_intervals(check))
 
     def _moves_intervals(self, check: Check) -> bool:
+        """Return whether a failing check matters for the credible intervals, as in `misfits`."""
         if check.kind == CheckKind.ORDER:
             return self.shift.get(check.test, np.inf) > _LARGEST_SHIFT
         return self.widening > _LARGEST_WIDENING
@@ -226,6 +227,7 @@ class Fit(Result):
         return tuple(ranked(names, self._prior_sensitivity))
 
     def _prior_sensitivity(self, name: str) -> float:
+        """Return how sensitive the posterior of the named parameter is to the parameters' prior."""
         return self.sensitivity[name]["prior"]
 
     @property

@@ -173,6 +173,7 @@ def _best_of_rounds(
 
 
 def _untrusted_and_error(sample: Integral) -> tuple[bool, float]:
+    """Return a sort key that puts trusted samples first, and then samples with a small error."""
     return not sample.trusted, sample.error
 
 

@@ -118,6 +118,7 @@ class Integral:
 
     @cached_property
     def _log_weight(self) -> Array:
+        """Logarithm of density times volume at each of the n nodes, shape (n,)."""
         return self.log_density + self.log_volume
 
     @cached_property

@@ -167,6 +167,7 @@ class HyperPosterior:
 
     @cached_property
     def _scores(self) -> NormalScores:
+        """Transformation between normal scores and unbounded coordinates of hyper-parameters."""
         return NormalScores(self.bound.hyper_prior)
 
     @cached_property
@@ -181,6 +182,7 @@ class HyperPosterior:
         summits: list[Array] = []
 
         def is_known(point: Array) -> bool:
+            # Whether the point is near a maximum that has been reached from an earlier start.
             return not _is_separate(point, summits)
 
         for start in self._starts():
@@ -300,6 +302,7 @@ class HyperPosterior:
         return self._scores.to_free(integral)
 
     def _plain_integral(self, tolerance: float) -> Integral:
+        """Return the integral of the posterior density that allows negative compliances."""
         return self.plain.nodes(tolerance).integral
 
     def truncate(
@@ -565,6 +568,12 @@ class HyperPosterior:
         return derivatives
 
     def _smooth_of_scores(self, scores: Array) -> Array:
+        """Return the log of the smooth posterior density of normal scores at w points, shape (w,).
+
+        ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters. If the
+        probability that no compliance is negative is a factor of the density, its upper bound is
+        used instead.
+        """
         log_density = self.log_density(self._scores.free(scores), smooth=True)
         return np.asarray(log_density + self._scores.log_jacobian(scores))
 

@@ -54,26 +54,26 @@ class NormalScores:
     prior: HyperPrior
 
     @cached_property
-    def _restricted(self) -> NDArray[np.bool_]:
+    def _has_normal_prior(self) -> NDArray[np.bool_]:
         """Whether each of h hyper-parameters has a truncated normal prior, shape (h,)."""
         return np.array([law != "circle" for law in self.prior.laws])
 
     @cached_property
     def _bounds(self) -> Array:
         """Bounds a and b of the k hyper-parameters with truncated normal priors, shape (2, k)."""
-        return np.asarray(self.prior.bounds[self._restricted].T)
+        return np.asarray(self.prior.bounds[self._has_normal_prior].T)
 
     @cached_property
     def _mean(self) -> Array:
         """Means of the k normal priors before truncation, shape (k,)."""
         mean = np.where(self.prior.in_mm, 0.0, self.prior.scale)
-        return np.asarray(mean[self._restricted])
+        return np.asarray(mean[self._has_normal_prior])
 
     @cached_property
     def _sd(self) -> Array:
         """Standard deviations of the k normal priors before truncation, shape (k,)."""
         sd = np.where(self.prior.in_mm, self.prior.scale, self.prior.decay_sd)
-        return np.asarray(sd[self._restricted])
+        return np.asarray(sd[self._has_normal_prior])
 
     @cached_property
     def _log_above(self) -> Array:
@@ -109,7 +109,7 @@ class NormalScores:
 
         ``scores``, shape (..., h), holds the normal scores of all h hyper-parameters.
         """
-        log_probability = log_ndtr(-scores[..., self._restricted]) + self._log_mass
+        log_probability = log_ndtr(-scores[..., self._has_normal_prior]) + self._log_mass
         log_tail = np.logaddexp(log_probability, self._log_above)
         return np.asarray(self._mean - self._sd * ndtri_exp(log_tail))
 
@@ -132,7 +132,7 @@ class NormalScores:
         """
         lower, upper = self._bounds
         values = self._values(scores)
-        restricted = scores[..., self._restricted]
+        restricted = scores[..., self._has_normal_prior]
         log_density_at_lower, log_density_at_upper = self._log_density_at_bounds
         above = np.log(np.maximum(values - lower, _LEAST_DISTANCE))
         log_below_score = log_ndtr(restricted)
@@ -151,7 +151,7 @@ class NormalScores:
         """
         free = np.array(scores, dtype=float)
         above, below = self._log_distances(scores)
-        free[..., self._restricted] = above - below
+        free[..., self._has_normal_prior] = above - below
         return free
 
     def scores(self, free: Array) -> Array:
@@ -160,7 +160,7 @@ class NormalScores:
         ``free``, shape (..., h), holds the unbounded coordinates. The scores have the same shape.
         """
         scores = np.array(free, dtype=float)
-        values = self.prior.phi(free)[..., self._restricted]
+        values = self.prior.phi(free)[..., self._has_normal_prior]
         log_probability = self._log_probability_above(values) - self._log_mass
         bounded = np.minimum(log_probability, _LARGEST_LOG_PROBABILITY)
         of_restricted = -ndtri_exp(bounded)
@@ -169,7 +169,7 @@ class NormalScores:
         of_restricted[near_lower] = ndtri_exp(nearer_to_lower[near_lower])
         near_upper = nearer_to_upper < _NEAR_BOUND
         of_restricted[near_upper] = -ndtri_exp(nearer_to_upper[near_upper])
-        scores[..., self._restricted] = of_restricted
+        scores[..., self._has_normal_prior] = of_restricted
         return scores
 
     def _log_probabilities_near_bounds(self, free: Array) -> tuple[Array, Array]:
@@ -184,7 +184,7 @@ class NormalScores:
         the interval up to b is replaced by infinity.
         """
         lower, upper = self._bounds
-        restricted = free[..., self._restricted]
+        restricted = free[..., self._has_normal_prior]
         bounded = np.isfinite(upper)
         log_width = np.log(np.where(bounded, upper - lower, 1.0))
         log_density_at_lower, log_density_at_upper = self._log_density_at_bounds
@@ -211,7 +211,7 @@ class NormalScores:
         # cancels, and is therefore left out of both.
         white = (values - self._mean) / self._sd
         log_prior = -0.5 * white**2 - np.log(self._sd) - self._log_mass
-        log_normal = -0.5 * scores[..., self._restricted] ** 2
+        log_normal = -0.5 * scores[..., self._has_normal_prior] ** 2
         total: Array = (log_normal - log_prior - log_slope).sum(axis=-1)
         return total
 

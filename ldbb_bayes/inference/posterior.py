@@ -301,7 +301,7 @@ def _silent_finalizers() -> Iterator[None]:
 
 
 def _ignore_unraisable(_: sys.UnraisableHookArgs) -> None:
-    pass
+    """Do nothing with an exception that Python cannot raise, instead of printing it."""
 
 
 def _digest(tree: xr.DataTree) -> str:
@@ -321,6 +321,7 @@ def _digest(tree: xr.DataTree) -> str:
 
 
 def _path_of(node: xr.DataTree) -> str:
+    """Return the path of a group within its DataTree, as a sort key."""
     return node.path
 
 
@@ -348,6 +349,7 @@ def campaign_record(campaign: Campaign) -> dict[str, Any]:
 
 
 def _fields(source: Campaign | CircularTest, *excluded: str) -> dict[str, Any]:
+    """Return the fields of a dataclass object in a dict, except those named in ``excluded``."""
     names = [field.name for field in fields(source) if field.name not in excluded]
     return {name: getattr(source, name) for name in names}
 

@@ -89,8 +89,8 @@ def groups_of(
     prior_beta, prior_phi = prior
     readings = [len(test.angle_deg) for test in tests]
     return {
-        "posterior": _by_name(bound, beta, phi),
-        "prior": _by_name(bound, prior_beta[None], prior_phi[None]),
+        "posterior": _draws_by_name(bound, beta, phi),
+        "prior": _draws_by_name(bound, prior_beta[None], prior_phi[None]),
         "sample_stats": {"lp": densities["lp"]},
         "log_prior": {"parameters": densities["parameters"], "hyper": densities["hyper"]},
         "observed_data": {"reading_mm": np.concatenate([test.readings_mm() for test in tests])},
@@ -109,7 +109,7 @@ def groups_of(
     }
 
 
-def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
+def _draws_by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
     """Return a dict with the random draws of each parameter and hyper-parameter.
 
     ``beta``, shape (chains, draws, p), holds the draws of the p parameters; ``phi``, shape (chains,

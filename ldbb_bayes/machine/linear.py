@@ -343,6 +343,7 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
 
 
 def _labels(names: Sequence[ComplianceName], index: Sequence[int]) -> tuple[str, ...]:
+    """Return the printed names, such as C_XXX, of the compliances with the indices ``index``."""
     return tuple(names[i].label for i in index)
 
 

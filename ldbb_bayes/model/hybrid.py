@@ -707,7 +707,7 @@ class BoundModel(Shown):
         keep_tests: Sequence[str] | None = None,
         pilot: Campaign | None = None,
     ) -> None:
-        _check_levels(model, campaign if pilot is None else pilot)
+        _check_force_levels(model, campaign if pilot is None else pilot)
         self.model = model
         self.campaign = campaign
         self.pilot = pilot
@@ -734,7 +734,7 @@ class BoundModel(Shown):
         self.truncation = self.physical
         if not model.prior.truncated:
             self.truncation = Truncation(np.zeros((0, len(self.names))))
-        rows = _rows_of_tests(campaign, keep_tests)
+        rows = _indices_of_tests(campaign, keep_tests)
         self.setting: Setting = campaign_setting.select(rows)
         self.reduced = tuple(reduced[r] for r in rows)
         self.test_names = tuple(campaign.tests[r].name for r in rows)
@@ -746,7 +746,7 @@ class BoundModel(Shown):
         The module `linearisation` explains which effects on the readings depend on these estimates.
         If the campaign is a plan that was designed from another campaign (its pilot), the
         parameters are estimated from the pilot. Otherwise they are estimated from ``reduced``, the
-        reduced readings of all tests.
+        reduced readings of all tests. The estimate is also stored in the attribute ``estimate``.
         """
         setting = self._with_noise_factors(
             setting_of(
@@ -1212,14 +1212,14 @@ def require_model(model: object) -> None:
     )
 
 
-def _rows_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]:
+def _indices_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]:
     """Return the indices of the named tests in a campaign, or of all tests if ``names`` is None."""
     selected = campaign if names is None else campaign.select(names)
     selected_names = {test.name for test in selected.tests}
     return [r for r, test in enumerate(campaign.tests) if test.name in selected_names]
 
 
-def _check_levels(model: HybridModel, campaign: Campaign) -> None:
+def _check_force_levels(model: HybridModel, campaign: Campaign) -> None:
     """Raise an `InputError` if a campaign has too few different forces for a model.
 
     A model with linear or quadratic compliance (degree 1 or 2) needs at least two different forces.
@@ -1254,6 +1254,7 @@ def _reduced_readings(campaign: Campaign) -> tuple[Reduced, ...]:
 
 
 def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
+    """Return the readings of every test of a campaign, reduced to at most 25 numbers."""
     return tuple(reduce_readings(test.angles_rad(), test.readings_mm()) for test in campaign.tests)
 
 

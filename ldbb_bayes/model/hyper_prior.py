@@ -133,10 +133,12 @@ class HyperPrior:
 
     @cached_property
     def _is_decay(self) -> NDArray[np.bool_]:
+        """Whether each of the h hyper-parameters is a decay (an exponent), shape (h,)."""
         return np.array([law == "decay" for law in self.laws])
 
     @cached_property
     def _is_noise_factor(self) -> NDArray[np.bool_]:
+        """Whether each of the h hyper-parameters is the noise factor of a circle, shape (h,)."""
         return np.array([law == "circle" for law in self.laws])
 
     @property

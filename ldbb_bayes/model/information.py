@@ -410,4 +410,5 @@ class Information:
 
     @cached_property
     def _all_rows(self) -> Array:
+        """Design matrix for readings with unit noise, all noise terms included, shape (k, m)."""
         return self.rows()

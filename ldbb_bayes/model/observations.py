@@ -282,6 +282,7 @@ def _sort_nuisances(
 
 
 def _count_orders(term: BasisNoise) -> int:
+    """Return the number of Fourier coefficients on which a noise term acts."""
     return int(np.count_nonzero(term.sd))
 
 

@@ -316,7 +316,7 @@ class Orthant:
             log_rule_weight = rule.log_weight
         else:
             shift = _shift_of_points(self._tilted)
-            points = _fold((_lattice(d, size, seed)[:, :, None] + shift) % 1.0)
+            points = _fold((_lattice_points(d, size, seed)[:, :, None] + shift) % 1.0)
             log_rule_weight = np.zeros(1)
         log_weight, x = self._tilted.propose(points)
         weight = np.exp(log_rule_weight[:, None] + log_weight - log_weight.max(axis=0))
@@ -484,6 +484,7 @@ class Orthant:
 
     @property
     def _tilted(self) -> Tilted:
+        """Constraints that may fail, and the shifted densities from which x = axes @ e is drawn."""
         return self._solved.tilted
 
     @cached_property
@@ -679,7 +680,7 @@ def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
     rng = np.random.default_rng([seed, size])
     shifts = rng.random((_SCRAMBLES, max(dimensions, _SHIFT_DIMENSIONS)))
     shift = shifts[:, :dimensions].T
-    return np.asarray(_lattice(dimensions, size, seed)[:, None] + shift[:, :, None])
+    return np.asarray(_lattice_points(dimensions, size, seed)[:, None] + shift[:, :, None])
 
 
 def _shift_of_points(tilted: Tilted) -> Array:
@@ -701,7 +702,7 @@ def _fold(points: Array) -> Array:
     return 1.0 - np.abs(2.0 * points - 1.0)
 
 
-def _lattice(
+def _lattice_points(
     dimensions: int,
     size: int,
     seed: int,

@@ -417,6 +417,10 @@ class Prior(Shown):
         return np.where(has_mean, self._usual_sd(names), self.compliance_sd(names))
 
     def _usual_sd(self, names: Sequence[ComplianceName]) -> Array:
+        """Return the default prior sd for the kind of each named compliance, shape (names,).
+
+        Prior sds that the user gave for single compliances are not taken into account.
+        """
         return np.array([getattr(self, _COMPLIANCES[name.kind].sd_field) for name in names])
 
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:

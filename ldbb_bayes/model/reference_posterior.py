@@ -107,10 +107,11 @@ class ReferencePosterior:
         )
 
     def _posterior(self, setting: Setting, free: Array) -> Gaussian:
-        """Return the posterior of the free parameters of interest.
+        """Return the Gaussian posterior density of the free parameters of interest.
 
-        ``setting`` describes the test conditions. ``free`` is true for the parameters of interest
-        that are free, that is, not fixed at zero.
+        The hyper-parameters have the values ``phi`` of this object, and nuisances are integrated
+        out. ``setting`` describes the test conditions. ``free`` is true for the parameters of
+        interest that are free, that is, not fixed at zero.
         """
         terms: list[Columns | BasisNoise] = []
         for term in self.nuisances:

@@ -222,12 +222,12 @@ def _quantile_between(level: Array, limits: _Limits) -> Array:
     zero, its mirror image below zero is used, which reduces rounding errors.
     """
     low, high = limits
-    flip = low > 0.0
-    lower_end = np.where(flip, -high, low)
-    upper_end = np.where(flip, -low, high)
-    share = np.where(flip, 1.0 - level, level)
+    is_mirrored = low > 0.0
+    lower_end = np.where(is_mirrored, -high, low)
+    upper_end = np.where(is_mirrored, -low, high)
+    share = np.where(is_mirrored, 1.0 - level, level)
     quantile = ndtri(ndtr(lower_end) * (1.0 - share) + ndtr(upper_end) * share)
-    return np.clip(np.where(flip, -quantile, quantile), low, high)
+    return np.clip(np.where(is_mirrored, -quantile, quantile), low, high)
 
 
 def _density_of_first(

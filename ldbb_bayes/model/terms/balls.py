@@ -161,7 +161,7 @@ class BallForm(Term):
         """
         columns = []
         for group in setting.groups_by("plane"):
-            for form in _forms(setting):
+            for form in _form_errors(setting):
                 harmonics = setting.harmonics(_FORM_ORDERS, form.turned_rad)
                 columns.append(
                     Columns(
@@ -341,7 +341,7 @@ class BallForm(Term):
         return f" in {order_in_words(coefficient)}{of_ball}{plane_in_words(coefficient)}"
 
 
-def _forms(setting: Setting) -> list[_Form]:
+def _form_errors(setting: Setting) -> list[_Form]:
     """Return the ball form errors in the model of a campaign.
 
     A ball may be turned in its socket between tests. If so, the model has a form error for each
@@ -424,7 +424,7 @@ class MachinePattern(Term):
         for plane in setting.groups_by("plane"):
             for radius in setting.groups_by("radius"):
                 suffix = radius.suffix + plane.suffix
-                columns += _patterns(setting, suffix, plane.tests & radius.tests)
+                columns += _pattern_columns(setting, suffix, plane.tests & radius.tests)
         return tuple(columns)
 
 
@@ -439,7 +439,7 @@ def _states_form(instrument: Instrument) -> bool:
     return False
 
 
-def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[Columns]:
+def _pattern_columns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[Columns]:
     """Return the columns of the machine's pattern in one plane at one radius.
 
     The pattern is an error of the machine that depends on the angle on the circle: a sum of cosines

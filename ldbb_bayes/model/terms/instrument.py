@@ -71,6 +71,10 @@ class BarLength(Term):
         return (Columns(tuple(names), values, sd, mean=mean if mean.any() else None),)
 
     def _sd_um(self, instrument: Instrument) -> float:
+        """Return the standard uncertainty of the bar's length [µm].
+
+        It comes from the bar's certificate or, without a certificate, is ``sd_um``.
+        """
         return _standard_uncertainty(instrument.bar_U_um, self.sd_um)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
@@ -141,6 +145,10 @@ class Mount(Term):
         return linear, curved
 
     def _relative_sd(self, instrument: Instrument) -> float:
+        """Return the standard uncertainty of the deflection as a fraction of the deflection.
+
+        It comes from the certificate of the mount or, without a certificate, is ``relative_sd``.
+        """
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
@@ -317,6 +325,10 @@ class Angle(Term):
         return (Columns(("angle_reference", "angle_lag"), values, sd),)
 
     def _sd_rad(self, instrument: Instrument) -> float:
+        """Return the standard uncertainty of the angle [rad].
+
+        It comes from a certificate or, without a certificate, is ``sd_deg`` converted to rad.
+        """
         return float(np.deg2rad(_standard_uncertainty(instrument.angle_U_deg, self.sd_deg)))
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
