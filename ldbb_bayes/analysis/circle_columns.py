@@ -40,8 +40,12 @@ class MachineColumns(NamedTuple):
     The coefficients describe the radial deviation of the circle [mm].
     """
 
-    elastic: Array  #: effects of compliances and slopes, zero for other parameters, shape (25, p)
-    geometric: Array  #: effects of geometric errors, zero for other parameters, shape (25, p)
+    #: changes of the 25 coefficients per unit of each compliance and slope, shape (25, p); the
+    #: columns of geometric errors are zero
+    elastic: Array
+    #: changes of the 25 coefficients per unit of each geometric error, shape (25, p); the columns of
+    #: compliances and slopes are zero
+    geometric: Array
 
 
 class SecondOrderFactors(NamedTuple):

@@ -227,7 +227,7 @@ class Comparison(Result):
     'depends on assumptions that the readings allow'
     """
 
-    campaign: ComparedCampaign  #: name and digest of the campaign
+    campaign: ComparedCampaign  #: name of the campaign and digest of its readings
     models: dict[str, ComparedModel]  #: results of each model, by the name that the caller gave
     #: log Bayes factor ln B of every other model over the first model [nat]. The keys have the form
     #: "linear/constant", where "constant" is the name of the first model.

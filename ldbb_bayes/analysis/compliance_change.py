@@ -29,11 +29,11 @@ _DECIMALS_OF_PROBABILITY = 12
 class DrawnValue(Result):
     """Mean, standard deviation, median and credible interval of a quantity's posterior draws."""
 
-    mean: float  #: posterior mean
-    sd: float  #: posterior standard deviation
-    median: float  #: posterior median
-    ci_low: float  #: lower end of the equal-tailed credible interval
-    ci_high: float  #: upper end of the equal-tailed credible interval
+    mean: float  #: posterior mean of the quantity
+    sd: float  #: posterior standard deviation of the quantity
+    median: float  #: posterior median of the quantity
+    ci_low: float  #: lower end of the equal-tailed credible interval of the quantity
+    ci_high: float  #: upper end of the equal-tailed credible interval of the quantity
 
     @property
     def interval(self) -> tuple[float, float]:

@@ -97,7 +97,7 @@ class Conformity(Result):
     guard_band: float
     #: minimum probability of conformance, or of non-conformance, at which a decision is made
     confidence: float
-    decision: Decision  #: decision by ISO 14253-1
+    decision: Decision  #: decision on conformity by the rules of ISO 14253-1
 
     @property
     def limits(self) -> tuple[float, float]:

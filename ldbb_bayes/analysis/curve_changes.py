@@ -30,7 +30,7 @@ class CurveChange:
     unit: str  #: internal unit of the compliance and of its change
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
-    slopes: tuple[str, ...]  #: names of the slopes that the change depends on
+    slopes: tuple[str, ...]  #: names of the slopes that the change of the compliance depends on
     #: weight of each of the m coefficients of the model, shape (m,): the change of ``compliance``,
     #: in ``unit``, if the coefficient changes by its prior standard deviation
     weights: Array

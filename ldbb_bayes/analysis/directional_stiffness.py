@@ -79,12 +79,14 @@ class StatedValue(Result):
     """A quantity with standard uncertainty, expanded uncertainty and credible interval."""
 
     unit: str  #: unit of the quantity: N/mm or mm/N; empty for a ratio
-    mean: Number  #: posterior mean
-    sd: Number  #: standard uncertainty u: the posterior standard deviation
-    U_k2: Number  #: expanded uncertainty U = 2 u
-    median: Number  #: posterior median
-    ci_low: Number  #: lower end of the equal-tailed credible interval
-    ci_high: Number  #: upper end of the equal-tailed credible interval
+    mean: Number  #: posterior mean of the quantity
+    sd: Number  #: standard uncertainty u of the quantity: its posterior sd
+    U_k2: Number  #: expanded uncertainty U = 2 u of the quantity
+    median: Number  #: posterior median of the quantity
+    #: lower end of the equal-tailed credible interval of the quantity
+    ci_low: Number
+    #: upper end of the equal-tailed credible interval of the quantity
+    ci_high: Number
     within_U: float  #: share of the posterior draws within mean ± U
     #: whether the readings determine only the lower end of the credible interval; this is the case
     #: for a stiffness whose compliance may be nearly zero
@@ -107,10 +109,14 @@ class AxialDirection(Result):
     """
 
     angle_deg: float  #: mean direction, from 0° to 180°
-    sd_deg: float  #: standard uncertainty u: root-mean-square deviation from the mean
-    U_deg: float  #: expanded uncertainty U = 2 u
-    ci_low_deg: float  #: lower end of the equal-tailed credible interval
-    ci_high_deg: float  #: upper end of the equal-tailed credible interval
+    #: standard uncertainty u of the direction: root mean square of the angles between the posterior
+    #: draws and the mean direction
+    sd_deg: float
+    U_deg: float  #: expanded uncertainty U = 2 u of the direction
+    #: lower end of the equal-tailed credible interval of the direction
+    ci_low_deg: float
+    #: upper end of the equal-tailed credible interval of the direction
+    ci_high_deg: float
     within_U: float  #: share of the posterior draws within mean ± U
     #: absolute value of the mean of exp(2iθ) over posterior draws of the direction θ: 1 if all
     #: draws agree, 0 if every direction is equally likely

@@ -64,15 +64,15 @@ class GumComparison(Result):
     (True, True)
     """
 
-    unit: str  #: unit of all fields except ``digits``
+    unit: str  #: unit of the two intervals and of all other fields except ``digits``
     #: estimate y by the linear model, in which the hyper-parameters (for example the standard
     #: deviation of the noise) are fixed at their posterior means
     gum_estimate: float
     gum_u: float  #: standard uncertainty u of ``gum_estimate``
     gum_low: float  #: lower endpoint y − k u of the interval by the GUM
     gum_high: float  #: upper endpoint y + k u of the interval by the GUM
-    mean: float  #: mean of the posterior distribution
-    sd: float  #: standard deviation of the posterior distribution
+    mean: float  #: mean of the parameter's posterior distribution
+    sd: float  #: standard deviation of the parameter's posterior distribution
     low: float  #: lower endpoint of the equal-tailed interval of the posterior distribution
     high: float  #: upper endpoint of the equal-tailed interval of the posterior distribution
     #: numerical error of ``low`` and ``high``, which are computed from random draws: twice the

@@ -101,7 +101,7 @@ def _term_of_kind(model: HybridModel, kind: type[Term]) -> Term | None:
 
 
 def _leave_unchanged(model: HybridModel) -> HybridModel:
-    """Return the model itself: the assumption is the one that the model makes."""
+    """Return the model itself, with its assumption about the differences between circles."""
     return model
 
 

@@ -275,7 +275,8 @@ def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     centred_positions = np.arange(len(tests)) - 0.5 * (len(tests) - 1)
     rng = np.random.default_rng(0)
     orders = [rng.permutation(len(tests)) for _ in range(_ORDERS_TRIED)]
-    # The correlation is proportional to the product of the positions and the forces.
+    # Because the positions are centred, their correlation with the forces is proportional to the
+    # sum of the products of position and force.
     merit = {k: -abs(float(centred_positions @ forces[order])) for k, order in enumerate(orders)}
     best = orders[ranked(merit, merit.__getitem__)[0]]
     times: list[float | None] = [None] * len(tests)

@@ -44,8 +44,10 @@ class CampaignFamily:
     A clocking is a pair of angles by which the two balls are turned.
     """
 
-    space: Space  #: candidate tests, with all forces, directions, clockings and radii of the family
-    offers: tuple[CertificateOffer, ...]  #: certificates that are bought
+    #: the candidate tests, with all forces, directions of travel, ball angles and radii that the
+    #: campaigns of the family may have
+    space: Space
+    offers: tuple[CertificateOffer, ...]  #: certificates that are bought for every campaign
     goals: Mapping[str, Goal]
     states: States  #: possible values of the parameters and hyper-parameters before the campaign
 

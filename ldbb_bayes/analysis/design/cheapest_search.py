@@ -62,7 +62,7 @@ _MOST_EFFORT = 700
 
 @dataclass(frozen=True, eq=False)
 class FoundCampaign:
-    """A campaign that the search found, and the forecast of its uncertainties."""
+    """A campaign that was found by the search for the cheapest campaign, with its forecast."""
 
     family: CampaignFamily
     tests: tuple[CircularTest, ...]
@@ -219,7 +219,8 @@ def find_cheapest(
             break
         entry = heapq.heappop(queue)
         progress = entry.progress
-        # The search in a family goes on until a campaign is found, or no campaign can be found.
+        # A family goes back into the queue unless it has given a campaign that meets the goals, or
+        # cannot give one.
         if not progress.started:
             goes_on = search.start(progress)
         else:

@@ -181,7 +181,7 @@ class StatedByMachines:
     """Standard uncertainties that analyses of planned tests would state for n possible machines."""
 
     names: tuple[str, ...]  #: names of the p parameters
-    beta: Array  #: true parameters of the machines, shape (n, p), in mm, N and rad
+    beta: Array  #: parameters of the n machines, shape (n, p), in mm, N and rad
     #: standard uncertainties of the p parameters that the analysis would state on each of the n
     #: machines, shape (n, p), in mm, N and rad
     u: Array

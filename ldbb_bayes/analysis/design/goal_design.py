@@ -112,7 +112,7 @@ class GoalPlan(Result):
     price: float  #: price of machine time and certificates, in the unit of money of `Costs`
     probability: float  #: share of the possible machines on which all goals are met
     goals: dict[str, GoalForecast]  #: forecasts for the goals that the campaign is to reach
-    expected: dict[str, Expected]  #: expected uncertainty of every parameter
+    expected: dict[str, Expected]  #: expected uncertainty of every parameter, by name
     #: the plan in the order in which to run it; None if the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
     #: model for the analysis of the plan; None if the design was read from a file

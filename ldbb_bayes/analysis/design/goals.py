@@ -47,14 +47,14 @@ class Goal(Result):
 
     name: str  #: name of the parameter, such as C_XXX
     unit: str  #: internal unit of the parameter (composed of mm, N and rad)
-    absolute: float | None = None  #: the limit of U in ``unit``; None for a relative goal
+    absolute: float | None = None  #: largest U permitted, in ``unit``; None for a relative goal
     #: the limit of U as a fraction of the parameter's absolute value (0.05 for 5 %); None for an
     #: absolute goal
     share: float | None = None
 
     @property
     def is_relative(self) -> bool:
-        """Whether the limit is a fraction of the parameter's value."""
+        """Whether the goal limits U to a fraction of the parameter's value."""
         return self.share is not None
 
     def limit_U(self, value: ArrayLike) -> Array:

@@ -439,9 +439,6 @@ def _progress_of_circles(distance_now: float, distances: Array) -> Array:
     return np.clip((distance_now - distances) / distance_now, 0.0, 1.0)
 
 
-# ---- Decision between constant and linear compliance
-
-
 @dataclass(frozen=True, eq=False)
 class _ModelOdds:
     """Odds of linear over constant compliance, and the aim to decide between these two models."""

@@ -165,7 +165,8 @@ def exchange(
             likely = _likely_candidates(objective, base, size, rng)
             replacements = np.array([j for j in likely if feasible(_with_tests(base, j))], int)
             values = objective.after_adding(base.astype(float), replacements)
-            # There is one best replacement, or none if no replacement is allowed.
+            # This loop runs at most once: there is one best replacement for a test, or none if no
+            # replacement is allowed.
             for best in largest_positions(values):
                 if is_better(values[best], value):
                     counts = _with_tests(base, replacements[best])
