@@ -43,8 +43,8 @@ class MachineColumns(NamedTuple):
     #: changes of the 25 coefficients per unit of each compliance and slope, shape (25, p); the
     #: columns of geometric errors are zero
     elastic: Array
-    #: changes of the 25 coefficients per unit of each geometric error, shape (25, p); the columns of
-    #: compliances and slopes are zero
+    #: changes of the 25 coefficients per unit of each geometric error, shape (25, p); the columns
+    #: of compliances and slopes are zero
     geometric: Array
 
 
