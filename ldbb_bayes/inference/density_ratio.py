@@ -100,7 +100,7 @@ class RatioIntegral(NamedTuple):
 
     @property
     def least_error(self) -> float:
-        """Error [nat] of the log integral if the density had been evaluated at all nodes."""
+        """Error that the log integral would have with the density evaluated at all nodes [nat]."""
         return replace(self.integral, ratio_error=0.0).error + self.value_error
 
 

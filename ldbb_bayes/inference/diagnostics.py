@@ -116,7 +116,7 @@ def power_sensitivity(
 
 
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
-    """Return weights for posterior draws, with which they follow a changed posterior.
+    """Return weights with which posterior draws represent a changed posterior.
 
     The posterior density is a product of factors such as prior and likelihood. In the changed
     posterior, one factor is raised to ``power``. ``log_density``, shape (chains, draws), is the

@@ -333,8 +333,9 @@ class HyperPosterior:
         noise = np.zeros(len(integral.free))
 
         def evaluate(index: Index) -> LogValues:
-            # Log density at the nodes with these indices, times P(T | y, φ) and divided by its
-            # bound if there is one; the random error of each value is stored in ``noise``.
+            # Log density of ``integral`` at the nodes with these indices, plus the log probability
+            # that no compliance is negative, minus the log of its upper bound if the density
+            # contains the bound. The random error of each value is stored in ``noise``.
             orthant = self.given(integral.free[index])[1].orthant
             probability = _log_probability(orthant, tolerance, self._seed)
             log_density = integral.log_density[index] + probability.log_value
@@ -349,8 +350,9 @@ class HyperPosterior:
         errors = np.zeros(len(integral.free))
 
         def log_factor(index: Index) -> Array:
-            # ln P(T | y, φ) at the nodes with these indices, minus the bound if there is one; the
-            # error of each value is stored in ``errors``.
+            # Log probability that no compliance is negative, at the nodes with these indices, minus
+            # the log of its upper bound if the density contains the bound. The error of each value
+            # is stored in ``errors``.
             values = evaluate(index)
             errors[index] = values.error
             return values.log_density - integral.log_density[index]
@@ -560,7 +562,8 @@ class HyperPosterior:
         may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
 
         def derivatives(point: Array) -> tuple[Array, Array]:
-            # Gradient and Hessian at a point; elements of the fixed coordinate are zero.
+            # Gradient and Hessian of the log density at a point, with zeros for the derivatives
+            # with respect to the coordinate that must not change.
             gradient, hessian = self._derivatives(point)
             both_may_change = np.outer(may_change, may_change)
             return np.where(may_change, gradient, 0.0), np.where(both_may_change, hessian, 0.0)

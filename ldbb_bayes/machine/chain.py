@@ -181,9 +181,10 @@ class Machine(Shown):
         object.__setattr__(self, "frames_mm", frames)
 
     def _check_frame(self, axis: str, frame: Sequence[float]) -> None:
-        """Raise an `InputError` unless a frame is at three usable coordinates of a machine's joint.
+        """Raise an `InputError` unless the position of a joint's frame is valid.
 
-        ``axis`` must be a linear axis of the topology; ``frame`` must be three finite numbers [mm].
+        ``axis``, the axis of the joint, must be a linear axis of the topology. ``frame``, the
+        position, must be three finite numbers of at most ``LARGEST_MM`` [mm].
         """
         require(
             axis in LINEAR and axis in self.topology,

@@ -224,10 +224,12 @@ class Gaussian(Shown):
         *,
         has_prior: bool = False,
     ) -> Gaussian:
-        """Return the Gaussian function of q coefficients from the QR decomposition of its rows.
+        """Return a Gaussian function of q coefficients x from a QR decomposition.
 
-        The decomposed matrix is [rows · S, values − rows · origin]. ``rows`` stands for the design
-        matrix and ``values`` for the readings, both divided by the sd of the noise. S is diagonal.
+        The function is the likelihood of readings with a linear model or, if there is a prior, the
+        product of prior and likelihood. Let ``rows`` be the design matrix and ``values`` the
+        readings, both divided by the sd of the noise. The matrix that was decomposed has the
+        columns of rows · S, where S is diagonal, and the last column values − rows · origin.
 
         Parameters
         ----------

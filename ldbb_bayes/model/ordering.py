@@ -84,9 +84,9 @@ class _Node(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of columns of a matrix: those eliminated together, and those that this changes.
+        """Number of columns that are eliminated together, and number of columns that then change.
 
-        The columns of the second number are eliminated later.
+        The columns that change are eliminated later.
         """
         return self.columns.bit_count(), self.border.bit_count()
 
