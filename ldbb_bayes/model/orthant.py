@@ -249,9 +249,9 @@ class Orthant:
     ) -> NoisyLogProbability:
         """Return ln P(u ≥ 0) for w vectors u, from analytical bounds or from quasi-random points.
 
-        The bounds are used where they are within ``tolerance`` [nat] of each other. Otherwise the
-        number of points is increased until the noise, their random error, is at most
-        ``largest_noise`` [nat]. ``points`` generates the points.
+        The bounds are used for vectors for which their largest error is at most ``tolerance``
+        [nat]. For other vectors, the number of points is increased until the noise, the error due
+        to the random points, is at most ``largest_noise`` [nat]. ``points`` generates the points.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
@@ -484,7 +484,7 @@ class Orthant:
 
     @property
     def _tilted(self) -> Tilted:
-        """Constraints that may fail, and the shifted densities from which x = axes @ e is drawn."""
+        """Constraints that may fail, with the shifted densities from which vectors are drawn."""
         return self._solved.tilted
 
     @cached_property

@@ -143,7 +143,10 @@ class _Limits(NamedTuple):
 
 
 class _DensityOnGrid(NamedTuple):
-    """Values of a density, which is not normalised, at the points of a grid, each (..., points)."""
+    """Values of a density at the points of a grid; both arrays have the shape (..., points).
+
+    The density is not normalised.
+    """
 
     grid: Array
     density: Array
