@@ -24,13 +24,13 @@ def shown_list(texts: Iterable[str], longest: int) -> str:
     Texts after the first ``longest`` characters of the list are replaced by an ellipsis. If the
     first text alone is longer, only its beginning is returned.
     """
-    shown = ""
+    listed = ""
     for text in texts:
-        longer = f"{shown}, {text}" if shown else text
+        longer = f"{listed}, {text}" if listed else text
         if len(longer) > longest:
-            return f"{shown}, …" if shown else f"{text[:longest]}…"
-        shown = longer
-    return shown
+            return f"{listed}, …" if listed else f"{text[:longest]}…"
+        listed = longer
+    return listed
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,10 @@ class AssumptionLog:
         self._cited_lines.setdefault(place, []).extend(lines)
 
     def allow_for_unused_texts(self) -> None:
-        """Qualify the reason `NOTHING_STATED`: a text that is not understood may state a value."""
+        """Change the reason of all assumptions that are made because nothing states a value.
+
+        The changed reason admits that a text that is not understood may state the value.
+        """
         places_of_entries: dict[_Entry, list[str]] = {}
         for entry, places in self._places.items():
             if entry.reason == NOTHING_STATED:

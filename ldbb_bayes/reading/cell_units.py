@@ -72,9 +72,9 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     changed = list(rows)
     units: dict[tuple[int, int], str] = {}
     for k, row in enumerate(rows):
-        before = k > 0 and is_neighbour[k - 1]
-        behind = k + 1 < len(rows) and is_neighbour[k + 1]
-        if not numbers[k] or not (before or behind):
+        has_neighbour_above = k > 0 and is_neighbour[k - 1]
+        has_neighbour_below = k + 1 < len(rows) and is_neighbour[k + 1]
+        if not numbers[k] or not (has_neighbour_above or has_neighbour_below):
             continue
         cells = list(row.cells)
         for column, entry in numbers[k].items():

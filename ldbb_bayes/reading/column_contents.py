@@ -95,7 +95,7 @@ def name_plane_column(
 
 
 def _columns_of_planes(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
-    """Return the indices of the columns of unknown meaning in which every cell names a plane."""
+    """Return the indices of the columns without a role in which every cell names a plane."""
     columns = []
     for column in _free_columns(heading, cells):
         if {plane_named(cell) for cell in cells[column]} <= _PLANE_CELLS:

@@ -233,10 +233,10 @@ def _unit_before_remark(header: str, name: str) -> Header | None:
         return None
     if unit_named(remarks[0]):
         return None
-    before = _unit_at_end(name)
-    if before.unit in ("", name) or not unit_named(before.unit):
+    header_before_bracket = _unit_at_end(name)
+    if header_before_bracket.unit in ("", name) or not unit_named(header_before_bracket.unit):
         return None
-    return before
+    return header_before_bracket
 
 
 def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
@@ -487,10 +487,10 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Complete the list of columns of readings, and make sure that they have no other role.
+    """Make the list ``roles.readings`` and the roles of the columns agree with each other.
 
-    ``roles.readings`` is this list. If it is empty, the column that has the role of reading is
-    added.
+    A column in this list of columns of readings loses any other role, such as angle. If the list is
+    empty, the column that has the role of reading is added.
     """
     for role, column in list(roles.columns.items()):
         if role != "reading" and column in roles.readings:

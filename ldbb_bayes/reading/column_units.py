@@ -223,8 +223,8 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
     for statement in recording.statements.get(f"{role}_unit", ()):
         evidence.append(_UnitEvidence([statement.value], cited_line(statement.line)))
     scales = recording.statements.get("reading_scale", ())
-    known = [other for other in evidence if not _is_count(other.units)]
-    if role == "reading" and scales and not known:
+    without_counts = [other for other in evidence if not _is_count(other.units)]
+    if role == "reading" and scales and not without_counts:
         return [_UnitEvidence([scale.value], cited_line(scale.line)) for scale in scales]
     return evidence
 

@@ -50,8 +50,8 @@ _LINE_SHOWN = 80
 
 def states_force_law(text: str) -> bool:
     """Return whether a line states a force law of the bar, such as ``F = 118.5 N/bar * p``."""
-    shown = text[:LONGEST_TEXT]
-    return any(law.search(shown) is not None for law in _LAWS)
+    beginning = text[:LONGEST_TEXT]
+    return any(law.search(beginning) is not None for law in _LAWS)
 
 
 def check_force_law(place: str, lines: Iterable[tuple[int | str, str]]) -> None:

@@ -157,8 +157,8 @@ def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTabl
     if len(columns) > 1:
         header = [_header_of(key, content[key]) for key in columns]
         rows = [list(row) for row in zip(*columns.values(), strict=True)]
-        beside = _statements_beside(content, columns)
-        yield EntryTable(_name_in(content) or name, [*statements, *beside], header, rows)
+        properties = _statements_beside(content, columns)
+        yield EntryTable(_name_in(content) or name, [*statements, *properties], header, rows)
     for table in inner_tables:
         table.statements = [*statements, *table.statements]
         table.header = table.header or _names_of_columns(content, len(table.rows[0]))

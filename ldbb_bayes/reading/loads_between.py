@@ -130,11 +130,11 @@ def _heading_with_loads(
     for row in heading:
         if row.line in loads:
             rows.append(_with_load_in_words(sheet, row, loads[row.line]))
-    others = [row for row in heading if row.line not in loads]
+    other_rows = [row for row in heading if row.line not in loads]
     wanted = [comparable(cell) for cell in header_rows[0].cells]
-    if not any([comparable(cell) for cell in row.cells] == wanted for row in others):
-        others += [Row(rows[-1].line, row.cells) for row in header_rows]
-    return [*rows, *others]
+    if not any([comparable(cell) for cell in row.cells] == wanted for row in other_rows):
+        other_rows += [Row(rows[-1].line, row.cells) for row in header_rows]
+    return [*rows, *other_rows]
 
 
 def _with_load_in_words(sheet: Sheet, row: Row, load: NamedLoad) -> Row:

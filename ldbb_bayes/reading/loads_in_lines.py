@@ -61,9 +61,10 @@ def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLin
 
 
 def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
-    """Return the load of a test if all lines with a load agree and are clear; otherwise None.
+    """Return the load of a test from the lines above its table; None if the load is uncertain.
 
-    ``loads`` are the loads in all lines above the table of the test.
+    ``loads`` are the loads in all these lines. All lines must state the same load, and each must
+    state it clearly, see `_is_clear`.
     """
     values = {(load.key, load.value) for load in loads}
     if len(values) == 1 and all(load.is_clear for load in loads):

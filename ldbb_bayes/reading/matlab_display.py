@@ -104,11 +104,11 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
         factor is not written as MATLAB writes it; or if a factor stands above too few rows for a
         table.
     """
-    *shown, end = _shown_matrices(sheet.rows, text.split("\n"))
-    if not shown:
+    *matrices, end = _shown_matrices(sheet.rows, text.split("\n"))
+    if not matrices:
         _check_no_factor(sheet, end.above)
         return [sheet]
-    displays = [_display(sheet, matrix) for matrix in shown]
+    displays = [_display(sheet, matrix) for matrix in matrices]
     tables = [_rows_of_display(sheet, displays[0], display) for display in displays]
     tables[-1] += _with_values(end.above)
     named = [sheet]
@@ -152,17 +152,17 @@ def _is_row_of_numbers(row: Row) -> bool:
     return all(looks_like_number(cell) or is_missing(cell) for cell in row.cells)
 
 
-def _end_run(shown: list[_Shown], successive: Sequence[Row]) -> None:
+def _end_run(matrices: list[_Shown], successive: Sequence[Row]) -> None:
     """Store successive rows of numbers as a matrix, if there are enough rows for a table.
 
-    The rows become the numbers of the last item in ``shown``, and a new item for the next matrix is
-    added. If there are too few rows, they are added to the lines above the next matrix.
+    The rows become the numbers of the last item in ``matrices``, and a new item for the next matrix
+    is added. If there are too few rows, they are added to the lines above the next matrix.
     """
     if len(successive) < _FEWEST_ROWS:
-        shown[-1].above += [Row(row.line, [" ".join(row.cells)]) for row in successive]
+        matrices[-1].above += [Row(row.line, [" ".join(row.cells)]) for row in successive]
         return
-    shown[-1].numbers += successive
-    shown.append(_Shown([], []))
+    matrices[-1].numbers += successive
+    matrices.append(_Shown([], []))
 
 
 def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
@@ -221,11 +221,11 @@ def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[R
     """
     if display is first:
         return [*first.lines, *first.header, *first.numbers]
-    kept = lines_that_hold(sheet, first.lines, display.lines)
+    lines_of_first = lines_that_hold(sheet, first.lines, display.lines)
     header = display.header
     if not header and len(first.numbers[0].cells) == len(display.numbers[0].cells):
         header = first.header
-    return [*kept, *display.lines, *header, *display.numbers]
+    return [*lines_of_first, *display.lines, *header, *display.numbers]
 
 
 def _column_names(content: str, width: int) -> list[str]:

@@ -60,11 +60,11 @@ def placeholders_in(cells: Sequence[str], numbers: Array) -> NDArray[np.bool_]:
     """
     is_like = np.array([_is_like_placeholder(cell) for cell in cells], dtype=bool)
     is_like |= np.abs(numbers) >= _LARGEST_NUMBER
-    others = numbers[~is_like]
-    if not is_like.any() or len(others) < _FEWEST_NUMBERS:
+    other_numbers = numbers[~is_like]
+    if not is_like.any() or len(other_numbers) < _FEWEST_NUMBERS:
         return np.zeros(len(numbers), dtype=bool)
-    median = float(np.median(others))
-    largest_difference = float(np.abs(others - median).max())
+    median = float(np.median(other_numbers))
+    largest_difference = float(np.abs(other_numbers - median).max())
     n_times = Counter(cells)
     is_repeated = np.array([n_times[cell] > 1 for cell in cells], dtype=bool)
     factors = np.where(is_repeated, _FAR_IF_REPEATED, _FAR)

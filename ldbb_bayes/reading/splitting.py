@@ -387,12 +387,14 @@ def _lines_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int 
     last_line = max(lines_of_table, default=0)
     lines: list[tuple[int | str, str]] = []
     for line, text in sheet.texts(row for row in sheet.rows if row.line > last_line):
-        shown = text
+        text_without_results = text
         if _RESULT.search(text):
             segments = segments_of_line(text[:LONGEST_TEXT])
-            shown = "; ".join(segment for segment in segments if not _RESULT.search(segment))
-        if shown:
-            lines.append((line, shown))
+            text_without_results = "; ".join(
+                segment for segment in segments if not _RESULT.search(segment)
+            )
+        if text_without_results:
+            lines.append((line, text_without_results))
     return lines
 
 
@@ -534,9 +536,9 @@ def _without_placeholders(
         # All rows of the test hold placeholders. Later code raises an error for such rows.
         return list(rows)
     if left_out:
-        shown = shown_list(dict.fromkeys(left_out.values()), LONGEST_NAME)
+        listed = shown_list(dict.fromkeys(left_out.values()), LONGEST_NAME)
         reason = (
-            f"{shown} from line {columns.lines[min(left_out)]} on, far from all other numbers of"
+            f"{listed} from line {columns.lines[min(left_out)]} on, far from all other numbers of"
             " the column"
         )
         place = _place_of_test(columns, title)
@@ -745,14 +747,14 @@ def _check_thousands(
             marked.append((line, cell))
         elif looks_like_number(cell) and OTHER_MARK[decimal] not in cell:
             unmarked.append(cell)
-    whole = [cell for cell in unmarked if re.sub("^[+\\-−–]", "", cell).isdigit()]
+    integers = [cell for cell in unmarked if re.sub("^[+\\-−–]", "", cell).isdigit()]
     if len(marked) < _FEWEST_MARKED or not all(could_be_thousands(cell) for _, cell in marked):
         return
-    if any(cell.strip("+-−–0") for cell in whole):
+    if any(cell.strip("+-−–0") for cell in integers):
         line, cell = marked[0]
         raise InputError(
             f"{sheet.place}, line {line}: marks must be decimal or stand between thousands, got"
-            f" {cell!r} beside {whole[0]!r}, which may be either. Say which mark is decimal:"
+            f" {cell!r} beside {integers[0]!r}, which may be either. Say which mark is decimal:"
             f" --decimal '{decimal}', or '{OTHER_MARK[decimal]}' if these are thousands."
         )
 

@@ -72,8 +72,8 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
         if not begins_anew:
             lines = _without_titles(sheet, lines, lines_above_first)
         if lines or begins_anew:
-            kept = lines_that_hold(sheet, lines_above_first, lines)
-            tables.append([*kept, *lines, sheet.rows[next_header]])
+            lines_of_first = lines_that_hold(sheet, lines_above_first, lines)
+            tables.append([*lines_of_first, *lines, sheet.rows[next_header]])
             lines_above_table = lines_between
         first_row = next_header + 1
     tables[-1] += sheet.rows[first_row:]
@@ -233,16 +233,16 @@ def lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) ->
     does not apply if ``lines`` state another date, but the text after it does.
     """
     stated = _keys_of(sheet, lines)
-    kept = []
+    lines_that_apply = []
     for row in first:
         text = sheet.text_of(row.cells)
         if not _keys_of_text(text) & stated:
-            kept.append(row)
+            lines_that_apply.append(row)
             continue
         remaining = _without_fields(text, stated)
         if remaining:
-            kept.append(row._replace(cells=[remaining]))
-    return kept
+            lines_that_apply.append(row._replace(cells=[remaining]))
+    return lines_that_apply
 
 
 def _without_fields(text: str, fields: Set[str]) -> str:

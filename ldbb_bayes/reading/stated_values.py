@@ -253,8 +253,8 @@ def _load_of_lines(recording: Recording, in_lines: Sequence[LoadInLine]) -> dict
     if load is None:
         return {}
     reason = quoted_line(load.line, load.text, longest=_TEXT_SHOWN)
-    shown = f"{load.value:.6g} {UNITS_SHOWN[load.key]}"
-    recording.note(load.key, shown, reason, option_for(load.key))
+    value_and_unit = f"{load.value:.6g} {UNITS_SHOWN[load.key]}"
+    recording.note(load.key, value_and_unit, reason, option_for(load.key))
     return {load.key: load.value}
 
 

@@ -108,14 +108,16 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
     stamps = []
     end = 0
     for match in _STAMP.finditer(text[:LONGEST_TEXT]):
-        before = text[end : match.start()]
+        words_before = text[end : match.start()]
         end = match.end()
-        found = _rank_of(before)
-        if found is None or (rank is None and found == Rank.ALONE and not _is_whole(match)):
+        rank_of_words = _rank_of(words_before)
+        if rank_of_words is None:
             continue
-        if _is_duration(before, match):
+        if rank is None and rank_of_words == Rank.ALONE and not _is_whole(match):
             continue
-        stamp = _stamp_of(match, found if rank is None else rank)
+        if _is_duration(words_before, match):
+            continue
+        stamp = _stamp_of(match, rank_of_words if rank is None else rank)
         if stamp is not None:
             stamps.append(stamp)
     return stamps

@@ -341,9 +341,9 @@ def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection 
         if directions_stated([(line, text)]):
             continue
         for statement in statements_of_line(text, _is_about_angles_and_travel):
-            shown = _unread_in(statement)
-            if shown:
-                return UnreadDirection(line, shown.strip()[:_LENGTH_SHOWN])
+            unread = _unread_in(statement)
+            if unread:
+                return UnreadDirection(line, unread.strip()[:_LENGTH_SHOWN])
     return None
 
 

@@ -10,7 +10,8 @@ from ldbb_bayes.reading.words import ROLES, comparable, scaled_unit
 
 __all__ = ["unit_columns"]
 
-# Units that can hardly be mistaken for other words. A column of such units needs no header.
+# Units, such as um, that can hardly be mistaken for other words. If all cells of a column are such
+# units, it is taken as a column of units, whatever its header is.
 _PLAIN_UNITS = frozenset(
     {"um", "mm", "cm", "nm", "inch", "mil", "uinch", "deg", "rad", "gon", "kN"}
 )
@@ -44,12 +45,12 @@ def unit_columns(
     for column, header in enumerate(headers):
         if column in numeric or partner_of_units(header) or not _holds_units(header, cells[column]):
             continue
-        before = [number for number in numeric if number < column and number not in pairs]
-        behind = [number for number in numeric if number > column and number not in pairs]
-        if before:
-            pairs[max(before)] = column
-        elif behind:
-            pairs[min(behind)] = column
+        to_the_left = [number for number in numeric if number < column and number not in pairs]
+        to_the_right = [number for number in numeric if number > column and number not in pairs]
+        if to_the_left:
+            pairs[max(to_the_left)] = column
+        elif to_the_right:
+            pairs[min(to_the_right)] = column
     return pairs
 
 

@@ -81,13 +81,16 @@ def units_in_sentences(text: str) -> dict[str, str]:
         match = pattern.search(text)
         if match is None:
             continue
-        parts = _PHRASE.fullmatch(match["behind"])
-        if parts is None or _OTHER.search(text[: match.start("behind") + parts.end("phrase")]):
+        phrase_and_remark = _PHRASE.fullmatch(match["behind"])
+        if phrase_and_remark is None:
             continue
-        phrase = parts["phrase"].strip()
+        end_of_phrase = match.start("behind") + phrase_and_remark.end("phrase")
+        if _OTHER.search(text[:end_of_phrase]):
+            continue
+        phrase = phrase_and_remark["phrase"].strip()
         is_german = "winkel" in comparable(text)
-        unit = _unit_of_phrase(phrase, (parts["remark"] or "").strip(), role, is_german)
-        if not unit and not parts["behind"].strip(" .;|\t)"):
+        unit = _unit_of_phrase(phrase, (phrase_and_remark["remark"] or "").strip(), role, is_german)
+        if not unit and not phrase_and_remark["behind"].strip(" .;|\t)"):
             unit = _unknown_unit(phrase)
         if unit:
             stated[f"{role}_unit"] = unit
