@@ -5,6 +5,7 @@ The header of the first table is repeated above each further table.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence, Set
 from dataclasses import replace
@@ -40,6 +41,13 @@ _PAGE = re.compile(
 _CONTINUED = re.compile(
     r"continued|cont|fortsetzung|forts|suite|segue|continua\w*|continuación|pokračování"
 )
+# Fields that a line may state beside a field that another line states anew, and the words that
+# state their values in place of the line.
+_STATED_AS = {
+    "plane": "plane {}",
+    "radius_mm": "radius {:g} mm",
+    "feed_mm_per_min": "feed {:g} mm/min",
+}
 
 
 def split_tables(sheet: Sheet) -> list[Sheet]:
@@ -246,7 +254,11 @@ def lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) ->
 
 
 def _without_fields(text: str, fields: Set[str]) -> str:
-    """Return the segments of a line that state none of the ``fields``; empty if there are none."""
+    """Return a line without the segments that state some of the ``fields``.
+
+    What these segments also state is kept in other words, such as the plane in ``238 N in plane
+    ZX``. The result is empty if nothing remains.
+    """
     if "time" in fields:
         text = without_stamps(text)
     segments = []
@@ -256,8 +268,26 @@ def _without_fields(text: str, fields: Set[str]) -> str:
     remaining = "; ".join(segments)
     # Two segments may state a field together, as in "Operator;Meier". Such a line is dropped.
     if _keys_of_text(remaining) & fields or not re.search(r"[^\W\d_]", remaining):
-        return ""
-    return remaining
+        remaining = ""
+    restated = _restated(text, fields | _keys_of_text(remaining))
+    return "; ".join([text for text in (remaining, *restated) if text])
+
+
+def _restated(text: str, except_fields: Set[str]) -> list[str]:
+    """Return the plane, radius, feed and direction that a line states, each as a segment.
+
+    The fields in ``except_fields`` are left out.
+    """
+    segments = []
+    statements = statements_in([(0, text)])
+    for field, words in _STATED_AS.items():
+        for statement in statements.get(field, ())[:1]:
+            is_unclear = isinstance(statement.value, float) and math.isnan(statement.value)
+            if field not in except_fields and not is_unclear:
+                segments.append(words.format(statement.value))
+    if "direction" not in except_fields:
+        segments += [f"direction {word}" for word in directions_stated([(0, text)])]
+    return segments
 
 
 def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
