@@ -661,15 +661,17 @@ def _numeric_columns(heading: Heading) -> list[int]:
 
 
 def _without_statistics(sheet: Sheet, heading: Heading, log: AssumptionLog) -> Sheet:
-    """Leave out rows of statistics at the end of a sheet's table, and note them."""
+    """Leave out the rows of statistics of a sheet's table, and note them."""
     column = heading.roles.get("angle", heading.roles.get("time"))
-    statistics = []
-    if column is not None:
-        statistics = rows_of_statistics(_table_rows(sheet, heading), column)
+    if column is None:
+        return sheet
+    statistics = rows_of_statistics(_table_rows(sheet, heading), column)
     if not statistics:
         return sheet
-    labels = [repr(label_of_statistics(row)) for row in statistics]
-    reason = f"{shown_list(labels, LONGEST_NAME)} from line {statistics[0].line} on"
+    labels = [repr(label_of_statistics(row, column)) for row in statistics]
+    reason = (
+        f"{shown_list(list(dict.fromkeys(labels)), LONGEST_NAME)} from line {statistics[0].line} on"
+    )
     count = _count_left_out(len(statistics))
     log.add(sheet.place, "left out", count, reason, "numbers in these cells")
     lines = {row.line for row in statistics}

@@ -1,4 +1,4 @@
-"""Rows of statistics at the end of a table, such as the mean and the maximum of the readings."""
+"""Rows of statistics in a table, such as the mean and the maximum of the readings."""
 
 from __future__ import annotations
 
@@ -28,35 +28,32 @@ def statistics_among(cells: Sequence[str]) -> list[int]:
     return statistics
 
 
-def label_of_statistics(row: Row) -> str:
+def label_of_statistics(row: Row, angle_column: int) -> str:
     """Return the label of a row of statistics, such as "std. dev."; empty for any other row.
 
-    The label stands in the filled cells before the first number.
+    The label stands in the column of angles or times, whose index is ``angle_column``, or else in
+    the filled cells before the first number. A row with a number in that column is not a row of
+    statistics.
     """
+    angle = "".join(row.cells[angle_column : angle_column + 1])
+    if looks_like_number(angle):
+        return ""
     texts: list[str] = []
     for cell in row.cells:
         if looks_like_number(cell):
             break
         if cell:
             texts.append(cell)
-    label = " ".join(texts)[:LONGEST_NAME]
-    words = re.findall(r"[^\W\d_]+", comparable(label))
-    if not words or not set(words) <= _WORDS:
-        return ""
-    return label
+    for label in (angle, " ".join(texts)[:LONGEST_NAME]):
+        words = re.findall(r"[^\W\d_]+", comparable(label))
+        if words and set(words) <= _WORDS:
+            return label
+    return ""
 
 
 def rows_of_statistics(rows: Sequence[Row], angle_column: int) -> list[Row]:
-    """Return the rows of statistics at the end of a table.
+    """Return the rows of statistics of a table, at its end or between groups of readings.
 
-    A row of statistics has a label such as "mean", and no number in the column of angles or times.
-    ``angle_column`` is the index of this column.
+    ``angle_column`` is the index of the column of angles or times.
     """
-    first = len(rows)
-    while first:
-        row = rows[first - 1]
-        angle = "".join(row.cells[angle_column : angle_column + 1])
-        if looks_like_number(angle) or not label_of_statistics(row):
-            break
-        first -= 1
-    return list(rows[first:])
+    return [row for row in rows if label_of_statistics(row, angle_column)]

@@ -59,3 +59,26 @@ def test_lines_of_numbers_above_the_header_are_named(
     path.write_text("\n".join(["a;b", *above, "Angle [deg];Reading [um]", *ROWS, ""]))
     with pytest.raises(lb.InputError, match=step):
         lb.import_campaign(path)
+
+
+def test_statistics_between_groups_of_rows_are_left_out(tmp_path: Path) -> None:
+    rows = []
+    for force in ("100 N", "300 N"):
+        rows += [f"{force};{row}" for row in ROWS]
+        rows += [f"{force};mean;1.25", f"{force};max;7.10"]
+    path = tmp_path / "tests.csv"
+    path.write_text("\n".join(["test;Angle [deg];Reading [um]", *rows, ""]))
+    result = lb.import_campaign(path)
+    assert [len(test.angle_deg) for test in result.campaign.tests] == [72, 72]
+    (note,) = [note for note in result.assumptions if note.what == "left out"]
+    assert (note.value, note.because) == ("4 rows left out", "'mean', 'max' from line 74 on")
+
+
+def test_statistics_in_the_column_of_tests_are_no_tests(tmp_path: Path) -> None:
+    rows = []
+    for force in ("100 N", "300 N"):
+        rows += [*[f"{force};{row}" for row in ROWS], "mean;;1.25", "sd;;0.2"]
+    path = tmp_path / "tests.csv"
+    path.write_text("\n".join(["test;Angle [deg];Reading [um]", *rows, ""]))
+    forces = [test.force_N for test in lb.import_campaign(path).campaign.tests]
+    assert forces == [100.0, 300.0]
