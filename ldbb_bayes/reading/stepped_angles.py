@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.cited_lines import CitedLine
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, number_in_text
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, UNITS, unit_named
@@ -30,7 +31,7 @@ _END = re.compile(
     re.IGNORECASE,
 )
 _STEP = re.compile(
-    r"(?:winkel[ _-]?(?:schritt(?:weite)?|inkrement)|schrittweite"
+    r"(?:winkel[ _-]?(?:schritt(?:weite)?|inkrement)|(?<!\w)schritt(?:weite)?"
     r"|(?:angular|angle)[ _-](?:step|increment)|step(?:[ _-](?:size|width|angle))?|increment)"
     + _STATED,
     re.IGNORECASE,
@@ -46,6 +47,7 @@ class _StatedAngle(NamedTuple):
 
     value_deg: float
     line: int | str
+    quoted: str  # words of the line that state the angle
 
 
 def may_be_stepped(recording: Recording) -> bool:
@@ -81,25 +83,20 @@ def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
         If the start is not stated, if readings are missing between others, or if the end does not
         agree with the number of readings.
     """
-    step = _stated(recording, _STEP)
     start = _stated(recording, _START)
     end = _stated(recording, _END)
+    step = _stated(recording, _STEP, is_of_angle=start is not None or end is not None)
     n_readings = len(recording.lines)
     if _agrees(recording, start, end, step):
         return None
-    if step is None and start is not None and end is not None and "time" not in recording.numbers:
-        usual = (end.value_deg - start.value_deg) / (n_readings - 1)
-        raise InputError(
-            f"{recording.place}: angles must follow from start and step, got start and end in line"
-            f" {start.line} and no step. Write a line 'Angle step: {usual:g} deg' above the table,"
-            " or add a column 'Angle [deg]'."
-        )
     if step is None or step.value_deg == 0.0:
+        _check_no_end(recording, start, end)
         return None
     if start is None:
         raise InputError(
             f"{recording.place}: angles must follow from start and step, got a step in line"
-            f" {step.line} and no start. Write a line 'Start angle: 0 deg' above the table, or add"
+            f" {step.line} and no start. Write a line"
+            f" 'Start angle: {_start_before(end, step, n_readings):g} deg' above the table, or add"
             " a column 'Angle [deg]'."
         )
     step_deg = step.value_deg
@@ -115,8 +112,55 @@ def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
     _check_number(recording, start, end, step_deg)
     value = f"from {start.value_deg:g}° in steps of {step_deg:g}°"
     reason = f"line {start.line}, line {step.line}"
+    used = [angle for angle in (start, step, end) if angle is not None]
+    recording.log.cite(recording.place, [CitedLine("", angle.line, angle.quoted) for angle in used])
     recording.note("angle", value, reason, "a column of angles")
     return start.value_deg + step_deg * np.arange(n_readings)
+
+
+def _check_no_end(
+    recording: Recording, start: _StatedAngle | None, end: _StatedAngle | None
+) -> None:
+    """Raise an `InputError` if lines state where the angles end, but not their step.
+
+    The error is not raised if a column may hold the angles, or times from which they follow.
+    """
+    if end is None or "time" in recording.numbers:
+        return
+    n_readings = len(recording.lines)
+    if start is not None:
+        raise InputError(
+            f"{recording.place}: angles must follow from start and step, got start and end in line"
+            f" {start.line} and no step. Write a line"
+            f" 'Angle step: {_usual_step(end.value_deg - start.value_deg, n_readings):g} deg' above"
+            " the table, or add a column 'Angle [deg]'."
+        )
+    if "angle" not in recording.numbers:
+        raise InputError(
+            f"{recording.place}: angles must follow from start and step, got an end in line"
+            f" {end.line} and no start. Write a line 'Start angle: 0 deg; angle step:"
+            f" {_usual_step(end.value_deg, n_readings):g} deg' above the table, or add a column"
+            " 'Angle [deg]'."
+        )
+
+
+def _usual_step(range_deg: float, n_readings: int) -> float:
+    """Return the step [deg] of angles that cover a range; of two possible steps, the rounder one.
+
+    The range, from the first angle to the stated end, has as many steps as there are readings, or
+    one step fewer.
+    """
+    steps = [range_deg / (n_readings - 1), range_deg / n_readings]
+    return min(steps, key=lambda step: len(f"{step:g}"))
+
+
+def _start_before(end: _StatedAngle | None, step: _StatedAngle, n_readings: int) -> float:
+    """Return the angle [deg] at which a circle probably starts: 0°, unless the end differs."""
+    if end is None:
+        return 0.0
+    last = abs(step.value_deg) * n_readings
+    starts = [end.value_deg - last + abs(step.value_deg), end.value_deg - last]
+    return min(starts, key=abs)
 
 
 def _agrees(
@@ -140,20 +184,26 @@ def _agrees(
     return end is None or end.value_deg - numbers[-1] in (0.0, 1.0)
 
 
-def _stated(recording: Recording, pattern: re.Pattern[str]) -> _StatedAngle | None:
-    """Return the first angle that a line above the table states in words that match a pattern."""
+def _stated(
+    recording: Recording, pattern: re.Pattern[str], is_of_angle: bool = False
+) -> _StatedAngle | None:
+    """Return the first angle that a line above the table states in words that match a pattern.
+
+    A line without a unit must name the angle, unless it is clear from other lines that the words
+    are about an angle (``is_of_angle``).
+    """
     for line, content in recording.heading.lines_above:
         match = pattern.search(content[:LONGEST_TEXT])
         if match is None:
             continue
-        if not match["unit"] and not _NAMES_ANGLE.search(content):
+        if not (match["unit"] or is_of_angle or _NAMES_ANGLE.search(content)):
             continue  # a line without the word angle may state the step of another quantity
         value = number_in_text(match["number"])
         unit = unit_named(match["unit"] or "deg")
         if (match["unit"] or "").casefold() == "grad":  # in German, Grad means degree
             unit = "deg"
         if value is not None and unit in UNITS["angle"]:
-            return _StatedAngle(value * UNITS["angle"][unit], line)
+            return _StatedAngle(value * UNITS["angle"][unit], line, match[0])
     return None
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import field_files as field
 from field_files import Circle, FieldCase
 
@@ -10,7 +12,13 @@ __all__ = ["printout_cases"]
 
 def printout_cases() -> dict[str, FieldCase]:
     """Return the cases of printouts."""
-    return {**unit_row_cases(), **dotted_cases()}
+    return {
+        **unit_row_cases(),
+        **dotted_cases(),
+        **several_table_cases(),
+        **statistics_cases(),
+        **end_angle_cases(),
+    }
 
 
 def printed(circle: Circle, k: int) -> list[object]:
@@ -57,6 +65,71 @@ def unit_row_cases() -> dict[str, FieldCase]:
         ),
     )
     return cases
+
+
+def several_table_cases() -> dict[str, FieldCase]:
+    """Return logs of several tables whose first line states a radius beside the load."""
+    kind = "a first line that holds for several tables"
+    circles = tuple(replace(circle, radius_mm=250.0) for circle in field.TRUTH)
+    cases = {}
+    lines = ("Load {F:g} N, XY, radius 250 mm", "Load {F:g} N with radius 250 mm (XY)")
+    for number, first in enumerate(lines):
+        content = []
+        for circle in circles:
+            line = "Load {F:g} N" if content else first
+            content += [line.format(F=circle.force_N), "Angle [deg];Reading [um]"]
+            for k in range(len(circle.angle_deg)):
+                content.append(";".join(str(cell) for cell in field.plain(circle, k)))
+        files = {"log.txt": "\n".join([*content, ""]).encode()}
+        cases[f"first_line_{number}"] = FieldCase(
+            kind, f"a first line {first!r}", files, circles=circles
+        )
+    return cases
+
+
+def statistics_cases() -> dict[str, FieldCase]:
+    """Return tables with rows of statistics below each circle."""
+    cases = {}
+    rows = {"angles": "{F};mean;1.2|{F};std. dev.;0.3", "tests": "mean;;1.2|sd;;0.3"}
+    for name, statistics in rows.items():
+        lines = ["force_N;angle_deg;reading_um"]
+        for circle in field.TRUTH:
+            for k in range(len(circle.angle_deg)):
+                cells = [f"{circle.force_N:g}", *field.plain(circle, k)]
+                lines.append(";".join(str(cell) for cell in cells))
+            lines += statistics.replace("{F}", f"{circle.force_N:g}").split("|")
+        cases[f"statistics_below_each_{name}"] = FieldCase(
+            "statistics below each circle",
+            f"rows {statistics!r}",
+            {"all.csv": "\n".join([*lines, ""]).encode()},
+            options=("--test-column", "force_N", "--force-column", "force_N"),
+            told="6 rows left out",
+        )
+    return cases
+
+
+def end_angle_cases() -> dict[str, FieldCase]:
+    """Return tables of points whose angles lines state by their end."""
+    kind = "an end angle and numbers of points"
+
+    def row(circle: Circle, k: int) -> list[object]:
+        return [k + 1, f"{circle.reading_um[k]:.3f}"]
+
+    header = "Punkt,Abweichung [um]"
+    steps = "Startwinkel 0\nEndwinkel 360\nSchrittweite 5"
+    mended = field.texts(header, row, above="Start angle: 0 deg; angle step: 5 deg\nEndwinkel 355")
+    return {
+        "end_angle_with_step": FieldCase(
+            kind, "start, end and step without units", field.texts(header, row, above=steps)
+        ),
+        "end_angle_alone": FieldCase(
+            kind,
+            "an end angle alone",
+            field.texts(header, row, above="Endwinkel 355"),
+            refusal="Write a line 'Start angle: 0 deg; angle step: 5 deg' above the table",
+            mended=mended,
+        ),
+    }
 
 
 def dotted_cases() -> dict[str, FieldCase]:

@@ -52,3 +52,30 @@ def test_a_column_with_a_unit_holds_angles(tmp_path: Path) -> None:
     line = "Start angle: 90 deg; angle step: 1 deg"
     angle_deg = imported(tmp_path, line, "Angle [deg];Deviation [um]", n=360)
     np.testing.assert_allclose(angle_deg, 1.0 + np.arange(360))
+
+
+@pytest.mark.parametrize("step", ["Schritt: 5", "Schrittweite 5", "Increment: 5"])
+def test_a_step_beside_an_end_angle_needs_no_unit(step: str, tmp_path: Path) -> None:
+    angle_deg = imported(tmp_path, f"Startwinkel 0\nEndwinkel 360\n{step}")
+    np.testing.assert_allclose(angle_deg, 5.0 * np.arange(72))
+
+
+def test_an_end_without_a_start_is_refused_with_the_line_to_write(tmp_path: Path) -> None:
+    step = "Write a line 'Start angle: 0 deg; angle step: 5 deg' above the table"
+    with pytest.raises(lb.InputError, match=step):
+        imported(tmp_path, "End angle: 360")
+
+
+@pytest.mark.parametrize("n", [72, 73])
+def test_a_range_without_a_step_is_refused_with_the_round_step(n: int, tmp_path: Path) -> None:
+    with pytest.raises(lb.InputError, match="Write a line 'Angle step: 5 deg'"):
+        imported(tmp_path, "Start angle: 0; end angle: 360", n=n)
+
+
+def test_lines_of_stepped_angles_are_used(tmp_path: Path) -> None:
+    path = tmp_path / "100N.csv"
+    rows = [f"{k + 1};{0.1 * k:.2f}" for k in range(72)]
+    line = "Startwinkel 0 Grad; Endwinkel 360 Grad; Winkelschritt 5 Grad"
+    path.write_text("\n".join([line, "Punkt;Abweichung [um]", *rows, ""]))
+    notes = lb.import_campaign(path).assumptions
+    assert [note.value for note in notes if "Endwinkel" in note.value + note.because] == []
