@@ -233,8 +233,9 @@ def _information_at(
     for block in blocks:
         columns = block.columns[:, is_changing[block.effects]]
         changing_blocks.append(block._replace(columns=columns))
-    # ``weighted`` is V⁻¹ X, where the columns of X are the x_c of these effects. ``overlap`` holds
-    # the squares of the elements of Xᵀ V⁻¹ X.
+    # V is the covariance of the readings. X has one column for each effect: the changes of the
+    # readings per unit of the effect. ``weighted`` is V⁻¹ X, and ``overlap`` holds the squares of
+    # the elements of Xᵀ V⁻¹ X.
     of_blocks = [precision[:, block.readings] @ block.columns for block in changing_blocks]
     weighted = np.concatenate(of_blocks, axis=1)
     overlaps = [block.columns.T @ weighted[block.readings] for block in changing_blocks]

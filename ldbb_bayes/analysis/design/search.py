@@ -360,8 +360,8 @@ class Search:
     def _completing_candidates(self, counts: Array) -> list[int]:
         """Return the indices of candidates that can give a design enough different forces.
 
-        With one more test of any of these candidates, the design has enough different forces.
-        ``counts`` holds the number of tests of each candidate in the design.
+        With one more test of any of these candidates, the design has tests at ``levels`` different
+        forces or more. ``counts`` holds the number of tests of each candidate in the design.
         """
         n = self.objective.candidates
         return [j for j in range(n) if self._is_feasible(_with_tests(counts, j))]
