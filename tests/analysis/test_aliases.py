@@ -16,7 +16,7 @@ from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import wrench_jacobian
 from ldbb_bayes.machine.parameters import wrench_names
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.report.wording import statement
+from ldbb_bayes.report.wording import degeneracy_sentence
 
 FORM = re.compile(r"(work_|tool_)?form_(cos|sin)(\d+)")
 
@@ -77,11 +77,11 @@ def test_exchange_rates(recovered: lb.Campaign) -> None:
 def test_statements_name_exchange_rates(recovered: lb.Campaign) -> None:
     by_nuisance = {d.nuisances[0]: d for d in degeneracies_of(recovered)}
     assert (
-        statement(by_nuisance["form_cos2"])
+        degeneracy_sentence(by_nuisance["form_cos2"])
         == "1.00 µm of 2-lobe form (cos 2θ) looks exactly like +6.67 µm/m of E_XX1 and −6.67 µm/m"
         " of E_YY1."
     )
-    assert statement(by_nuisance["force_gain"]).startswith(
+    assert degeneracy_sentence(by_nuisance["force_gain"]).startswith(
         "1.00 % of force gain looks exactly like +0.619 nm/N of C_XXX, +0.461 nm/N of C_YYY"
     )
 
@@ -190,7 +190,7 @@ def check_statements(campaign: lb.Campaign, degree: int) -> None:
         lead_change = exact_change_um(campaign, lead_of(degeneracy), degree)
         assert change < 0.05 * lead_change + 1e-6
         change_per_sd = change / max(degeneracy.prior_sds, 1.0)
-        assert change_per_sd < 0.1 * campaign.resolution_um, statement(degeneracy)
+        assert change_per_sd < 0.1 * campaign.resolution_um, degeneracy_sentence(degeneracy)
         assert change == pytest.approx(degeneracy.change_um, rel=0.03, abs=2e-3)
 
 
@@ -242,7 +242,7 @@ def test_a_second_radius_brings_a_second_length() -> None:
 def test_what_the_model_leaves_out_is_stated_too(recovered: lb.Campaign) -> None:
     combinations = degeneracies(lb.HybridModel.paper(0).bind(recovered))
     assert not any(d.modelled for d in combinations)
-    text = statement(combinations[0])
+    text = degeneracy_sentence(combinations[0])
     assert "the model leaves it out, and the intervals do not cover it" in text
 
 

@@ -297,7 +297,7 @@ def test_a_window_is_a_campaign_of_its_own(recovered: lb.Campaign) -> None:
 
 def test_pairs_of_force_levels() -> None:
     planned = plan((30,) * 5, forces_N=(400.0, 36.0, 400.0, 742.0, 200.0))
-    assert neighbouring_forces._pairs(planned) == [
+    assert neighbouring_forces._neighbouring_pairs(planned) == [
         ("f036", "f200"),
         ("f200", "f400", "f400_2"),
         ("f400", "f400_2", "f742"),
