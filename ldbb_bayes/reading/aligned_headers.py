@@ -54,7 +54,7 @@ def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
     """Return whether the numbers of a table begin at the row with the index ``first``.
 
     The row above must have another number of cells. If the names of a header hold blanks, a split
-    at every blank gives too many cells.
+    at every blank gives too many cells. ``rows`` are the rows of the text, split at every blank.
     """
     width = len(rows[first].cells)
     below = rows[first : first + _FEWEST_ROWS]

@@ -70,7 +70,10 @@ def with_aligned_units(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:
 
 
 def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
-    """Return whether rows of numbers begin at the row with the index ``first``."""
+    """Return whether rows of numbers begin at the row with the index ``first``.
+
+    ``rows`` are the rows of the text, split at every blank.
+    """
     width = len(rows[first].cells)
     if width < 2 or (len(rows[first - 1].cells) == width and _holds_numbers(rows[first - 1])):
         return False
@@ -158,6 +161,7 @@ def _columns_of(units: Sequence[_Word], places: Sequence[_Word]) -> list[int]:
 
     A unit aligns with the column that shares most characters of the line with it, or else with the
     nearest column. Units do not align if one is as near to two columns, or if two share a column.
+    ``units`` and ``places`` hold the beginnings and ends of the units and of the columns in a line.
     """
     if not places:
         return []

@@ -231,7 +231,10 @@ def _convention_in_words(
 
 
 def _note_words(recording: Recording, words: list[_Words], convention: AngleConvention) -> None:
-    """Note each statement in the file that is not used, because the user gives sign and offset."""
+    """Note each statement in the file that is not used, because the user gives sign and offset.
+
+    ``words`` are these statements, and ``convention`` is the user's conversion of the angles.
+    """
     for entry in words:
         value = f"sign {convention.sign}, offset {convention.offset_deg:g}°, as given"
         said = f"{entry.source} says {entry.zero} {entry.sense}".strip()
@@ -396,7 +399,10 @@ def _check_reversed(
 
 
 def _check_announced(recording: Recording, source: str | CitedLine, text: str) -> None:
-    """Raise an error if a text announces where angles begin, but names no axis."""
+    """Raise an error if a text announces where angles begin, but names no axis.
+
+    ``source`` tells where the text is, such as "line 3".
+    """
     match = _ANNOUNCED.search(text)
     if match is None:
         return

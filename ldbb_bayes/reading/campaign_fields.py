@@ -136,7 +136,8 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
 def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
     """Add the value that a file states for a field of a test to the log of assumptions.
 
-    ``key`` is the name of the field. A plane is also added to the fields of the test.
+    ``key`` is the name of the field. A plane is also added to the fields of the test. ``stated`` is
+    the value, with the place in the file that states it.
     """
     recording.note(key, _with_unit(key, stated.value), stated.source, _OPTIONS[key])
     if key == "plane":
@@ -154,7 +155,8 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
     """Return the values that lines above a table state for a field, and where they are stated.
 
     The stated values are the keys of the result. A plane may also be stated by the name of the
-    test, of its column, of its sheet or of its file.
+    test, of its column, of its sheet or of its file. ``field`` is the name of the field, such as
+    radius_mm.
     """
     values: dict[Any, _StatedValue] = {}
     if field == "plane":
@@ -296,7 +298,8 @@ def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> No
 
     If the files name several people, places or instruments, the field lists all of them. Of several
     dates of calibration, the latest is used; of several dates of measurement, the earliest. If the
-    files state different feeds, the feed of the campaign is not set.
+    files state different feeds, the feed of the campaign is not set. ``values`` are the different
+    values that the files state.
     """
     if key == "mount":
         campaign[key] = MountCompensation(compensated=list(values) == ["compensated"])

@@ -127,7 +127,10 @@ def _coordinates_of(text: str) -> dict[str, float]:
 
 
 def _shown(coordinates: Mapping[str, float]) -> str:
-    """Return the coordinates of a centre as text; a coordinate that is not stated is zero."""
+    """Return the coordinates of a centre as text; a coordinate that is not stated is zero.
+
+    The keys of ``coordinates`` are names of fields, such as ``centre_x_mm``.
+    """
     texts = []
     for letter, key in zip("XYZ", CENTRE, strict=True):
         texts.append(f"{letter} {coordinates.get(key, 0.0):g}")

@@ -95,7 +95,10 @@ def name_plane_column(
 
 
 def _columns_of_planes(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
-    """Return the indices of the columns without a role in which every cell names a plane."""
+    """Return the indices of the columns without a role in which every cell names a plane.
+
+    ``cells`` holds the cells of each column.
+    """
     columns = []
     for column in _free_columns(heading, cells):
         if {plane_named(cell) for cell in cells[column]} <= _PLANE_CELLS:
@@ -125,7 +128,7 @@ def _check_unread_planes(sheet: Sheet, heading: Heading, cells: Sequence[Sequenc
     """Raise an `InputError` if a column of planes has a cell that does not name a plane.
 
     A column without a role is taken as a column of planes if its header has a word for plane and no
-    unit, and if it has at most four different cells.
+    unit, and if it has at most four different cells. ``cells`` holds the cells of each column.
     """
     for column in _free_columns(heading, cells):
         header = heading.headers[column]
@@ -206,7 +209,10 @@ def check_angle_columns(sheet: Sheet, heading: Heading, cells: Sequence[Sequence
 
 
 def _free_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
-    """Return the indices of the columns that are not empty, but are not used for any quantity."""
+    """Return the indices of the columns that are not empty, but are not used for any quantity.
+
+    ``cells`` holds the cells of each column.
+    """
     in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
     return [k for k, column_cells in enumerate(cells) if column_cells and k not in in_use]
 

@@ -477,7 +477,8 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
     A column with the role of time holds the time of each reading. If there is a column of angles, a
     column has the role of time only if the layout says so. If no column has the role of angle or
     the role of time, the column ``time_s`` gets the role of time. In all other cases, a column
-    ``time_s`` holds the time at which each test started.
+    ``time_s`` holds the time at which each test started. ``headers`` are the headers of all
+    columns.
     """
     if "angle" in roles.columns:
         if "time" not in layout.columns:
@@ -547,7 +548,8 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
 
     Columns that already have a role are not considered. Several columns of readings are accepted if
     their headers state loads, such as 36 N, or name runs, such as Run 1; each column is then a
-    separate test. ``place`` names the table in error messages.
+    separate test. ``place`` names the table in error messages. ``headers`` are the headers of all
+    columns.
     """
     free = _free_columns(role, roles, headers)
     candidates = _candidates(role, free, headers)
@@ -574,7 +576,8 @@ def _free_columns(role: str, roles: ColumnRoles, headers: Sequence[str]) -> list
     """Return the indices of the columns that have no role yet and may have ``role``.
 
     If the headers of the readings state loads, as in ``F = 100 N``, the other columns with such
-    headers hold readings, too, and not forces or pressures.
+    headers hold readings, too, and not forces or pressures. ``roles`` holds the roles that are
+    already known, and ``headers`` the headers of all columns.
     """
     assigned = {*roles.columns.values(), *roles.readings}
     free = [column for column in range(len(headers)) if column not in assigned]
@@ -589,7 +592,8 @@ def _several_candidates(
 ) -> InputError:
     """Return the error for a role that several columns could have.
 
-    ``place`` names the table, and ``candidates`` are the indices of the columns.
+    ``place`` names the table, and ``candidates`` are the indices of the columns. ``headers`` are
+    the headers of all columns.
     """
     names = " and ".join(repr(headers[column][:LONGEST_NAME]) for column in candidates)
     different = {comparable(headers[column]) for column in candidates}
@@ -615,6 +619,7 @@ def _units_of_angles(headers: Sequence[str], units: Sequence[str], is_log: bool)
 
     A column such as ``Tilt [deg]`` cannot hold the angle of the bar. If ``is_log`` is true, no
     column can: the user has then stated a column of times, from which the angles are computed.
+    ``headers`` and ``units`` hold the header and the unit of each column.
     """
     units_of_angles = []
     for header, unit in zip(headers, units, strict=False):
@@ -629,7 +634,8 @@ def _find_role_by_unit(
     """Give a role to a free column whose unit fits this role, such as deg for angle.
 
     A free column is a column without any role. Nothing is done if another column already has the
-    role, or if the units of several free columns fit. ``units`` holds the unit of each column.
+    role, or if the units of several free columns fit. ``units`` holds the unit of each column. The
+    role is recorded in ``roles``. ``headers`` are the headers of all columns.
     """
     if role in roles.columns:
         return
@@ -691,7 +697,10 @@ def _check_are_no_angles(place: str, headers: Sequence[str]) -> None:
 
 
 def _numbered(columns: Sequence[int], headers: Sequence[str]) -> bool:
-    """Return whether columns are named after runs, such as "Run 1" and "Run 2"."""
+    """Return whether columns are named after runs, such as "Run 1" and "Run 2".
+
+    ``columns`` are the indices of these columns, and ``headers`` the headers of all columns.
+    """
     return names_runs([unit_of(headers[column]).name for column in columns])
 
 
@@ -712,7 +721,7 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
     """Return the indices of those ``columns`` whose headers name ``role``, such as time.
 
     A column whose header is the name of a field of a test (`PER_TEST`), such as ``radius_mm``, is
-    returned only if no other column names the role.
+    returned only if no other column names the role. ``headers`` are the headers of all columns.
     """
     candidates = []
     for column in columns:
@@ -773,7 +782,11 @@ def _numbers_of(columns: Sequence[int]) -> str:
 
 
 def _unknown_column(place: str, role: str, reference: str, headers: Sequence[str]) -> InputError:
-    """Return the error for a column that the user names, but that the table does not have."""
+    """Return the error for a column that the user names, but that the table does not have.
+
+    ``reference`` is the name that the user states for the column of this role, and ``headers`` are
+    the headers of the table.
+    """
     candidates = ", ".join(repr(header[:LONGEST_NAME]) for header in headers if header)
     hint = ""
     if any(headers):

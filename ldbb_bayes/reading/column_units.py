@@ -116,7 +116,10 @@ def unit_size(
 
 
 def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> None:
-    """Add a note on the source of a column's unit, unless the column's header is the source."""
+    """Add a note on the source of a column's unit, unless the column's header is the source.
+
+    ``evidence`` holds the unit and its source, and ``role`` is the role of the column.
+    """
     is_scaled = recording.heading.roles[role] in recording.heading.scaled_units
     if evidence.source == _header_source(recording, role) and not is_scaled:
         return
@@ -131,7 +134,8 @@ def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> f
     """Return the factor that converts a column of a file to the unit that this package uses.
 
     For readings in mm, the factor is 1000, because the package uses µm. The result is an array with
-    one factor for each row if the unit changes from row to row.
+    one factor for each row if the unit changes from row to row. ``evidence`` holds the unit of each
+    row, or one unit for all rows, and its source.
     """
     sizes = {}
     for unit in dict.fromkeys(evidence.units):

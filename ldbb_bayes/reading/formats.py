@@ -57,6 +57,7 @@ def _is_yaml(sheet: Sheet, texts: Sequence[str]) -> bool:
     """Return whether a text is in YAML: each line is a key with a value, or a list entry.
 
     The name of the file must also end as names of YAML files do, or the first line must be ``---``.
+    ``texts`` are the lines of the file.
     """
     is_named_yaml = sheet.path.suffix.lower() in _SUFFIXES_OF_YAML
     if not is_named_yaml and texts[0] != "---":

@@ -489,7 +489,10 @@ def _number_rows(rows: Sequence[Row]) -> bool:
 
 
 def _join_units(words: Sequence[str]) -> list[str]:
-    """Return the words of a header, with each unit in brackets joined to the word before it."""
+    """Return the words of a header, with each unit in brackets joined to the word before it.
+
+    ``words`` are the cells of a header that was split at every blank.
+    """
     joined: list[str] = []
     for word in words:
         if joined and BRACKET.match(word):

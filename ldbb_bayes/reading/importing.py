@@ -238,7 +238,7 @@ def _sheets_of_file(path: Path, layout: Layout, is_only_file: bool) -> list[Shee
     """Return the sheets of a file.
 
     If the file cannot be read and other files are imported too, the error message advises leaving
-    this file out.
+    this file out. ``is_only_file`` states whether the file is the only imported file.
     """
     try:
         return read_sheets(
@@ -257,7 +257,8 @@ def _split_into_tests(
 ) -> list[Recording]:
     """Return the tests of all sheets with a table, in the order of files, sheets and rows.
 
-    ``campaign`` are the fields of the campaign that the user's options set.
+    ``campaign`` are the fields of the campaign that the user's options set. ``selection`` holds the
+    sheets with a table and the sheets without one.
     """
     recordings: list[Recording] = []
     for sheet, heading in selection.tables:

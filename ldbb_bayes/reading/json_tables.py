@@ -249,7 +249,9 @@ def _unit_beside(value: Mapping[str, Any]) -> str:
 def _statements_beside(content: Mapping[str, Any], columns: Mapping[str, Any]) -> list[str]:
     """Return properties of columns, other than their units, as lines of text.
 
-    A property is stored in the same dict as the list of numbers of its column.
+    A property is stored in the same dict as the list of numbers of its column. ``content`` is the
+    dict that holds the columns, and the keys of ``columns`` are the keys of the columns in this
+    dict.
     """
     statements = []
     for key in columns:

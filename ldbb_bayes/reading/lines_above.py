@@ -348,7 +348,10 @@ def _stated_number(
 
 
 def _unit_beside(quantity: _Quantity, match: re.Match[str]) -> str:
-    """Return the unit before or after the number of a quantity; empty if the line states none."""
+    """Return the unit before or after the number of a quantity; empty if the line states none.
+
+    ``match`` is the match of the regular expression for the quantity, its number and its unit.
+    """
     following: str = match["following"]
     if match["cell"] and _unit_among(following, quantity.units) is None:
         following = ""  # the next cell of the line does not hold a unit of this quantity
@@ -502,8 +505,9 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
     """Yield "raw" or "compensated" if a passage says that the readings are raw or compensated.
 
     Compensated readings are corrected for the deflection of the work ball's mount. A passage is a
-    whole line or a single cell of a line. A single cell must also name the readings or the mount;
-    a whole line with a word such as "compensated" need not name either.
+    whole line or a single cell of a line. A single cell must also name the readings or the mount; a
+    whole line with a word such as "compensated" need not name either. ``is_whole_line`` is
+    true for a whole line.
     """
     remaining = " ".join(_FILLING.sub(" ", passage.casefold()).split())
     if not (_READINGS.search(passage) or (is_whole_line and "ompens" in remaining)):

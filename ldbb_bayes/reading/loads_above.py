@@ -83,6 +83,7 @@ def _columns_named(names: Sequence[str]) -> list[bool]:
 
     They do not if the header is empty or names angles. If there are several columns of angles, and
     equally many columns of readings, the texts are added only to the headers of the readings.
+    ``names`` are the headers of all columns.
     """
     angles = [has_role(unit_of(name).name, "angle") for name in names]
     readings = [has_role(unit_of(name).name, "reading") for name in names]
@@ -147,7 +148,7 @@ def _words_of_columns(cells: Sequence[str], is_merged: bool) -> list[str]:
 def _loads_of(cells: Sequence[str]) -> list[str]:
     """Return the loads in a line, such as "100 N", one for each cell except the first.
 
-    Return an empty list if one of these cells states no load.
+    Return an empty list if one of these cells states no load. ``cells`` are the cells of the line.
     """
     unit = _unit_of_loads(cells[0])
     loads = []

@@ -88,7 +88,8 @@ def _close_run(blocks: list[_RowBlock], successive: Sequence[Row]) -> None:
     """Add successive rows of numbers to the last block.
 
     If there are enough rows for a table, they become the numbers of this block, and a new block is
-    begun. Otherwise, they become part of the heading of the last block.
+    begun. Otherwise, they become part of the heading of the last block. ``successive`` are these
+    rows of numbers, and ``blocks`` are the blocks that are begun.
     """
     if len(successive) < _FEWEST_ROWS:
         blocks[-1].heading += successive
@@ -141,6 +142,7 @@ def _with_load_in_words(sheet: Sheet, row: Row, load: NamedLoad) -> Row:
     """Return a row with one cell: the text of ``row``, and a statement such as ``Force: 200 N``.
 
     Nothing is added if the text of ``row`` already states the load in a form that is understood.
+    ``load`` is the load that ``row`` states.
     """
     text = sheet.text_of(sheet.cells_as_written(row))
     if load.key in statements_in([(row.line, text)]):

@@ -146,6 +146,8 @@ def _circles_in_programme(recording: Recording, direction: str | None) -> list[P
     """Return the arcs of the programme above the table with the radius and direction of the test.
 
     If the radius of no arc agrees with that of the test, all arcs in its direction are returned.
+    ``direction`` is CW or CCW, or None if nothing states it; arcs in both directions are then
+    returned.
     """
     lines = recording.heading.lines_above
     arcs = []

@@ -218,6 +218,7 @@ def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[R
 
     ``first`` is the first matrix in the sheet. Lines above it that apply to all matrices are added
     to the rows of the others. A matrix without a header gets the header of the first matrix.
+    ``display`` is the matrix whose rows are returned.
     """
     if display is first:
         return [*first.lines, *first.header, *first.numbers]
@@ -268,7 +269,8 @@ def _line_of_command(line: int, content: str) -> list[Row]:
 def _with_values(lines: Sequence[Row]) -> list[Row]:
     """Join each name and the number in the line below it to one line, such as ``R0 = 150``.
 
-    A name without a number below it is left out. Lines with other contents are kept.
+    A name without a number below it is left out. Lines with other contents are kept. ``lines`` are
+    lines of MATLAB's command window that hold no matrix.
     """
     joined: list[Row] = []
     name = ""
@@ -287,7 +289,8 @@ def _with_values(lines: Sequence[Row]) -> list[Row]:
 def _multiplied(sheet: Sheet, row: Row, display: _Display) -> Row:
     """Return a row whose numbers are multiplied by the factor that MATLAB shows above them.
 
-    If there is no such factor, the row is returned unchanged.
+    If there is no such factor, the row is returned unchanged. ``display`` is the matrix to which
+    the row belongs.
     """
     if not display.factor:
         return row

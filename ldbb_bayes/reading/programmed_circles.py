@@ -171,7 +171,10 @@ def _take_feed(programme: _Programme, line: int | str, block: str) -> None:
 
 
 def _coordinates(programme: _Programme, block: str) -> dict[str, float]:
-    """Return the X, Y and Z coordinates in a block of a programme [mm]; the keys are the axes."""
+    """Return the X, Y and Z coordinates in a block of a programme [mm]; the keys are the axes.
+
+    ``programme`` states the unit of the lengths.
+    """
     coordinates = {}
     for match in _POINT.finditer(block):
         coordinates[match["letter"].upper()] = float(match["number"]) * programme.unit_mm
@@ -185,6 +188,7 @@ def _start_of_arc(programme: _Programme, block: str) -> dict[str, float] | None:
     programmes, it states the centre relative to the start. If the centre is stated relative to the
     zero point of the programme instead, the arc starts at the end of the last motion. If this point
     is not known, the end of the arc is used, because a full circle ends where it starts.
+    ``programme`` holds the end of the last motion and the pole.
     """
     centre = {}
     for match in _CENTRE.finditer(block):
@@ -206,6 +210,8 @@ def _radius_of_arc(
     """Return the radius of an arc [mm]; None if the blocks do not state it.
 
     The radius is stated in the block, or is the distance of the start of the arc from its centre.
+    ``block`` is the line of the programme that describes the arc, and ``start_mm`` is the start of
+    the arc relative to its centre [mm], or None.
     """
     stated = _RADIUS.search(block)
     if stated is not None and not _ARC_AROUND_POLE.search(block):

@@ -123,6 +123,7 @@ class _SheetColumns:
         """Yield the units of a column in the given rows, as each place in the file states them.
 
         The places are a column of units, the cells of the column, and their number formats.
+        ``column`` and ``rows`` are the indices of the column and of the rows.
         """
         if column in self.unit_columns:
             units = self.cells_with_units(self.unit_columns[column], rows)
@@ -471,7 +472,7 @@ def _check_start_of_log(
 
     The angle of every reading follows from the time since the first row. ``all_rows`` are all rows
     of the test, and ``rows`` those with a reading. ``title`` is the name of the test; it is empty
-    if the table holds one test.
+    if the table holds one test. ``columns`` is the table of the sheet.
     """
     is_log = "time" in heading.roles and "angle" not in heading.roles
     if is_log and rows[0] != all_rows[0]:
@@ -562,7 +563,11 @@ def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
 def _cells_with_units(
     sheet: Sheet, lines: Sequence[int], cells: Sequence[Sequence[str]]
 ) -> list[list[str]]:
-    """Return the cells of each column; each cell has the unit that stood after its number."""
+    """Return the cells of each column; each cell has the unit that stood after its number.
+
+    ``lines`` are the line numbers of the rows, and ``cells`` the cells of each column without
+    units.
+    """
     columns = []
     for column, texts in enumerate(cells):
         with_units = []
@@ -635,7 +640,11 @@ def _check_no_statistics(
 def _check_formulas(
     sheet: Sheet, heading: Heading, lines: Sequence[int], columns: Sequence[int]
 ) -> None:
-    """Raise an `InputError` for a formula without a stored value in a column of numbers."""
+    """Raise an `InputError` for a formula without a stored value in a column of numbers.
+
+    ``lines`` are the line numbers of the rows of the table, and ``columns`` are the indices of the
+    columns of numbers.
+    """
     for line in lines:
         for column in columns:
             if (line, column) in sheet.formulas_without_value:
@@ -740,7 +749,8 @@ def _check_thousands(
 
     In such a column, three digits follow each mark and some numbers have no mark, for example
     22,658 and 106. If the mark were decimal, the numbers without a mark would have three zeros as
-    decimals, which is improbable.
+    decimals, which is improbable. ``cells`` are the cells of the column, ``lines`` are their line
+    numbers, and ``decimal`` is the assumed decimal mark.
     """
     marked = []
     unmarked = []
@@ -765,7 +775,8 @@ def _common_mark(sheet: Sheet, cells: Sequence[tuple[int, str]]) -> str | None:
     """Return the decimal mark of all cells; raise an `InputError` if cells have different marks.
 
     For a workbook, the message adds that the cause may be texts among the numbers. In a workbook,
-    numbers have a decimal point, but texts may have a comma.
+    numbers have a decimal point, but texts may have a comma. ``cells`` holds the line number and
+    the text of every cell with a number.
     """
     try:
         return decimal_mark(sheet.place, cells)
@@ -783,7 +794,8 @@ def _note_stated_mark(
 ) -> None:
     """Add a note if cells have a comma or a point, but none has the stated decimal mark.
 
-    The other mark, comma or point, then separates thousands.
+    The other mark, comma or point, then separates thousands. ``decimal`` is the stated decimal
+    mark, and ``cells`` holds the line number and the text of every cell with a number.
     """
     if any(decimal in cell for _, cell in cells):
         return
@@ -797,7 +809,8 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
     """Return a dict with the numbers of the columns with a role; the keys are the roles.
 
     A role is what a column holds, such as angle or time. Columns of readings, and columns of words
-    (test, direction), are left out. Times of day are converted to seconds.
+    (test, direction), are left out. Times of day are converted to seconds. ``columns`` is the table
+    of the sheet.
     """
     numbers = {}
     for role, column in columns.heading.roles.items():
@@ -841,7 +854,7 @@ def _without_test_column(heading: Heading) -> Heading:
 def _labels_of_two_columns(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     """Return, for each row, the name of its test, which is made from the cells of two columns.
 
-    The use of these columns is noted.
+    The use of these columns is noted. ``columns`` is the table of the sheet.
     """
     names = columns.numbering_headers
     reason = "only both together name tests of one force"
@@ -858,7 +871,7 @@ def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
 
     If no single column names tests, but two columns together do, the names are made from both. The
     names are empty if the table has no such columns. Raise an `InputError` if the single column has
-    an empty cell.
+    an empty cell. ``columns`` is the table of the sheet.
     """
     if columns.numbering and "test" not in columns.heading.roles:
         return _labels_of_two_columns(columns, log)
@@ -928,7 +941,8 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
     A column without a role (angle, reading, …) counts as used only if it states a field, such as
     the radius, for every test. Two columns that together identify the tests also count as used. A
     column of times may be in the result, although later code may take the start times of the tests
-    from it. ``rows_of_tests`` holds the indices of the rows of each test.
+    from it. ``rows_of_tests`` holds the indices of the rows of each test. ``columns`` is the table
+    of the sheet.
     """
     all_columns = range(len(columns.heading.headers))
     used_in_all_tests = {columns.place_of_column(column) for column in all_columns}
@@ -952,6 +966,7 @@ def _field_columns(
 
     The keys are the fields. ``labels`` holds the name of the test for each row. A column of times
     or temperatures is left out if its values change within a test; this is noted in the log.
+    ``columns`` is the table of the sheet.
     """
     heading = columns.heading
     field_columns = {

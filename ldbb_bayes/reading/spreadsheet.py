@@ -101,7 +101,10 @@ def read_sheets(
 
 
 def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> list[Sheet]:
-    """Return one sheet for each table of a text whose lines are rows of cells."""
+    """Return one sheet for each table of a text whose lines are rows of cells.
+
+    ``separator`` is the character between the cells, and ``encoding`` is the encoding of the file.
+    """
     if is_labview(text):
         separator = "\t" if "\t" in text else ","
         rows = rows_of_labview(rows_of_text(path, text, separator))

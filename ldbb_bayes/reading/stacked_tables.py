@@ -180,7 +180,8 @@ def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
 def _name_another_run(sheet: Sheet, lines: Sequence[Row], further_lines: Sequence[Row]) -> bool:
     """Return whether lines above a header name another run than the lines above a table.
 
-    A line names a run if it consists of a word such as "Run" and a number.
+    A line names a run if it consists of a word such as "Run" and a number. ``further_lines`` are
+    the lines above the header, and ``lines`` those above the table.
     """
     names = [text.strip() for _, text in sheet.texts(lines)]
     for _, text in sheet.texts(further_lines):

@@ -244,7 +244,8 @@ def _times_from_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     Dates such as 03/04/2026 may have the day or the month first. If both orders are possible and
     lead to different times, the order is used for which all tests lie within one day. If both or
     neither of the orders satisfy this condition, the result states that the times are not known.
-    ``seconds`` are the times of day [s], shape (tests,).
+    ``seconds`` are the times of day [s], shape (tests,). ``stamps`` holds the timestamp of each
+    test.
     """
     times_by_order: dict[str, Array] = {}
     for order, days in _possible_days(stamps).items():
@@ -268,7 +269,8 @@ def _possible_days(stamps: Sequence[Timestamp]) -> Mapping[str, list[date]]:
     """Return a dict with the dates of all timestamps for each possible order of day and month.
 
     The keys are "day" for dates with the day first, and "month" for dates with the month first. An
-    order is left out if at least one timestamp has no valid date in this order.
+    order is left out if at least one timestamp has no valid date in this order. ``stamps`` holds
+    the timestamp of each test.
     """
     days_by_order = {
         "day": [stamp.day_first for stamp in stamps],
@@ -294,7 +296,8 @@ def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> 
     """Add the start times of the tests, and the sources of these times, to the log.
 
     Further notes are added if the tests are not listed in the order of their times, and if the
-    first and the last test are more than a day apart.
+    first and the last test are more than a day apart. ``starts`` holds the start of each test with
+    its source, and ``times`` the times from the earliest start to each start.
     """
     seconds = np.asarray(times.seconds)
     in_order = np.argsort(seconds, kind="stable").tolist()

@@ -124,7 +124,8 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
 def _agrees(evidence: _Evidence, value: float) -> bool:
     """Return whether the value that a source states agrees with ``value`` up to rounding.
 
-    A number that can be read in two ways, such as 1,000, counts as agreeing.
+    A number that can be read in two ways, such as 1,000, counts as agreeing. ``evidence`` is the
+    stated value, with its source and its tolerance.
     """
     if math.isnan(evidence.value):
         return True
@@ -297,7 +298,7 @@ def _advice(recording: Recording, usual_advice: str) -> str:
 
     The rows may also differ in direction. The usual advice does not help if the tests are
     identified by two columns together, but the user states only one of them as the column that
-    names the tests.
+    names the tests. In all other cases, ``usual_advice`` is returned.
     """
     headers = recording.numbering_headers
     if not headers or "test" not in recording.layout.columns:
@@ -325,7 +326,8 @@ def _is_measured(values: Array) -> bool:
     """Return whether the loads of the rows of a test, shape (n,), vary as measured loads do.
 
     Loads are forces [N] or pressures [bar]. Measured loads stay near their mean and change often.
-    Nominal loads change only where the next test in the table begins.
+    Nominal loads change only where the next test in the table begins. ``values`` are the loads of
+    the rows.
     """
     mean = float(values.mean())
     largest_deviation = float(np.abs(values - mean).max())

@@ -190,7 +190,8 @@ def _stated(
     """Return the first angle that a line above the table states in words that match a pattern.
 
     A line without a unit must name the angle, unless it is clear from other lines that the words
-    are about an angle (``is_of_angle``).
+    are about an angle (``is_of_angle``). ``pattern`` matches words such as "start", the number and,
+    if there is one, the unit.
     """
     for line, content in recording.heading.lines_above:
         match = pattern.search(content[:LONGEST_TEXT])
@@ -213,6 +214,8 @@ def _check_number(
     """Raise an `InputError` if the readings do not fit start, step and end of the angles.
 
     No reading may be missing. The end must be the angle of the last reading, or one step further.
+    ``start`` and ``end`` are the stated angles, and ``step_deg`` is the step [deg]; ``end`` is None
+    if it is not stated.
     """
     n_readings = len(recording.lines)
     lines_of_table = [row.line for row in recording.sheet.rows[recording.heading.first_row :]]

@@ -176,7 +176,11 @@ def _parts_of(match: re.Match[str]) -> dict[str, str]:
 
 
 def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
-    """Return the timestamp in ``match``, or None if its date or time does not exist."""
+    """Return the timestamp in ``match``, or None if its date or time does not exist.
+
+    ``match`` is a match of the regular expression for timestamps, and ``rank`` is the kind of place
+    that states the timestamp.
+    """
     parts = _parts_of(match)
     day_first = None
     month_first = None
@@ -257,7 +261,11 @@ def _date_or_none(year: int, month: int, day: int) -> date | None:
 
 
 def _seconds_of(parts: dict[str, str]) -> float | None:
-    """Return the time of day in seconds since midnight; None for a time that does not exist."""
+    """Return the time of day in seconds since midnight; None for a time that does not exist.
+
+    ``parts`` holds the hours, the minutes and, if they are stated, the seconds and AM or PM, as
+    texts.
+    """
     hours = int(parts["hours"])
     minutes = int(parts["minutes"])
     seconds = float(parts.get("seconds", "0").replace(",", "."))

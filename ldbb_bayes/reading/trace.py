@@ -297,7 +297,10 @@ def _check_no_direction(recording: Recording) -> None:
 
 
 def _check_readings_of_turn(recording: Recording, angle_deg: Array) -> None:
-    """Raise an error if a table with times has too few readings in one turn of the bar."""
+    """Raise an error if a table with times has too few readings in one turn of the bar.
+
+    ``angle_deg`` are the angles of all readings, shape (n,) [deg].
+    """
     n_turns = float(np.ptp(angle_deg)) / TURN_DEG
     n_readings = len(angle_deg) / max(n_turns, 1.0)
     require(
@@ -415,7 +418,8 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     The angles of a single lap may have been sorted, so that their order does not show the
     direction. Angles that continue over several laps cannot have been sorted. If such angles
     contradict the stated direction, an `InputError` is raised instead, unless the layout states in
-    which sense angles are counted. ``n_laps`` is the number of laps.
+    which sense angles are counted. ``n_laps`` is the number of laps. ``trace`` holds the angles and
+    the stated direction of travel.
     """
     run = direction_of_travel(trace.angle_deg)
     if trace.direction is None or run in (None, trace.direction):

@@ -75,7 +75,10 @@ def _angles_in(cells: Sequence[str]) -> Array:
 
 
 def _cover_a_circle(angles: Array) -> bool:
-    """Return whether numbers are evenly spaced angles over at least half a circle."""
+    """Return whether numbers are evenly spaced angles over at least half a circle.
+
+    ``angles`` are the numbers, shape (n,), in degrees, gon or radians.
+    """
     if len(angles) < _FEWEST_ANGLES:
         return False
     steps = np.diff(angles)

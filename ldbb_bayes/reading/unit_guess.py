@@ -294,7 +294,8 @@ def _um_per_N(size: _ReadingSize, unit: str) -> float:
     """Return the change of the readings per newton [µm/N], for readings in the unit ``unit``.
 
     If the readings do not change with the force, or if all tests have the same force, return the
-    largest reading divided by the largest force.
+    largest reading divided by the largest force. ``size`` states how large the readings are in
+    their unknown unit.
     """
     lightest, heaviest = size.forces_N
     if size.change > 0.0 and heaviest > lightest:
@@ -323,7 +324,10 @@ def _size_of(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> _R
 
 
 def _fits(size: _ReadingSize, um_per_unit: float) -> bool:
-    """Return whether the readings can be in a unit of ``um_per_unit`` micrometres."""
+    """Return whether the readings can be in a unit of ``um_per_unit`` micrometres.
+
+    ``size`` states how large the readings are in their unknown unit.
+    """
     lightest, heaviest = size.forces_N
     largest_um = size.largest * um_per_unit
     if largest_um > _LARGEST_DEVIATION_UM or largest_um < _STIFFEST_UM_PER_N * heaviest:

@@ -74,7 +74,7 @@ def _is_used(segments: list[str], k: int, text: str) -> bool:
     """Return whether a segment of a line was used, alone or together with a neighbouring segment.
 
     In ``Operator;Meier``, the two segments together state the operator. ``k`` is the index of the
-    segment among the segments of the line ``text``.
+    segment among the segments of the line ``text``. ``segments`` are all segments of the line.
     """
     segment = segments[k]
     if leaves_difference_unread(segment):

@@ -117,7 +117,7 @@ def _wanted_sheets(
     ``wanted`` are the names of the wanted sheets. If no names are given, all sheets that are not
     hidden are returned, or all sheets if every sheet is hidden. ``parts`` holds, for each sheet,
     the hidden rows, the units in number formats, and the formulas without a value. The keys of
-    ``parts`` are the names of the sheets.
+    ``parts`` are the names of the sheets. ``book`` is the open workbook.
     """
     check_known(f"{path}: sheet", wanted, book.sheet_names)
     hidden = _hidden_sheets(book)
@@ -159,7 +159,10 @@ def _hidden_sheets(book: python_calamine.CalamineWorkbook) -> tuple[str, ...]:
 
 
 def _visible_rows(sheet: python_calamine.CalamineSheet, hidden_lines: Collection[int]) -> list[Row]:
-    """Return the rows of a sheet with their line numbers; hidden and empty rows are left out."""
+    """Return the rows of a sheet with their line numbers; hidden and empty rows are left out.
+
+    ``hidden_lines`` are the line numbers of hidden rows.
+    """
     rows = []
     for line, values in enumerate(sheet.to_python(skip_empty_area=False), start=1):
         texts = [_cell_text(value) for value in values]

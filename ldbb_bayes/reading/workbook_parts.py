@@ -63,7 +63,8 @@ def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
 def _root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
     """Return the root element of an XML file; ``path`` is its path inside the workbook.
 
-    Raise a ValueError if the XML file is too large to be examined.
+    Raise a ValueError if the XML file is too large to be examined. ``archive`` is the open
+    workbook.
     """
     if archive.getinfo(path).file_size > _LARGEST_PART:
         raise ValueError(path)
@@ -71,7 +72,10 @@ def _root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
 
 
 def _paths_of_sheets(archive: zipfile.ZipFile) -> dict[str, str]:
-    """Return a dict with the paths of the sheets inside the workbook; the keys are sheet names."""
+    """Return a dict with the paths of the sheets inside the workbook; the keys are sheet names.
+
+    ``archive`` is the open workbook.
+    """
     targets = {}
     for relation in _root(archive, "xl/_rels/workbook.xml.rels").iter(f"{_PACKAGE}Relationship"):
         target = relation.get("Target", "")
@@ -87,7 +91,8 @@ def _paths_of_sheets(archive: zipfile.ZipFile) -> dict[str, str]:
 def _units_of_styles(archive: zipfile.ZipFile) -> dict[str, str]:
     """Return a dict with the units in the number formats of cell styles.
 
-    The keys are the numbers of the styles as texts. Styles without a unit are left out.
+    The keys are the numbers of the styles as texts. Styles without a unit are left out. ``archive``
+    is the open workbook.
     """
     if "xl/styles.xml" not in archive.namelist():
         return {}
@@ -111,7 +116,7 @@ def _unit_in_format(code: str) -> str:
     """Return the unit that a number format shows after numbers, such as mm for ``0.000" mm"``.
 
     A word that is not a known unit is returned as written. The result is empty if the number format
-    has no word.
+    has no word. ``code`` is the number format.
     """
     positive = code.split(";")[0]
     text = "".join(quoted or escaped for quoted, escaped in _TEXT_IN_FORMAT.findall(positive))
@@ -149,7 +154,10 @@ def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
 
 
 def _elements(stream: IO[bytes]) -> Iterator[ElementTree.Element]:
-    """Yield the XML elements of the cells and rows of a sheet; each row follows its cells."""
+    """Yield the XML elements of the cells and rows of a sheet; each row follows its cells.
+
+    ``stream`` is the XML of the sheet.
+    """
     for _, element in ElementTree.iterparse(stream):
         if element.tag in (f"{_MAIN}c", f"{_MAIN}row"):
             yield element
