@@ -12,12 +12,18 @@ from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.headers import Heading
 from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, PLANES_OF_G_CODE, plane_named
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.travel_direction import direction_named
-from ldbb_bayes.reading.words import LONGEST_NAME, unit_named
+from ldbb_bayes.reading.words import LONGEST_NAME, ROLES, UNITS, comparable, unit_named
 
-__all__ = ["check_angle_columns", "check_directions", "name_plane_column"]
+__all__ = [
+    "check_angle_columns",
+    "check_directions",
+    "name_plane_column",
+    "with_condition_that_names_tests",
+]
 
 # All words for a plane, in capitals. The two letters of a plane may be in either order.
 _PLANE_CELLS = {*PLANES, *PLANES_OF_G_CODE, *PLANE_OF_SWAPPED}
@@ -35,6 +41,69 @@ _TRAVEL_WORD = re.compile(
 _WORDS = re.compile(r"[A-Z]+(?![a-zäöüß])|[A-Z]?[a-zäöüß]+")
 # Regular expression for a word for plane.
 _PLANE_WORD = re.compile(r"planes?|plan|plano|piano|\w*ebene", re.IGNORECASE)
+# Roles of columns that state a condition of a test, and that may name the tests too.
+_CONDITIONS = ("force", "pressure", "direction")
+
+
+def with_condition_that_names_tests(
+    sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]], layout: Layout
+) -> Heading:
+    """Return a heading in which the column that names tests also states their force.
+
+    The header of this column must name the force and nothing else, or have a unit of force, and its
+    cells must be numbers. The same holds for a pressure, and for a direction with cells such as
+    ``CW``. Any other heading is returned unchanged.
+
+    Parameters
+    ----------
+    sheet, heading
+        The sheet and the heading of its table.
+    cells
+        Cells of each column.
+    layout
+        Layout that the user states.
+
+    Raises
+    ------
+    InputError
+        If another column states the force as well, and the user does not say which counts.
+    """
+    column = heading.roles.get("test")
+    if column is None:
+        return heading
+    header = heading.headers[column]
+    for role in _CONDITIONS:
+        is_stated = role in layout.columns or not _names_only(header, heading.units[column], role)
+        if is_stated or not all(_states_condition(role, cell) for cell in cells[column]):
+            continue
+        other = heading.roles.get(role)
+        if other is None:
+            return replace(heading, roles=heading.roles | {role: column})
+        raise InputError(
+            f"{sheet.place}, line {heading.line}: one column must hold the {role}, got"
+            f" {header[:LONGEST_NAME]!r} and {heading.headers[other][:LONGEST_NAME]!r}. Say which:"
+            f" --{role}-column."
+        )
+    return heading
+
+
+def _names_only(header: str, unit: str, role: str) -> bool:
+    """Return whether a header names a role and nothing else, or has a unit that fits the role.
+
+    ``unit`` is the unit of the column.
+    """
+    name = unit_of(header).name
+    if not has_role(name, role):
+        return False
+    words = re.findall(r"[^\W\d_]+", comparable(name))
+    return unit in UNITS.get(role, {}) or set(words) <= set(ROLES[role])
+
+
+def _states_condition(role: str, cell: str) -> bool:
+    """Return whether a cell is a direction of travel, or a number for any other role."""
+    if role == "direction":
+        return direction_named(cell) in ("CW", "CCW")
+    return looks_like_number(cell)
 
 
 def name_plane_column(

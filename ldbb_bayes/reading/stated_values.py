@@ -282,15 +282,34 @@ def _constant_load(recording: Recording, key: str) -> float | None:
             "Name the test of each row in a column (--test-column), or give the nominal value"
             f" ({option_for(key)})."
         )
+        advice = _advice_on_loads(recording, key, usual_advice)
         raise InputError(
             f"{recording.place}, line {recording.lines[different[0]]}: {role} must be the same in"
             f" all rows of a test, or vary by at most {100.0 * _LARGEST_VARIATION:g} % around its"
-            f" mean from row to row, got {extremes}. {_advice(recording, usual_advice)}"
+            f" mean from row to row, got {extremes}. {advice}"
         )
     mean = float(f"{values.mean():.{_DIGITS_OF_MEAN}g}")
     reason = f"its column varies from {extremes}"
     recording.note(key, f"{mean:g} {unit}, the mean", reason, option_for(key))
     return mean
+
+
+def _advice_on_loads(recording: Recording, key: str, usual_advice: str) -> str:
+    """Return the advice to a user whose file has rows of one test with different loads.
+
+    The column of the loads may itself name the tests, if rows with the same load follow each other
+    and all have the same direction. ``key`` is force_N or pressure_bar.
+    """
+    header = recording.heading.headers[recording.heading.roles[LOAD_ROLES[key]]]
+    is_one_direction = len(recording.direction_words) < 2
+    may_name_tests = "test" not in recording.layout.columns and is_one_direction
+    if may_name_tests and header in columns_that_part(recording):
+        option = option_for(key)
+        return (
+            f"If each value is a test, give --test-column '{header}'; if not, give the nominal"
+            f" value ({option})."
+        )
+    return _advice(recording, usual_advice)
 
 
 def _advice(recording: Recording, usual_advice: str) -> str:

@@ -18,6 +18,7 @@ def printout_cases() -> dict[str, FieldCase]:
         **several_table_cases(),
         **statistics_cases(),
         **end_angle_cases(),
+        **test_column_cases(),
     }
 
 
@@ -130,6 +131,29 @@ def end_angle_cases() -> dict[str, FieldCase]:
             mended=mended,
         ),
     }
+
+
+def test_column_cases() -> dict[str, FieldCase]:
+    """Return tables in which the column of forces, or of pressures, tells the circles apart."""
+    kind = "loads that name the circles"
+
+    def row(circle: Circle, k: int) -> list[object]:
+        return [f"{circle.force_N:g}", *field.plain(circle, k)]
+
+    def pressure_row(circle: Circle, k: int) -> list[object]:
+        return [f"{(circle.force_N + 14.2) / 126.04:.12f}", *field.plain(circle, k)]
+
+    headers = {"Siła [N]": row, "Load": row, "Druck [bar]": pressure_row}
+    cases = {}
+    for number, (header, row_of_header) in enumerate(headers.items()):
+        cases[f"loads_name_circles_{number}"] = FieldCase(
+            kind,
+            f"a column {header!r}",
+            field.tidy(f"{header},Angle [deg],Reading [um]", row_of_header),
+            refusal=f"If each value is a test, give --test-column '{header}'",
+            step=("--test-column", header),
+        )
+    return cases
 
 
 def dotted_cases() -> dict[str, FieldCase]:

@@ -91,3 +91,47 @@ def test_a_column_of_readings_that_is_not_asked_for_is_no_column_of_forces(tmp_p
     path = loaded(tmp_path, "F = 3,6 daN", "F = 49 daN", "F = 74,2 daN")
     result = lb.import_campaign(path, layout=Layout(columns={"reading": [2, 4]}))
     assert [test.force_N for test in result.campaign.tests] == [36.0, 742.0]
+
+
+def with_conditions(folder: Path, header: str, values: tuple[str, ...]) -> Path:
+    """Write a table of tests below each other, with a column that has one value for each test."""
+    lines = [f"{header};Kąt [°];Odchyłka [µm]"]
+    for value in values:
+        lines += [f"{value};{angle};{reading(angle, 100.0)}" for angle in ANGLES]
+    path = folder / "100N.csv"
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
+def test_a_column_may_name_tests_and_state_their_forces(tmp_path: Path) -> None:
+    path = with_conditions(tmp_path, "Siła [N]", ("150", "300"))
+    layout = Layout(columns={"test": "Siła [N]"})
+    tests = lb.import_campaign(path, layout=layout).campaign.tests
+    assert [(test.name, test.force_N) for test in tests] == [("150", 150.0), ("300", 300.0)]
+
+
+def test_a_column_may_name_tests_and_state_their_directions(tmp_path: Path) -> None:
+    path = with_conditions(tmp_path, "Direction", ("CW", "CCW"))
+    layout = Layout(columns={"test": "Direction"})
+    tests = lb.import_campaign(path, layout=layout).campaign.tests
+    assert [test.direction for test in tests] == ["CW", "CCW"]
+
+
+def test_names_of_load_cases_are_no_forces(tmp_path: Path) -> None:
+    path = with_conditions(tmp_path, "Load case", ("1", "2"))
+    layout = Layout(columns={"test": "Load case"})
+    tests = lb.import_campaign(path, layout=layout).campaign.tests
+    assert [test.force_N for test in tests] == [100.0, 100.0]
+
+
+def test_two_columns_of_forces_are_asked(tmp_path: Path) -> None:
+    path = with_conditions(tmp_path, "Force [N];Load cell [N]", ("150;151", "300;301"))
+    layout = Layout(columns={"test": "Force [N]"})
+    with pytest.raises(lb.InputError, match="Say which: --force-column"):
+        lb.import_campaign(path, layout=layout)
+
+
+def test_a_column_of_forces_that_may_name_the_tests_is_named(tmp_path: Path) -> None:
+    path = with_conditions(tmp_path, "Siła [N]", ("150", "300"))
+    with pytest.raises(lb.InputError, match="give --test-column 'Siła \\[N\\]'"):
+        lb.import_campaign(path)
