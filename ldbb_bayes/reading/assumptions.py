@@ -13,8 +13,8 @@ __all__ = ["NOTHING_STATED", "Assumption", "AssumptionLog", "shown_list"]
 
 #: reason for a value that is assumed because nothing in the files states it
 NOTHING_STATED = "nothing says otherwise"
-# The same reason if there are texts that nothing was taken from, so that one of them may state the
-# value.
+# Reason that replaces ``NOTHING_STATED`` if the files have texts from which nothing was taken,
+# because one of these texts may state the value.
 _NOTHING_UNDERSTOOD = "no text that is understood says otherwise"
 
 

@@ -74,18 +74,18 @@ _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 # Regular expression for the header of a column in a table of the program R, which has dots in place
 # of blanks and brackets, such as ``force..lbf.``.
 _HEADER_WITH_DOTS = re.compile(r"[^\W\d_][\w.]*\.[\w.]*")
-# Regular expression for dots in such a header that are no decimal points.
+# Regular expression for the dots in a header of the program R, except decimal points.
 _DOTS = re.compile(r"(?<!\d)\.+|\.+(?!\d)")
-# Regular expression for a unit in such a header whose first sign, such as µ, is lost: ``...m.`` for
-# a blank, a bracket and µm.
+# Regular expression for a unit in a header of the program R without its first sign. R puts a dot in
+# place of µ, so that a blank, a bracket and µm become ``...m.``.
 _LOST_SIGN = re.compile(r"\.{3,}(?:m|s|N|in|inch)\.$")
-# Regular expression for the number that R puts behind the second of two equal headers.
+# Regular expression for the number that the program R adds to the second of two equal headers.
 _NUMBER_OF_EQUAL = re.compile(r"\.\d+$")
 # Regular expression for a word which shows that the next word is not a unit, such as "of" in "Angle
 # of turn".
 _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
-# Regular expressions for a word before a unit that multiplies or divides it, such as "milli", and
-# for a word between the two, such as "of".
+# Regular expressions for a word in front of a unit that multiplies or divides the unit, such as
+# "half", and for a word between such a word and the unit, such as "of".
 _MULTIPLIER = re.compile(WORDS["columns"]["multiplier"], re.IGNORECASE)
 _BETWEEN = re.compile(WORDS["columns"]["between"], re.IGNORECASE)
 # Regular expressions for headers that end with a unit that this package does not read. The keys are
@@ -195,7 +195,12 @@ def _contradicts(word: str, unit: str) -> bool:
 
 
 def _name_and_unit(header: str) -> Header:
-    """Return name and unit of a header. The unit may be in brackets or after the name."""
+    """Return name and unit of a header. The unit may be in brackets or after the name.
+
+    Examples are ``Angle [deg]``, ``[deg] Angle``, ``Angle in deg`` and ``Angle, deg``. A number
+    after the brackets, as in ``Reading [um] x 10``, may be a factor; the unit is then returned as a
+    text that later code treats as an unknown unit.
+    """
     header = header.strip().lstrip("#%").strip()
     if len(header) > LONGEST_NAME:
         return Header(header, "")
@@ -273,7 +278,12 @@ def _with_factor_apart(header: str) -> str:
 
 
 def _unit_at_end(header: str) -> Header:
-    """Return the name and the unit of a header that ends with its unit, such as ``reading_um``."""
+    """Return the name and the unit of a header that ends with its unit, such as ``reading_um``.
+
+    A factor in front of the unit, as in ``Reading 10 um``, becomes part of the unit: ``(10) um``,
+    which later code treats as an unknown unit. The unit is empty if the header does not end with a
+    unit, or if its last word belongs to the name, as in ``Angle of turn``.
+    """
     header = _with_factor_apart(header)
     match = _UNIT_AT_END.fullmatch(header)
     if not match:

@@ -41,8 +41,8 @@ _PAGE = re.compile(
 _CONTINUED = re.compile(
     r"continued|cont|fortsetzung|forts|suite|segue|continua\w*|continuación|pokračování"
 )
-# Fields that a line may state beside a field that another line states anew, and the words that
-# state their values in place of the line.
+# Statements that are written in place of a line if only a part of the line still applies. The keys
+# are the fields that the statements state.
 _STATED_AS = {
     "plane": "plane {}",
     "radius_mm": "radius {:g} mm",
@@ -255,10 +255,11 @@ def lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) ->
 
 
 def _without_fields(text: str, fields: Set[str]) -> str:
-    """Return a line without the segments that state some of the ``fields``.
+    """Return a line without its statements of some ``fields``; all other statements are kept.
 
-    What these segments also state is kept in other words, such as the plane in ``238 N in plane
-    ZX``. The result is empty if nothing remains.
+    A segment of the line that states one of the fields is left out. If it also states another
+    field, as in ``238 N in plane ZX``, a segment such as ``plane ZX`` is added. The result is empty
+    if nothing remains.
     """
     if "time" in fields:
         text = without_stamps(text)
@@ -275,9 +276,10 @@ def _without_fields(text: str, fields: Set[str]) -> str:
 
 
 def _restated(text: str, except_fields: Set[str]) -> list[str]:
-    """Return the plane, radius, feed and direction that a line states, each as a segment.
+    """Return a text, such as ``plane ZX``, for each value that a line states for certain fields.
 
-    The fields in ``except_fields`` are left out.
+    These fields are the plane, the radius, the feed and the direction of travel, except those in
+    ``except_fields``.
     """
     segments = []
     statements = statements_in([(0, text)])

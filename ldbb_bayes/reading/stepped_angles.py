@@ -145,17 +145,22 @@ def _check_no_end(
 
 
 def _usual_step(range_deg: float, n_readings: int) -> float:
-    """Return the step [deg] of angles that cover a range; of two possible steps, the rounder one.
+    """Return the most probable step [deg] from one angle to the next.
 
-    The range, from the first angle to the stated end, has as many steps as there are readings, or
-    one step fewer.
+    ``range_deg`` is the stated end of the angles minus their start. It is divided by the number of
+    readings, or by one less, because the end may be the angle of the last reading or one step
+    further. Of the two quotients, the one with fewer digits is returned.
     """
     steps = [range_deg / (n_readings - 1), range_deg / n_readings]
     return min(steps, key=lambda step: len(f"{step:g}"))
 
 
 def _start_before(end: _StatedAngle | None, step: _StatedAngle, n_readings: int) -> float:
-    """Return the angle [deg] at which a circle probably starts: 0°, unless the end differs."""
+    """Return the angle [deg] at which a circle probably starts, computed from its end.
+
+    The end may be the angle of the last of ``n_readings`` readings, or one step further. Of the two
+    possible starts, the one nearest to 0° is returned. Without a stated end, the start is 0°.
+    """
     if end is None:
         return 0.0
     last = abs(step.value_deg) * n_readings

@@ -378,5 +378,5 @@ def _may_state_direction(text: str) -> bool:
     match = NAMES_DIRECTION.search(text)
     if match is not None:
         return _MISSING.fullmatch(match[1]) is None
-    words = (_TURNED, _RUNS)
-    return bool(senses_in(text)) or any(pattern.search(text) for pattern in words)
+    patterns = (_TURNED, _RUNS)
+    return bool(senses_in(text)) or any(pattern.search(text) for pattern in patterns)

@@ -180,7 +180,10 @@ def joined_prefixes(text: str) -> str:
 
 
 def _joined_prefix(match: re.Match[str]) -> str:
-    """Return the unit in a match of ``_PREFIX``; if it is unknown, the matched text."""
+    """Return a matched prefix and unit, such as ``micro metres``, as one unit: ``um``.
+
+    If the unit with this prefix is unknown, the matched text is returned unchanged.
+    """
     sign = WORDS["columns"]["prefixes"][match["prefix"].lower()]
     unit = unit_named(match["unit"])
     if not unit:
