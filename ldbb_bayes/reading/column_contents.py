@@ -50,7 +50,7 @@ def with_condition_that_names_tests(
 ) -> Heading:
     """Return a heading in which the column that names tests also states their force.
 
-    The header of this column must name the force and nothing else, or have a unit of force, and its
+    The user must state which column names tests. The header of this column must name the force and nothing else, or have a unit of force, and its
     cells must be numbers. The same holds for a pressure, and for a direction with cells such as
     ``CW``. Any other heading is returned unchanged.
 
@@ -68,9 +68,9 @@ def with_condition_that_names_tests(
     InputError
         If another column states the force as well, and the user does not say which counts.
     """
-    column = heading.roles.get("test")
-    if column is None:
+    if "test" not in layout.columns:
         return heading
+    column = heading.roles["test"]
     header = heading.headers[column]
     for role in _CONDITIONS:
         is_stated = role in layout.columns or not _names_only(header, heading.units[column], role)

@@ -591,8 +591,7 @@ def _read_columns(
     columns_of_units = unit_columns(heading.headers, cells_with_units, _numeric_columns(heading))
     heading = replace(heading, unit_columns=frozenset(columns_of_units.values()))
     check_angle_columns(sheet, heading, cells)
-    if "test" in layout.columns:
-        heading = with_condition_that_names_tests(sheet, heading, cells, layout)
+    heading = with_condition_that_names_tests(sheet, heading, cells, layout)
     heading = name_plane_column(sheet, heading, cells, stated_plane, log)
     check_directions(sheet, heading, cells, layout)
     _check_no_statistics(sheet, heading, lines, cells)
