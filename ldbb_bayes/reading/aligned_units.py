@@ -31,8 +31,8 @@ class _Word(NamedTuple):
     """Text in a line, with the indices of the characters at which it begins and ends."""
 
     text: str
-    start: int  # index of the first character in the line
-    end: int  # index after the last character in the line
+    start: int  # index, in the line, of the first character of the text
+    end: int  # index, in the line, of the character after the text
 
 
 def with_aligned_units(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:

@@ -21,7 +21,7 @@ __all__ = ["take_centres", "without_centre"]
 
 # Regular expression for one coordinate, such as X300 or Y = -120 mm.
 _COORDINATE = rf"[XYZ]\s?[:=]?\s?{NUMBER_IN_TEXT}"
-# Regular expression for a unit after a coordinate.
+# Regular expression for a unit after a coordinate, such as mm in "X 300 mm"; it may be missing.
 _UNIT = r"(?:\s?(?:(?:mm|cm|m|in|inch|inches|[uµμ]m)(?!\w)|[\"″]))?"
 # Regular expression for the characters that may separate two coordinates.
 _BETWEEN = rf"{_UNIT}[\s,;|/]*"

@@ -397,7 +397,7 @@ def is_rule(cells: Sequence[str]) -> bool:
 
 
 def count_numbers(cells: Sequence[str]) -> int:
-    """Return how many of the cells are numbers."""
+    """Return how many cells of a row are numbers."""
     return sum(looks_like_number(cell) for cell in cells)
 
 

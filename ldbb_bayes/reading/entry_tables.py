@@ -23,7 +23,7 @@ class EntryTable:
     """Table of a file, with the statements that apply to it."""
 
     name: str  #: name of the table in the file; empty if nothing names it
-    statements: list[str]  #: lines of text such as ``radius: 150 mm``
+    statements: list[str]  #: statements that apply to the table, such as ``radius: 150 mm``
     header: list[str]  #: names of the columns; empty if nothing names them
     rows: list[list[str]]
 

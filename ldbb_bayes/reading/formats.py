@@ -81,6 +81,6 @@ def _names_beside_numbers(sheet: Sheet, texts: Sequence[str]) -> str:
 
 
 def _names_in(text: str) -> tuple[str, ...]:
-    """Return the names that stand beside numbers in a line."""
+    """Return the names beside numbers in a line: theta and r for ``theta=0.00deg r=1.2um``."""
     names = _NAMED_NUMBER.finditer(text[:LONGEST_TEXT])
     return tuple(match[0].rstrip(" =:") for match in names)

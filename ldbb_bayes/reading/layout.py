@@ -143,10 +143,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: unit of the readings, such as um or mm; if the readings are counts (digital steps) of an
     #: instrument, the size of one count, such as 0.1 um
     reading_unit: str | None = None
-    angle_unit: str | None = None  #: unit of the angles, such as deg or rad
-    time_unit: str | None = None  #: unit of times, such as s or ms
-    force_unit: str | None = None  #: unit of forces, such as N or kN
-    pressure_unit: str | None = None  #: unit of pressures, such as bar
+    angle_unit: str | None = None  #: unit of the angles in the files, such as deg or rad
+    time_unit: str | None = None  #: unit of the times in the files, such as s or ms
+    force_unit: str | None = None  #: unit of the forces in the files, such as N or kN
+    pressure_unit: str | None = None  #: unit of the pressures in the files, such as bar
     #: whether readings are deviations from the nominal radius, or distances between the two balls
     zero: Literal["deviation", "distance"] | None = None
     #: whether readings measure the radius or the diameter; readings of the diameter are halved

@@ -29,7 +29,7 @@ class _RowBlock:
     """Successive rows of numbers, which are treated as a table, and the rows above them."""
 
     heading: list[Row]  # rows between the numbers of the previous block and those of this block
-    numbers: list[Row]  # rows of numbers; empty for the rows after the last table
+    numbers: list[Row]  # rows of numbers of the table; empty if no table follows the other rows
 
 
 def with_loads_between(sheet: Sheet) -> Sheet:
@@ -45,7 +45,7 @@ def with_loads_between(sheet: Sheet) -> Sheet:
         return sheet
     first_header_row = sheet.rows[header]
     blocks = _blocks_of(sheet)
-    loads = []  # loads that the heading of each block states, by line number
+    loads = []  # for each block, the loads that its heading states; keys are line numbers
     for block in blocks:
         loads.append(_loads_in(sheet, block.heading) if block.numbers else {})
     n_with_load = sum(bool(loads_of_block) for loads_of_block in loads)
@@ -72,7 +72,7 @@ def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
     The rows after the last table form a block without numbers.
     """
     blocks = [_RowBlock([], [])]
-    successive: list[Row] = []  # successive rows of numbers
+    successive: list[Row] = []  # rows of numbers that follow each other without another row
     for row in sheet.rows:
         if count_numbers(row.cells) >= 2:
             successive.append(row)

@@ -58,7 +58,7 @@ class _Display:
 
     # lines above the header; each is a row of one cell
     lines: list[Row] = field(default_factory=list)
-    header: list[Row] = field(default_factory=list)  # row with the names of all columns, if any
+    header: list[Row] = field(default_factory=list)  # row with the names of all columns
     # rows of numbers, already multiplied by ``factor``
     numbers: list[Row] = field(default_factory=list)
     # common factor of the numbers, such as 1.0e+03, as MATLAB writes it; empty if there is none
@@ -129,7 +129,7 @@ def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_Shown]
     text, split into cells, and ``written`` are its lines as written.
     """
     shown = [_Shown([], [])]
-    successive: list[Row] = []  # successive rows of numbers with the same number of cells
+    successive: list[Row] = []  # rows of numbers below each other with equally many cells
     for row in rows:
         is_alike = not successive or len(row.cells) == len(successive[0].cells)
         if _is_row_of_numbers(row) and is_alike:

@@ -25,7 +25,7 @@ _LONG_WORD = re.compile("durchmesser|diamet")
 # Regular expression for the letter D alone in a header.
 _LETTER = re.compile(_WORDS["letter"])
 _RADIAL = re.compile(_WORDS["radial"])
-# Regular expression for a line that is about the readings.
+# Regular expression for words which show that a line is about the readings.
 _READINGS = re.compile(_WORDS["line"])
 # Regular expression for words which show that a text names a diameter, but not because the readings
 # measure it.

@@ -31,7 +31,7 @@ _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
 _CENTRE = re.compile(rf"(?<![A-Za-z])(?P<letter>[IJK])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
 # Axis of each coordinate of a centre; the keys are the letters of the coordinates in G-code.
 _AXIS_OF_CENTRE = {"I": "X", "J": "Y", "K": "Z"}
-# Regular expression for a coordinate of a point.
+# Regular expression for a coordinate, such as X100, of the point to which a block moves.
 _POINT = re.compile(rf"(?<![A-Za-z])(?P<letter>[XYZ])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
 # Regular expression for a block that moves along a straight line: G0, G1, or, for a Heidenhain
 # control, L.
@@ -41,7 +41,7 @@ _POLE = re.compile(r"^\W*(?:\d+\s+)?CC\s")
 # Regular expressions for a feed F, and for the words G93 and G95, after which F is not a speed.
 _FEED = re.compile(r"(?<![A-Za-z])F\s?=?\s?(?P<number>\d+\.?\d*)", re.IGNORECASE)
 _FEED_IS_NO_SPEED = re.compile(r"(?<![A-Za-z\d])G9[35](?![\d.])", re.IGNORECASE)
-# Regular expression for the radius of an arc.
+# Regular expression for the radius of an arc in a block of an NC programme, such as R100 or CR=100.
 _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
 # Regular expression for the word G90.1, after which the coordinates of centres are counted from the
 # zero point of the programme.
@@ -75,7 +75,7 @@ class ProgrammedArc(NamedTuple):
     start_mm: Mapping[str, float] | None
     #: feed that applies to the arc; None if no block (line) of the programme states a feed
     feed: ProgrammedFeed | None
-    is_path: bool  #: whether the block describes a path, and is not only the word G2 or G3
+    is_path: bool  #: whether the block describes an arc, and is not only the word G2 or G3
 
 
 @dataclass

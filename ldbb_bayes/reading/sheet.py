@@ -15,7 +15,7 @@ __all__ = ["Sheet"]
 class Sheet:
     """Cells of one text file, or of one sheet of a workbook, as texts."""
 
-    path: Path  #: path of the file
+    path: Path  #: path of the file that holds the sheet
     #: name of the sheet; for a text file, this is empty or the name of one of several tables in the
     #: file
     name: str

@@ -94,7 +94,7 @@ class _SheetColumns:
     sheet: Sheet
     heading: Heading
     lines: list[int]  # line number of each row in the file
-    cells: list[list[str]]  # cells of each column
+    cells: list[list[str]]  # cells of each column of the table
     clock_column: int | None  # index of the column with times of day; None if there is none
     decimal: str | None  # decimal mark of the table; None if no number has one
     # index of the column of units for each column of numbers that has one; the keys are the indices
@@ -672,7 +672,7 @@ def _numeric_columns(heading: Heading) -> list[int]:
 
 
 def _without_statistics(sheet: Sheet, heading: Heading, log: AssumptionLog) -> Sheet:
-    """Leave out the rows of statistics of a sheet's table, and note them."""
+    """Return a sheet without the rows of statistics in its table; these rows are noted."""
     column = heading.roles.get("angle", heading.roles.get("time"))
     if column is None:
         return sheet

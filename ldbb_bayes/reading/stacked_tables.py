@@ -157,7 +157,7 @@ def _describes_columns(cells: Sequence[str]) -> bool:
     The first cell of such a row is a label. A load is a force or a pressure. Examples are
     ``Direction;CW;CCW`` and ``Force;100 N;300 N``.
     """
-    if len(cells) < 3:  # a label and its value, as in Force;300 N
+    if len(cells) < 3:  # the row is a label and its value, as in Force;300 N
         return False
     if {direction_named(cell) for cell in cells[1:]} <= {"CW", "CCW"}:
         return True

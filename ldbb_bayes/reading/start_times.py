@@ -50,7 +50,7 @@ _OPTIONS_LISTED = "--order, time_s of a [[test]] in --layout, --no-drift"
 class _Start(NamedTuple):
     """Date and time, stated in a file, at which a test was run."""
 
-    title: str  # name of the test
+    title: str  # name of the test that began at this time
     stamp: Timestamp
     source: str | CitedLine  # text for notes that says where the timestamp is, such as "line 3"
     column: str = ""  # header of the column that states the timestamp; empty for another source

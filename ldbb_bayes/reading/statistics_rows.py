@@ -11,7 +11,7 @@ from ldbb_bayes.reading.words import LONGEST_NAME, WORDS, comparable
 
 __all__ = ["label_of_statistics", "rows_of_statistics", "statistics_among"]
 
-# Words of which the label of a row of statistics consists.
+# Words, such as "mean", of which the label of a row of statistics consists.
 _WORDS = frozenset(WORDS["statistics"]["words"].split())
 # Words which mean a row of statistics if a cell consists of such a word alone.
 _SURE_WORDS = frozenset(WORDS["statistics"]["sure"].split())

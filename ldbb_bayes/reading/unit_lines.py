@@ -177,7 +177,7 @@ def units_stated(text: str) -> dict[str, str]:
     text = match["units"].strip()
     if _has_unread_factor(text) and not _lists_units(text):
         return stated | {f"{role or 'reading'}_unit": text}
-    if scaled_unit(text) and not unit_named(text):  # a unit with a factor, such as 10 nm
+    if scaled_unit(text) and not unit_named(text):  # the text is a unit with a factor: 10 nm
         return stated | _scaled_units(scaled_unit(text), role)
     return stated | _units_of_roles(text, role)
 
