@@ -50,9 +50,10 @@ def with_condition_that_names_tests(
 ) -> Heading:
     """Return a heading in which the column that names tests also states their force.
 
-    The user must state which column names tests. The header of this column must name the force and nothing else, or have a unit of force, and its
-    cells must be numbers. The same holds for a pressure, and for a direction with cells such as
-    ``CW``. Any other heading is returned unchanged.
+    The user must state which column names tests. The header of this column must name the force and
+    nothing else, or have a unit of force, and its cells must be numbers. The same holds for a
+    pressure, and for a direction with cells such as ``CW``. Any other heading is returned
+    unchanged.
 
     Parameters
     ----------

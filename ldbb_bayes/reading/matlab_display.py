@@ -44,7 +44,7 @@ _FEWEST_ROWS = 9
 
 
 @dataclass
-class _Shown:
+class _ShownMatrix:
     """Rows of numbers that are shown below each other, and the lines above them."""
 
     above: list[Row]  # lines above the numbers; each is a row of one cell
@@ -122,13 +122,13 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
     return sheets
 
 
-def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_Shown]:
+def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_ShownMatrix]:
     """Return the matrices in a text, each with the lines above it.
 
     The last item of the result holds the lines below the last matrix. ``rows`` are the rows of the
     text, split into cells, and ``written`` are its lines as written.
     """
-    shown = [_Shown([], [])]
+    shown = [_ShownMatrix([], [])]
     successive: list[Row] = []  # rows of numbers below each other with equally many cells
     for row in rows:
         is_alike = not successive or len(row.cells) == len(successive[0].cells)
@@ -152,7 +152,7 @@ def _is_row_of_numbers(row: Row) -> bool:
     return all(looks_like_number(cell) or is_missing(cell) for cell in row.cells)
 
 
-def _end_run(matrices: list[_Shown], successive: Sequence[Row]) -> None:
+def _end_run(matrices: list[_ShownMatrix], successive: Sequence[Row]) -> None:
     """Store successive rows of numbers as a matrix, if there are enough rows for a table.
 
     The rows become the numbers of the last item in ``matrices``, and a new item for the next matrix
@@ -162,7 +162,7 @@ def _end_run(matrices: list[_Shown], successive: Sequence[Row]) -> None:
         matrices[-1].above += [Row(row.line, [" ".join(row.cells)]) for row in successive]
         return
     matrices[-1].numbers += successive
-    matrices.append(_Shown([], []))
+    matrices.append(_ShownMatrix([], []))
 
 
 def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
@@ -176,7 +176,7 @@ def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
             )
 
 
-def _display(sheet: Sheet, shown: _Shown) -> _Display:
+def _display(sheet: Sheet, shown: _ShownMatrix) -> _Display:
     """Return a displayed matrix with its header, its lines and its multiplied numbers.
 
     ``shown`` are the numbers and all lines above them; some of these lines state the common factor
