@@ -171,7 +171,7 @@ def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
         return True
     statements = statements_in([(line, text)])
     if statements and not _states_only_unit(line, text, statements):
-        return False
+        return False  # the line is understood: it states a field, such as the radius
     if _START.search(text) and _AXIS.search(text):
         return True
     if not _ANGLE.search(text) or _OTHER_SUBJECT.search(text) or _OTHER_AXIS.search(text):

@@ -543,17 +543,19 @@ def _possible_radius(text: str) -> str:
     """
     if OTHER_QUANTITY.search(_BALL_BAR.sub("bar", text)):
         return ""
+    smallest_um, largest_um = _RADII_UM
     for match in _LENGTH.finditer(text):
         size_um = UNITS["reading"].get(unit_named(match["unit"]), 0.0)
         length = number_in_text(match["number"])
-        if length is not None and _RADII_UM[0] <= abs(length) * size_um <= _RADII_UM[1]:
+        if length is not None and smallest_um <= abs(length) * size_um <= largest_um:
             return match[0].strip()
     letter = _LETTER_AND_NUMBER.search(text)
     if letter is not None:
         return letter[0]
     if measured_length_stated(text):
         return ""
-    names_circle = re.search(r"\d|mm", text) is not None and _CIRCLE.search(text) is not None
+    has_number = re.search(r"\d|mm", text) is not None
+    names_circle = has_number and _CIRCLE.search(text) is not None
     if names_circle or _BAR_AND_NUMBER.search(text) or programs_arc(text):
         return text.strip()
     return ""

@@ -126,6 +126,7 @@ def first_header(rows: Sequence[Row]) -> int | None:
         cells = rows[k].cells
         if not (names_columns(cells) and any(names_any_role(cell) for cell in cells)):
             continue
+        # The row above the header may look like a header, for example a row of loads.
         if _describes_columns(cells) or _names_circle(rows[k + 1].cells):
             continue
         if any(count_numbers(row.cells) >= 2 for row in _rows_below(rows, k)):

@@ -302,6 +302,7 @@ def _direction_after(text: str) -> set[str]:
     """Return the directions CW and CCW that a line states after a word such as "direction"."""
     senses = senses_in(text) | _senses_of_arcs(text)
     if not senses:
+        # After a word for direction, "right" means clockwise and "left" counter-clockwise.
         for sense, side in _SIDES.items():
             if side.match(text):
                 return {sense}

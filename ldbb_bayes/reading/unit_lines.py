@@ -497,9 +497,9 @@ def unit_mentioned(text: str) -> str:
         return shares
     for match in _MENTIONED.finditer(words):
         unit = unit_named(match["unit"])
-        is_word = comparable(match["unit"]) in _ALSO_WORDS or len(match["unit"]) < 2
+        may_be_word = comparable(match["unit"]) in _ALSO_WORDS or len(match["unit"]) < 2
         has_number = match["number"] is not None or _NUMBER_AT_END.search(words[: match.start()])
-        if unit in UNITS["reading"] and not has_number and not is_word:
+        if unit in UNITS["reading"] and not has_number and not may_be_word:
             return unit
     return ""
 
