@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.numerals import KEPT_CELLS, looks_like_number
 from ldbb_bayes.reading.sexagesimal import SECONDS_UNIT, columns_in_sexagesimal, seconds_in
 from ldbb_bayes.reading.words import unit_named
 
@@ -36,6 +37,7 @@ class UnitsOfCells(NamedTuple):
     units: Mapping[tuple[int, int], str]
 
 
+@lru_cache(maxsize=KEPT_CELLS)
 def number_in_cell(cell: str, *, is_sexagesimal: bool = False) -> _NumberAndUnit | None:
     """Return the number in a cell, and its unit if there is one.
 
@@ -94,6 +96,8 @@ def _split_angles_beside_texts(rows: list[Row], units: dict[tuple[int, int], str
     column index of a cell.
     """
     angles = [_angles_in(row) for row in rows]
+    if not any(angles):
+        return
     for k, row in enumerate(rows):
         neighbours: set[int] = set()
         for angles_beside in (angles[max(k - 1, 0)], angles[min(k + 1, len(rows) - 1)]):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import PER_TEST
@@ -110,6 +111,9 @@ _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 _CIRCLE_WORDS = [
     entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
 ]
+# Number of headers of which name, unit and roles are kept: many steps of an import look at the same
+# headers.
+_KEPT_HEADERS = 4096
 # Regular expression for a cell of dashes or similar signs that underlines a header.
 RULE = re.compile(r"[-=+_|: ]*")
 
@@ -123,6 +127,7 @@ class Header(NamedTuple):
     unit: str
 
 
+@lru_cache(maxsize=_KEPT_HEADERS)
 def unit_of(header: str) -> Header:
     """Return the name and the unit that a header states: "Angle" and "deg" for ``Angle [°]``.
 
@@ -320,6 +325,7 @@ def _unread_unit_at_end(header: str) -> Header:
     return Header(header, "")
 
 
+@lru_cache(maxsize=_KEPT_HEADERS)
 def has_role(name: str, role: str) -> bool:
     """Return whether the name of a column contains a word for ``role``, such as angle or time.
 

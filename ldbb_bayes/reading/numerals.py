@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from datetime import date
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.results import Array
 
 __all__ = [
+    "KEPT_CELLS",
     "NUMBER_IN_TEXT",
     "OTHER_MARK",
     "constant_value",
@@ -73,6 +75,8 @@ _MISSING = (
     "missing",
     "fehlt",
 )
+# Number of cells of which it is kept what they are: several steps of an import look at a cell.
+KEPT_CELLS = 4096
 # Mark that may separate thousands (comma or point); the keys are the decimal marks.
 OTHER_MARK = {".": ",", ",": "."}
 # Largest plausible value of a quantity; the keys are the names of the quantities. A comma or point
@@ -81,6 +85,7 @@ OTHER_MARK = {".": ",", ",": "."}
 _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
 
 
+@lru_cache(maxsize=KEPT_CELLS)
 def looks_like_number(cell: str) -> bool:
     """Return whether a cell is a number, with decimal point or comma, or a time of day.
 
@@ -134,6 +139,7 @@ def _is_grouped(text: str, mark: str) -> bool:
     return re.fullmatch(rf"[+\-]?[1-9]\d{{0,2}}(?:{mark}\d{{3}})+", text) is not None
 
 
+@lru_cache(maxsize=KEPT_CELLS)
 def number(cell: str, decimal: str = ".") -> float:
     """Return the number in a cell, with ``decimal`` as the decimal mark.
 

@@ -10,10 +10,12 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ldbb_bayes.reading.numerals import KEPT_CELLS
 from ldbb_bayes.results import Array
 
 __all__ = ["placeholders_in"]
@@ -71,6 +73,7 @@ def placeholders_in(cells: Sequence[str], numbers: Array) -> NDArray[np.bool_]:
     return is_like & (np.abs(numbers - median) > factors * largest_difference)
 
 
+@lru_cache(maxsize=KEPT_CELLS)
 def _is_like_placeholder(cell: str) -> bool:
     """Return whether a cell looks like a placeholder: nines, or the limit of an integer type."""
     text = cell.strip()

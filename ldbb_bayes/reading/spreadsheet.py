@@ -176,20 +176,21 @@ def _separator_score(sample: Sequence[str], separator: str) -> float:
     most frequent number of cells, and q is the fraction of the filled cells that are numbers. The
     score is zero if the most frequent number of cells is one.
     """
-    widths = []
-    n_filled = 0
-    n_numbers = 0
+    rows = []
     for line in sample:
         if separator == " ":
-            cells = line.split()
+            rows.append(line.split())
         else:
-            cells = [cell.strip(' "') for cell in line.split(separator)]
-        widths.append(len(cells))
-        filled = [cell for cell in cells if cell]
-        n_filled += len(filled)
-        n_numbers += sum(number_in_cell(cell) is not None for cell in filled)
+            rows.append([cell.strip(' "') for cell in line.split(separator)])
+    widths = [len(cells) for cells in rows]
     usual_width = max(sorted(set(widths)), key=widths.count)
     if usual_width == 1:
         return 0.0
+    n_filled = 0
+    n_numbers = 0
+    for cells in rows:
+        filled = [cell for cell in cells if cell]
+        n_filled += len(filled)
+        n_numbers += sum(number_in_cell(cell) is not None for cell in filled)
     share = widths.count(usual_width) / len(widths)
     return share * (1.0 + n_numbers / max(n_filled, 1))

@@ -98,7 +98,10 @@ def _repeated_headers(rows: Sequence[Row], header: int) -> list[int]:
     wanted = [comparable(cell) for cell in rows[header].cells]
     repeated = []
     for k in range(header + 1, len(rows)):
-        if [comparable(cell) for cell in rows[k].cells] == wanted:
+        cells = rows[k].cells
+        if len(cells) != len(wanted):
+            continue
+        if all(comparable(cell) == title for cell, title in zip(cells, wanted, strict=True)):
             repeated.append(k)
     return repeated
 
