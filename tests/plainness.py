@@ -8,7 +8,7 @@ import keyword
 import re
 import tokenize
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -68,10 +68,11 @@ class SourceFile:
         for token in tokenize.generate_tokens(io.StringIO(self.text).readline):
             if token.type in LAYOUT_TOKENS:
                 continue
-            for line in range(token.start[0], token.end[0] + 1):
+            first_line = token.start[0]
+            is_name = token.type == tokenize.NAME and not keyword.iskeyword(token.string)
+            names[first_line] += is_name
+            for line in range(first_line + 1, token.end[0] + 1):
                 names[line] += 0
-            if token.type == tokenize.NAME and not keyword.iskeyword(token.string):
-                names[token.start[0]] += 1
         for line in self._docstring_lines():
             names.pop(line, None)
         return names
@@ -97,19 +98,26 @@ class SourceFile:
                 yield from range(docstring.lineno, (docstring.end_lineno or 0) + 1)
 
 
-def read_sources(folder: Path) -> list[SourceFile]:
-    paths = sorted(folder.rglob("*.py"))
-    return [SourceFile(str(path), path.read_text(encoding="utf-8")) for path in paths]
+def read_sources(folder: Path) -> Iterator[SourceFile]:
+    """Yield the files one after the other, as their trees together fill much memory."""
+    for path in sorted(folder.rglob("*.py")):
+        yield SourceFile(str(path), path.read_text(encoding="utf-8"))
 
 
-def count_statements(function: Function) -> int:
-    nodes = [node for statement in function.body for node in ast.walk(statement)]
-    return sum(isinstance(node, ast.stmt) for node in nodes)
+@dataclass(frozen=True)
+class FunctionSize:
+    """Statements of a function and of what it nests, and its branches plus one."""
+
+    statements: int
+    complexity: int
 
 
-def complexity(function: Function) -> int:
-    """Branches of a function and of what it nests, plus one."""
-    return 1 + sum(isinstance(node, BRANCHES) for node in ast.walk(function))
+def size_of(function: Function) -> FunctionSize:
+    nodes = list(ast.walk(function))
+    return FunctionSize(
+        statements=sum(isinstance(node, ast.stmt) for node in nodes) - 1,
+        complexity=sum(isinstance(node, BRANCHES) for node in nodes) + 1,
+    )
 
 
 def returns_bare_tuple(function: Function) -> bool:
@@ -129,8 +137,9 @@ def returns_bare_tuple(function: Function) -> bool:
 def is_nested_comprehension(node: ast.AST) -> bool:
     if not isinstance(node, COMPREHENSIONS):
         return False
-    inside = [child for child in ast.walk(node) if child is not node]
-    return len(node.generators) > 1 or any(isinstance(child, COMPREHENSIONS) for child in inside)
+    if len(node.generators) > 1:
+        return True
+    return any(isinstance(child, COMPREHENSIONS) for child in ast.walk(node) if child is not node)
 
 
 def is_tuple_assignment(node: ast.AST) -> bool:
@@ -152,10 +161,9 @@ def is_vague(name: str) -> bool:
     return name.strip("_") in VAGUE_NAMES
 
 
-def measure(sources: list[SourceFile]) -> dict[str, float]:
+def measure(sources: Iterable[SourceFile]) -> dict[str, float]:
     """Return the figures of `test_plainness.py`; "per 1000" counts lines of code."""
     counts: Counter[str] = Counter()
-    functions: list[Function] = []
     for source in sources:
         lines = source.text.splitlines()
         names = source.names_by_line
@@ -170,12 +178,15 @@ def measure(sources: list[SourceFile]) -> dict[str, float]:
             counts["small functions"] += is_small_function(node)
             counts["conditional"] += isinstance(node, ast.IfExp)
             counts["walrus"] += isinstance(node, ast.NamedExpr)
-        functions.extend(source.functions())
+        for function in source.functions():
+            size = size_of(function)
+            counts["functions"] += 1
+            counts["long functions"] += size.statements > STATEMENTS
+            counts["complex functions"] += size.complexity > COMPLEXITY
+            counts["tuple functions"] += returns_bare_tuple(function)
 
     thousand = counts["code"] / 1000
-    long_functions = sum(count_statements(function) > STATEMENTS for function in functions)
-    complex_functions = sum(complexity(function) > COMPLEXITY for function in functions)
-    tuple_functions = sum(returns_bare_tuple(function) for function in functions)
+    percent_of_functions = 100 / counts["functions"]
     return {
         "lines over 100 columns": counts["long"],
         "unformatted places": counts["unformatted"],
@@ -186,7 +197,7 @@ def measure(sources: list[SourceFile]) -> dict[str, float]:
         "walrus per 1000": counts["walrus"] / thousand,
         "lambda and partial per 1000": counts["small functions"] / thousand,
         "vague names per 1000": counts["vague"] / thousand,
-        "functions over 40 statements": long_functions,
-        "functions of complexity over 12, %": 100 * complex_functions / len(functions),
-        "bare tuples of three returned, %": 100 * tuple_functions / len(functions),
+        "functions over 40 statements": counts["long functions"],
+        "functions of complexity over 12, %": counts["complex functions"] * percent_of_functions,
+        "bare tuples of three returned, %": counts["tuple functions"] * percent_of_functions,
     }
