@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import shutil
@@ -35,6 +36,11 @@ settings.register_profile(
     "house", deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("house")
+
+
+def pytest_collection_finish() -> None:
+    """Keep what collection has made, which stays to the end, from the garbage collector."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

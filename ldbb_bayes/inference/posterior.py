@@ -279,6 +279,7 @@ def _read_tree(source: Path) -> xr.DataTree:
         # Libraries may raise exceptions of any class if they read a damaged file.
         except Exception as error:  # noqa: BLE001
             reason = " ".join(str(error).split())[:_LONGEST_REASON]
+        gc.collect()  # deletes the object of the file while messages are suppressed
     raise InputError(
         f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({reason}). Fit"
         " again."
@@ -296,7 +297,6 @@ def _silent_finalizers() -> Iterator[None]:
     try:
         yield
     finally:
-        gc.collect()
         sys.unraisablehook = hook
 
 

@@ -181,14 +181,20 @@ def no_campaign_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(posteriors, "_CAMPAIGNS", {})
 
 
+@pytest.fixture(scope="module")
+def file(posterior: xr.DataTree, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The posterior, saved."""
+    return lb.save(posterior, tmp_path_factory.mktemp("saved") / "posterior.nc")
+
+
 @pytest.mark.usefixtures("no_campaign_is_known")
 def test_saved_and_read_back_identically(
-    posterior: xr.DataTree, campaign: lb.Campaign, tmp_path: Path
+    posterior: xr.DataTree, campaign: lb.Campaign, file: Path
 ) -> None:
-    file = lb.save(posterior, tmp_path / "posterior.nc")
-    assert lb.load(tmp_path).identical(posterior)
-    assert [p.name for p in tmp_path.iterdir()] == ["posterior.nc"]
-    back = campaign_of(lb.load(file))
+    read = lb.load(file.parent)
+    assert read.identical(posterior)
+    assert [p.name for p in file.parent.iterdir()] == ["posterior.nc"]
+    back = campaign_of(read)
     assert back.sha256 == campaign.sha256 == record_of(posterior)["campaign"]["sha256"]
     assert (back.mount, back.force_law, back.name) == (
         campaign.mount,
@@ -200,9 +206,9 @@ def test_saved_and_read_back_identically(
 
 
 def test_posteriors_of_one_campaign_share_its_bound_model(
-    posterior: xr.DataTree, tmp_path: Path
+    posterior: xr.DataTree, file: Path
 ) -> None:
-    read = lb.load(lb.save(posterior, tmp_path / "posterior.nc"))
+    read = lb.load(file)
     assert campaign_of(read) is campaign_of(posterior)
     assert bound_of(read) is bound_of(posterior)
 
@@ -254,10 +260,9 @@ def test_every_field_of_a_campaign_comes_back() -> None:
     assert (campaign_of(tree).order, campaign_of(tree).drift) == ("random", False)
 
 
-def test_damaged_results_are_refused(tmp_path: Path, posterior: xr.DataTree) -> None:
-    file = lb.save(posterior, tmp_path / "posterior.nc")
+def test_damaged_results_are_refused(tmp_path: Path, file: Path) -> None:
     for content in (file.read_bytes()[:50_000], b"not a file of ours", b""):
-        file.write_bytes(content)
+        (tmp_path / "posterior.nc").write_bytes(content)
         refuses(r"posterior\.nc must be a posterior written by ldbb-bayes", lb.load, tmp_path)
     refuses("result must be a folder", lb.load, tmp_path / "nothing")
 
