@@ -41,6 +41,19 @@ _BISECTIONS = 42
 _BATCHES = 16
 
 
+class _Truncation(NamedTuple):
+    """Bounds of truncated Gaussians, and probabilities before truncation, each of shape (n, p)."""
+
+    low: Array  #: lower bounds, in standard deviations from the means
+    high: Array  #: upper bounds, in standard deviations from the means
+    #: 1, or −1 for an interval in the upper tail of a Gaussian, of which the mirror image is used.
+    #: Cumulative probabilities in the upper tail differ so little from one that their difference
+    #: would be inaccurate.
+    sign: Array
+    below: Array  #: probabilities below the intervals
+    inside: Array  #: probabilities of the intervals; negative for mirror images
+
+
 class MarginalMixtures(NamedTuple):
     """Marginal densities of p parameters, each a mixture of n truncated Gaussians of equal weight.
 
@@ -54,19 +67,19 @@ class MarginalMixtures(NamedTuple):
     low: Array  #: lower bounds of the truncated Gaussians, shape (n, p)
     high: Array  #: upper bounds of the truncated Gaussians, shape (n, p)
 
-    def cdf(self, x: Array) -> Array:
-        """Return the probability that each of the p parameters is at most ``x``, shape (p,)."""
+    def _truncation(self) -> _Truncation:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low = (self.low - self.mean) / self.sd
             high = (self.high - self.mean) / self.sd
-            z = np.clip((x - self.mean) / self.sd, low, high)
-            # If the interval lies in the upper tail of the Gaussian, use its mirror image.
-            # Cumulative probabilities in the upper tail differ so little from one that their
-            # difference would be inaccurate.
             sign = np.where(low > 0.0, -1.0, 1.0)
-            at_low = ndtr(sign * low)
-            total = ndtr(sign * high) - at_low
-            share = (ndtr(sign * z) - at_low) / total
+            below = ndtr(sign * low)
+            return _Truncation(low, high, sign, below, ndtr(sign * high) - below)
+
+    def _cdf(self, x: Array, truncation: _Truncation) -> Array:
+        """Return the probability that each of the p parameters is at most ``x``, shape (p,)."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            z = np.clip((x - self.mean) / self.sd, truncation.low, truncation.high)
+            share = (ndtr(truncation.sign * z) - truncation.below) / truncation.inside
         share = np.where(np.isfinite(share), share, x >= self.beta)
         return np.asarray(share.mean(axis=0))
 
@@ -75,13 +88,14 @@ class MarginalMixtures(NamedTuple):
         lowest = self.beta.min(axis=0)
         highest = self.beta.max(axis=0)
         margin = highest - lowest
+        truncation = self._truncation()
         quantiles = []
         for level in levels:
             below = lowest - margin
             above = highest + margin
             for _ in range(_BISECTIONS):
                 middle = 0.5 * (below + above)
-                reached = self.cdf(middle) >= level
+                reached = self._cdf(middle, truncation) >= level
                 above = np.where(reached, middle, above)
                 below = np.where(reached, below, middle)
             quantiles.append(0.5 * (below + above))
