@@ -10,7 +10,7 @@ import functools
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 __all__ = ["ONE_THREAD", "one_blas_thread"]
 
@@ -39,7 +39,16 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:
         """Call the function while BLAS is limited to a single thread."""
-        with threadpool_limits(1, user_api="blas"):
+        with _loaded_libraries().limit(limits=1, user_api="blas"):
             return function(*args, **kwargs)
 
     return limited
+
+
+@functools.cache
+def _loaded_libraries() -> ThreadpoolController:
+    """Return the libraries with threads that this process has loaded, such as BLAS.
+
+    To find them takes milliseconds. NumPy and SciPy have loaded theirs before the first limit.
+    """
+    return ThreadpoolController()
