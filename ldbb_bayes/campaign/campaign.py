@@ -285,6 +285,8 @@ class Campaign(CampaignFields):
             completed["force_N"] = self._force_from_pressure(test)
         if test.pressure_bar is None:
             completed["pressure_bar"] = self.force_law.pressure_bar(completed["force_N"])
+        if all(getattr(test, name) == value for name, value in completed.items()):
+            return test
         return replace(test, **completed)
 
     def _force_from_pressure(self, test: CircularTest) -> float:
