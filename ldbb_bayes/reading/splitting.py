@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,8 @@ _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 # Commas or points in the numbers of a column may be decimal marks or separate thousands. Columns
 # are checked for this only if at least this many of their numbers have a comma or a point.
 _FEWEST_MARKED = 5
+# Smallest number of rows of a test whose name stands in its first row only.
+_FEWEST_ROWS = 9
 # Fields of a test that may also stand in a column of the table, with the same value in all rows of
 # the test.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
@@ -883,6 +886,12 @@ def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     # In the cells of ``columns``, units after numbers are already removed. The name of a test, such
     # as 100 N, needs its unit.
     labels = columns.cells_with_units(columns.heading.roles["test"], rows)
+    if "" in labels and _are_written_once(labels):
+        header = columns.heading.headers[columns.heading.roles["test"]][:LONGEST_NAME]
+        reason = "each name stands once, above empty cells"
+        value = f"column {header!r}, filled downwards"
+        log.add(columns.sheet.place, "test of each row", value, reason, "a name in each row")
+        labels = _filled_downwards(labels)
     if "" in labels:
         line = columns.lines[labels.index("")]
         raise InputError(
@@ -890,6 +899,27 @@ def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
             " remove the line."
         )
     return labels
+
+
+def _are_written_once(labels: Sequence[str]) -> bool:
+    """Return whether each name stands in one row only, with empty cells in the rows below it.
+
+    The cells of such a column may have been merged. There must be several names, and enough rows
+    for as many tests.
+    """
+    names = [label for label in labels if label]
+    if len(set(names)) < max(2, len(names)) or len(labels) < _FEWEST_ROWS * len(names):
+        return False
+    followed = [not below for label, below in pairwise(labels) if label]
+    return bool(labels[0]) and all(followed)
+
+
+def _filled_downwards(labels: Sequence[str]) -> list[str]:
+    """Return the names of the tests of all rows; an empty cell has the name above it."""
+    filled: list[str] = []
+    for label in labels:
+        filled.append(label or filled[-1])
+    return filled
 
 
 def layout_names(sheet: Sheet, label: str) -> list[str]:

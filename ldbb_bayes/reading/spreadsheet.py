@@ -20,6 +20,7 @@ from ldbb_bayes.reading.aligned_units import with_aligned_units
 from ldbb_bayes.reading.cell_units import number_in_cell, split_units
 from ldbb_bayes.reading.companion_files import is_document
 from ldbb_bayes.reading.encodings import encoding_of
+from ldbb_bayes.reading.index_rows import with_index_names
 from ldbb_bayes.reading.json_tables import is_json, sheets_of_json
 from ldbb_bayes.reading.labview import is_labview, rows_of_labview
 from ldbb_bayes.reading.loads_between import with_loads_between
@@ -84,7 +85,7 @@ def read_sheets(
     if is_workbook or path.suffix.lower() in WORKBOOK_SUFFIXES:
         tables = []
         for sheet in read_workbook(path, raw, sheets):
-            tables += split_tables(with_loads_between(_with_plain_cells(sheet)))
+            tables += _tables_below_each_other(sheet)
         return tables
     if sheets:
         raise InputError(
@@ -116,8 +117,13 @@ def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> lis
     if separator == " ":
         lines = text.split("\n")
         rows = with_aligned_units(with_aligned_headers(rows, lines), lines)
-    sheet = _with_plain_cells(Sheet(path, "", rows, encoding, separator))
-    return split_tables(with_loads_between(sheet))
+    return _tables_below_each_other(Sheet(path, "", rows, encoding, separator))
+
+
+def _tables_below_each_other(sheet: Sheet) -> list[Sheet]:
+    """Return the tables that stand below each other in a sheet, each as a separate sheet."""
+    plain = with_index_names(_with_plain_cells(sheet))
+    return split_tables(with_loads_between(plain))
 
 
 def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import field_files as field
 from field_files import Circle, FieldCase
+from openpyxl import Workbook
 
 __all__ = ["printout_cases"]
 
@@ -19,6 +20,7 @@ def printout_cases() -> dict[str, FieldCase]:
         **statistics_cases(),
         **end_angle_cases(),
         **test_column_cases(),
+        **index_cases(),
     }
 
 
@@ -154,6 +156,61 @@ def test_column_cases() -> dict[str, FieldCase]:
             step=("--test-column", header),
         )
     return cases
+
+
+def index_cases() -> dict[str, FieldCase]:
+    """Return tables whose headers have several levels, with the name of the index below them."""
+    kind = "headers of several levels"
+    upper = [""]
+    lower = [""]
+    for circle in field.TRUTH:
+        upper += [f"{circle.force_N:g} N", ""]
+        lower += ["dev_um", "travel"]
+    circles = tuple(replace(circle, direction="CW") for circle in field.TRUTH)
+
+    def table(merged: bool) -> list[list[object]]:
+        names = [upper[k] or (upper[k - 1] if k and not merged else "") for k in range(len(upper))]
+        rows: list[list[object]] = [names, lower, ["angle_deg", *[""] * 6]]
+        for k, angle in enumerate(field.ANGLES_DEG):
+            row: list[object] = [float(angle)]
+            for circle in field.TRUTH:
+                row += [float(circle.reading_um[k]), "CW"]
+            rows.append(row)
+        return rows
+
+    def fill(book: Workbook) -> None:
+        sheet = book.create_sheet("Sheet1")
+        for row in table(merged=True):
+            sheet.append([cell if cell != "" else None for cell in row])
+
+    lines = [",".join(str(cell) for cell in row) for row in table(merged=False)]
+    tests: list[list[object]] = [["test", "point", "force_N", "angle_deg", "dev_um"]]
+    for number, circle in enumerate(field.TRUTH):
+        for k, angle in enumerate(field.ANGLES_DEG):
+            name = "" if k else f"circle {number}"
+            reading = float(circle.reading_um[k])
+            tests.append([name, k, circle.force_N, float(angle), reading])
+    merged_tests = [",".join(str(cell) for cell in row) for row in tests]
+    return {
+        "levels_workbook": FieldCase(
+            kind,
+            "merged loads above readings and directions, the index below",
+            {"frame.xlsx": field.workbook(fill)},
+            circles=circles,
+        ),
+        "levels_text": FieldCase(
+            kind,
+            "loads above readings and directions, the index below",
+            {"frame.csv": "\n".join([*lines, ""]).encode()},
+            circles=circles,
+        ),
+        "names_once": FieldCase(
+            kind,
+            "the name of each circle in its first row only",
+            {"frame.csv": "\n".join([*merged_tests, ""]).encode()},
+            told="filled downwards",
+        ),
+    }
 
 
 def dotted_cases() -> dict[str, FieldCase]:
