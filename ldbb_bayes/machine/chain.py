@@ -47,9 +47,10 @@ class Axes(NamedTuple):
     The names are letters such as X, Y and C; the rotation is right-handed.
     """
 
-    first: str  #: axis from which angles in the plane are measured, such as X
-    second: str  #: second axis of the plane, such as Y
-    rotation: str  #: rotation about the normal of the plane, such as C
+    #: first axis of the plane, such as X; angles in the plane are measured from this axis
+    first: str
+    second: str  #: second axis of the plane of a circular test, such as Y
+    rotation: str  #: rotation about the normal of the circle's plane, such as C for XY
 
 
 # Planes in which circular tests are possible, each with its two linear axes and its rotation.
@@ -74,11 +75,13 @@ class Circle(Shown):
            [-50., 0., 0.]])
     """
 
-    radius_mm: float = 150.0  #: nominal distance between the balls [mm]
-    #: position (X, Y, Z) of the work ball [mm]. The coordinate perpendicular to the plane of the
-    #: circle changes the readings only through the lever arms from the joints to the balls.
+    radius_mm: float = 150.0  #: nominal distance between work ball and tool ball [mm]
+    #: position (X, Y, Z) of the work ball in machine coordinates [mm]. The coordinate perpendicular
+    #: to the plane of the circle changes the readings only through the lever arms from the joints
+    #: of the machine axes to the balls.
     centre_mm: Sequence[float] = (0.0, 0.0, 0.0)
-    plane: str = "XY"  #: plane of the circle; angles are measured from the plane's first axis
+    #: plane of the circle, such as XY; angles are measured from the plane's first axis
+    plane: str = "XY"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre_mm", tuple(self.centre_mm))
@@ -111,10 +114,10 @@ class Joint:
     refer to the origin of this frame.
     """
 
-    axis: str  #: name of the linear axis: X, Y or Z
-    branch: Branch  #: what the axis carries: ``tool`` or ``workpiece``
-    #: position (X, Y, Z) of the joint's frame with all axes at zero [mm]. The origin is the centre
-    #: of the tool ball with all axes at zero.
+    axis: str  #: name of the linear axis to which the joint belongs: X, Y or Z
+    branch: Branch  #: whether the axis of the joint carries the ``tool`` or the ``workpiece``
+    #: position (X, Y, Z) of the joint's coordinate system (frame) with all axes at zero [mm]. The
+    #: origin is the centre of the tool ball with all axes at zero.
     frame_mm: Sequence[float]
 
     @property
@@ -161,12 +164,13 @@ class Machine(Shown):
     'wYXt'. Write the joints from workpiece to tool, for example 'wCAFYXZSt'.
     """
 
-    topology: str = "wCAFYXZSt"  #: machine axes in order from workpiece to tool
+    topology: str = "wCAFYXZSt"  #: letters of the machine axes, in order from workpiece to tool
     #: planes of the circular tests: one or more of XY, YZ and ZX
     planes: str | Sequence[str] = ("XY",)
-    #: position (X, Y, Z) of the frame of each joint with all axes at zero [mm]; the keys are the
-    #: letters of the joints' axes. The origin is the centre of the tool ball with all axes at zero.
-    #: The frame of a joint that is not listed here is at this point, as in the paper.
+    #: position (X, Y, Z) of the coordinate system (frame) of each axis' joint with all axes at zero
+    #: [mm]; the keys are the letters of the axes. The origin is the centre of the tool ball with
+    #: all axes at zero. The frame of a joint that is not listed here is at this point, as in the
+    #: paper.
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:

@@ -73,9 +73,9 @@ _INDEPENDENT = 1e-8
 class ErrorBearer(NamedTuple):
     """Joint at which a geometric error acts, and on which side of the joint it acts."""
 
-    joint: Joint  #: joint at which the geometric error acts
-    #: whether the joint's motion follows the geometric error in the kinematic chain from the
-    #: foundation to the tool or workpiece
+    joint: Joint  #: joint of a machine axis at which the geometric error acts
+    #: whether the geometric error acts before the motion of the joint, in the kinematic chain from
+    #: the foundation to the tool or workpiece
     before_motion: bool
 
 
@@ -194,30 +194,31 @@ class Kept:
     #: kept as the representative of its proportional set, that is, of the compliances whose effects
     #: on the readings are proportional to each other.
     names: tuple[ComplianceName, ...]
-    #: for each kept compliance, the names of the compliances in its proportional set (Table 2 of
-    #: the paper). All compliances in a set have proportional effects on the readings. The kept
-    #: compliance comes first.
+    #: for each compliance in ``names``, the names of all compliances of its proportional set (Table
+    #: 2 of the paper). The compliances of a set change the readings in proportion to each other.
+    #: The compliance from ``names`` comes first.
     sets: tuple[tuple[str, ...], ...]
-    #: weights of the compliances in ``sets``. A weight is the effect of a compliance on the reading
-    #: divided by the effect of the kept compliance of the same set; its unit is a power of mm.
+    #: weights of the compliances of each proportional set, that is, of compliances that change the
+    #: readings in proportion to each other. A weight is the effect of a compliance on the reading
+    #: divided by the effect of the set's first compliance; its unit is a power of mm.
     weights: tuple[tuple[float, ...], ...]
-    #: for each kept compliance, further compliances that change its estimated value, and the
-    #: weights with which they do so. The effect of such a further compliance on the readings is a
-    #: linear combination of the effects of several kept compliances.
+    #: for each compliance in ``names``, further compliances that change its estimated value, with
+    #: the weights by which they are multiplied. The effect of such a further compliance on the
+    #: readings is a linear combination of the effects of several compliances in ``names``.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: for each kept compliance, whether negative values are physically impossible; a deflection in
-    #: the direction of its load, for example, cannot be negative
+    #: for each compliance in ``names``, whether negative values are physically impossible; a
+    #: deflection in the direction of its load, for example, cannot be negative
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
-    #: names of compliances that are not kept, because their effect on the reading is a linear
-    #: combination of the effects of several kept compliances. If several such compliances have
-    #: effects proportional to each other, only one of them is named.
+    #: names of compliances that are left out of ``names``, because their effect on the reading is a
+    #: linear combination of the effects of several compliances in ``names``. If several compliances
+    #: left out have effects proportional to each other, only one of them is named.
     dependent: tuple[str, ...]
-    #: rank of the matrix that holds the effects of all compliances on readings at equally spaced
-    #: angles of full circles
+    #: rank of the matrix with one column for each compliance that may change a reading; a column
+    #: holds the readings per unit of the compliance, at equally spaced angles of full circles
     rank: int
-    #: condition number of the matrix with one column for each kept compliance; a column holds the
-    #: readings per unit of the compliance
+    #: condition number of the matrix with one column for each compliance in ``names``; a column
+    #: holds the readings per unit of the compliance
     condition_number: float
 
 
@@ -254,12 +255,15 @@ class _Candidates:
     n is the total number of angles of all circles.
     """
 
-    names: tuple[ComplianceName, ...]  #: names of the compliances
+    names: tuple[ComplianceName, ...]  #: names of the compliances that may change a reading
     #: reading at n angles per unit force and per unit of each compliance, shape (n, number of
     #: compliances)
     jacobian: Array
-    unit: Array  #: columns of ``jacobian`` divided by their norms; columns of zeros stay zero
-    live: tuple[int, ...]  #: indices of the compliances that change a reading
+    #: columns of ``jacobian``, one for each compliance, divided by their norms; columns of zeros
+    #: stay zero
+    unit: Array
+    #: indices, from 0, of those compliances in ``names`` that change a reading
+    live: tuple[int, ...]
 
 
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
@@ -437,12 +441,14 @@ def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
 class _TableOrder(NamedTuple):
     """Sort key for the order of compliances in Table 1 of the article on the model."""
 
-    rotations: int  # number of rotary components of the compliance: 0, 1 or 2
-    # rank of the displacement or rotation i of the compliance C_ijk in the order of the table
+    # number of rotary components (rotation, moment) of the compliance: 0, 1 or 2
+    rotations: int
+    # rank of the displacement or rotation i of the compliance C_ijk in the order of Table 1 of the
+    # paper
     twist: int
-    # rank of the force or moment j of the compliance C_ijk in the order of the table
+    # rank of the force or moment j of the compliance C_ijk in the order of Table 1 of the paper
     wrench: int
-    # rank of the joint k of the compliance C_ijk in the order of the table
+    # rank of the joint k of the compliance C_ijk in the order of Table 1 of the paper
     joint: int
 
 

@@ -41,9 +41,10 @@ class ComplianceName:
     force or a moment (component of a wrench).
     """
 
-    twist: str  #: direction of displacement i (X, Y or Z) or axis of rotation i (A, B or C)
-    wrench: str  #: direction of force j (X, Y or Z) or axis of moment j (A, B or C)
-    joint: str  #: axis of the joint k: X, Y or Z
+    #: motion i that the load causes in C_ijk: displacement X, Y or Z, or rotation A, B or C
+    twist: str
+    wrench: str  #: load j that causes the motion in C_ijk: force X, Y or Z, or moment A, B or C
+    joint: str  #: machine axis X, Y or Z to which the joint k of the compliance C_ijk belongs
 
     @property
     def label(self) -> str:
@@ -121,7 +122,9 @@ class GeometricName:
     #: kind of the geometric error: gain (scale error), straightness, squareness, or offset (of the
     #: tool)
     kind: GeometricKind
-    reference: str = ""  #: reference axis of a squareness error; empty for other errors
+    #: reference axis of a squareness error, such as Y in the squareness of X to Y; empty for
+    #: geometric errors of other kinds
+    reference: str = ""
     #: number of the set-up (2, 3, …) to which a tool offset belongs; 0 for the tool offsets of
     #: set-up 1 and for all other geometric errors
     setup: int = 0

@@ -67,12 +67,13 @@ class _SortedColumns(NamedTuple):
     tests. Nuisances are effects that are modelled but not of interest.
     """
 
-    #: columns of nuisance terms whose coefficients are the same in all tests
+    #: columns (readings per unit coefficient) of nuisance terms whose coefficients are the same in
+    #: all tests
     shared: list[Columns]
-    #: for each coefficient that is the same in all tests, the class name of its nuisance term
+    #: for each nuisance coefficient that is the same in all tests, the class name of its term
     owners: list[str]
-    #: columns of nuisance terms whose coefficients differ between tests; the effects of these terms
-    #: are treated as noise that is independent between tests
+    #: columns (readings per unit coefficient) of nuisance terms whose coefficients differ between
+    #: tests; the effects of these terms are treated as noise that is independent between tests
     noises: list[_Noise]
 
 

@@ -83,18 +83,20 @@ class Update(NamedTuple):
     ``first`` to m.
     """
 
-    #: Slice that selects groups of columns from the list of the groups that are eliminated at the
-    #: same time. This object describes the changes caused by the selected groups. Groups that
-    #: change the same columns are adjacent in the list.
+    #: Slice that selects some groups of columns from the list of all groups that are eliminated at
+    #: the same time from the matrix P. The elimination of a selected group changes later columns of
+    #: P. Groups that change the same columns are adjacent in the list.
     groups: slice
-    #: Number of borders. A border is the set of m later columns that change when a group is
-    #: eliminated. Several groups may have the same border; different borders share no column.
+    #: Number of borders. When a group of columns of a matrix is eliminated, m later columns change;
+    #: the set of these m columns is called the border of the group. Several groups may have the
+    #: same border; different borders share no column.
     borders: int
-    #: Smallest row index i of the entries P_ij that change when a group of columns is eliminated
-    #: from the matrix P. The index counts only the m columns that change, from 0.
+    #: Smallest row index i of the entries P_ij of the matrix P that change when a group of columns
+    #: of P is eliminated. The index counts only the m later columns that change, from 0.
     first: int
-    #: One more than the largest row index i of the entries P_ij that change when a group of columns
-    #: is eliminated from the matrix P. The index counts only the m columns that change, from 0.
+    #: One more than the largest row index i of the entries P_ij of the matrix P that change when a
+    #: group of columns of P is eliminated. The index counts only the m later columns that change,
+    #: from 0.
     stop: int
     #: Rows of the workspace that hold the entries P_ij which change when groups of columns are
     #: eliminated, shape (borders, stop − first, m + 1 − first), where m is the number of later
@@ -111,25 +113,27 @@ class Front(NamedTuple):
     columns, which are eliminated later; ``border`` holds the indices of these m columns.
     """
 
-    #: Rows of the workspace that belong to these groups of columns. The workspace is an array with
-    #: one row for each stored matrix entry. It first holds the entries of the precision matrix P,
-    #: which are then overwritten by those of its Cholesky factor L. A group of s columns that
-    #: changes m later columns has s (s + m + 1) entries.
+    #: Rows of the workspace that belong to the groups of columns of one front. A front consists of
+    #: groups that are eliminated at the same time. The workspace is an array with one row for each
+    #: stored matrix entry. It first holds the entries of the precision matrix P, which are then
+    #: overwritten by those of its Cholesky factor L. A group of s columns that changes m later
+    #: columns has s (s + m + 1) entries.
     entries: slice
-    #: Shape of the array with the entries of the Cholesky factor L that belong to these groups of
-    #: columns: number of groups, number s of columns in a group, and number s + m + 1 of entries in
-    #: each column. Of these entries, s are in the rows of the group's columns, and m in the rows of
-    #: the later columns that change when the group is eliminated from the matrix. The last entry is
-    #: in the row of the right-hand side.
+    #: Shape of the array with the entries of the Cholesky factor L for the groups of columns of one
+    #: front (groups that are eliminated at the same time): number of groups, number s of columns in
+    #: a group, and number s + m + 1 of entries in each column. Of these entries, s are in the rows
+    #: of the group's columns, and m in the rows of the later columns that change when the group is
+    #: eliminated. The last entry is in the row of the right-hand side.
     shape: tuple[int, int, int]
-    #: Signs (+1 or −1) of the pivots of the s columns of each group, shape (groups, s); None if all
-    #: are positive. A pivot is negative if the prior variance of its coefficient is negative, see
-    #: `Observations.signs`.
+    #: Signs (+1 or −1) of the Cholesky pivots of the s columns of each group of columns, shape
+    #: (groups, s); None if all are positive. A pivot is negative if the prior variance of the
+    #: coefficient of this column is negative, see `Observations.signs`.
     signs: Array | None
-    #: Indices of the s columns of each group in the design matrix, shape (groups, s).
+    #: Indices, in the design matrix, of the s columns of each group of columns that is eliminated,
+    #: shape (groups, s).
     columns: NDArray[np.intp]
-    #: Indices of the m later columns that change when a group is eliminated, shape (groups, m). The
-    #: indices count the columns of the design matrix, from 0.
+    #: Indices of the m later columns that change when a group of columns is eliminated from a
+    #: matrix, shape (groups, m). The indices count the columns of the design matrix, from 0.
     border: NDArray[np.intp]
     updates: list[Update]
 
@@ -206,8 +210,9 @@ class EliminationPlan:
     def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
-        #: For each pair of columns i and j, the index of the row of the workspace that holds the
-        #: entry P_ij and later the corresponding entry of L, shape (columns, columns + 1). The last
+        #: For each pair of columns i and j, the index of the row of the workspace (array of the
+        #: stored matrix entries) that holds the entry P_ij of the precision matrix, and later the
+        #: corresponding entry of its Cholesky factor L, shape (columns, columns + 1). The last
         #: element of row i is the index for the right-hand side of column i. The index is −1 for
         #: entries that are not stored.
         self.place = np.full((size, size + 1), -1, dtype=np.intp)
@@ -216,8 +221,8 @@ class EliminationPlan:
             for family in families:
                 for group in family.groups:
                     start = self._place_group(group, start)
-        #: Number of rows of the workspace: one for each stored entry of P, and a last row for the
-        #: changes of entries that are not stored.
+        #: Number of rows of the workspace: one row for each stored entry of the precision matrix P,
+        #: and a last row for the changes of entries that are not stored.
         self.entries = start + 1
         self.fronts = [self._front(families, signs) for families in families_of_fronts]
         self.pivots = self.place[np.arange(size), np.arange(size)]

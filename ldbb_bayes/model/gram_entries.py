@@ -51,8 +51,8 @@ class EntryBlock(NamedTuple):
     #: precision matrix P. A block consists of several groups of s columns of P, with n entries for
     #: each column.
     entries: slice
-    #: Number of groups in this block, number s of columns in a group, and number n of stored
-    #: entries in a column.
+    #: Three numbers that describe a block of entries of the precision matrix: number of groups of
+    #: columns, number s of columns in a group, and number n of stored entries in a column.
     shape: tuple[int, int, int]
 
 
@@ -65,9 +65,9 @@ class _DenseGram(NamedTuple):
     """
 
     block: EntryBlock
-    #: Index of the first column of a group whose Gram entries (scalar products of columns) are in
-    #: ``products``; the same for all groups. For all columns in ``products``, entries above the
-    #: row with this index are left out.
+    #: Index of the first column of a group whose Gram entries (scalar products of columns of the
+    #: design matrix) are in ``products``; the same for all groups. For all columns in ``products``,
+    #: entries above the row with this index are left out.
     first: int
     #: For each group of columns of the design matrix, the indices of k kinds of rows, shape
     #: (groups, k). Rows of one kind have the same variance. The array ``products`` holds one sum of

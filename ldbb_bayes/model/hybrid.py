@@ -131,18 +131,19 @@ class HybridModel(Result):
 
     #: degree of the compliance as a polynomial in force: 0 constant, 1 linear, 2 quadratic
     degree: int = 1
-    #: terms for effects that are modelled but not of interest, such as the form errors of the balls
+    #: nuisance terms: effects on the readings that are modelled but not of interest, such as the
+    #: form errors of the balls
     nuisances: Sequence[Term] = field(default_factory=_default_terms)
-    #: prior of the parameters of interest and of the hyper-parameters (such as the standard
-    #: deviation of the noise)
+    #: prior of the parameters of interest (compliances, their slopes and geometric errors) and of
+    #: the hyper-parameters (such as the standard deviation of the noise)
     prior: Prior = field(default_factory=Prior.default)
     #: reference force F0 [N], at which compliances are stated; by default the midpoint between the
     #: campaign's smallest and largest force. With F0 = 0 the model is Eq. 33 of the paper.
     reference_force_N: float | None = None
     #: name of the preset from which the model was made: default, first or paper
     preset: Preset = "default"
-    #: names of the parameters of interest that are fixed at zero, such as C_XYX_1; names that a
-    #: campaign does not have are refused when the model is applied to it
+    #: names of the parameters of interest that are fixed at zero, such as C_XYX_1. A name that a
+    #: campaign does not have is refused when the model is applied to the campaign.
     fixed: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -628,11 +629,14 @@ class Simulation(Result):
     """Simulated campaign and the true values from which it was simulated."""
 
     campaign: Campaign
-    #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad)
+    #: true compliances, slopes and geometric errors of the simulated machine by name, in internal
+    #: units (mm, N, rad)
     parameters: dict[str, float]
-    #: true hyper-parameters (such as the standard deviation of the noise) by name; lengths in µm
+    #: true hyper-parameters (such as the standard deviation of the noise) of the simulation by
+    #: name; lengths in µm
     hyper_um: dict[str, float]
-    units: dict[str, str]  #: internal unit of each parameter of interest, by name
+    #: unit of each compliance, slope and geometric error by name, made of mm, N and rad
+    units: dict[str, str]
 
 
 # Cache of the reduced readings of every campaign (at most 25 numbers for each test). It saves time

@@ -73,11 +73,11 @@ class HyperPrior:
     """
 
     names: tuple[Hyper, ...]
-    #: scale of each half-normal prior [mm], or prior mean of the decay exponent p of form errors
-    #: (no unit), for each of the h hyper-parameters, shape (h,); not used for noise factors of
-    #: circles
+    #: one number for each of the h hyper-parameters, shape (h,): for a length, the scale of its
+    #: half-normal prior [mm]; for the decay exponent p of form errors, the prior mean (no unit);
+    #: not used for noise factors of circles
     scale: Array
-    #: lower bound of each of the h hyper-parameters [mm for lengths], shape (h,); not used for the
+    #: lower bound of each of the h hyper-parameters, shape (h,) [mm for lengths]; not used for the
     #: decay exponent p of form errors, whose bounds are 0.5 and 3.5
     lower: Array
     laws: tuple[Law, ...]

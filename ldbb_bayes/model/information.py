@@ -48,23 +48,27 @@ class Information:
     noise treated as known is left out of e.
     """
 
-    #: Names of the m coefficients: parameters of interest, then nuisance coefficients, which belong
-    #: to effects that are modelled but not of interest.
+    #: Names of the m coefficients of the model: parameters of interest (compliances, their slopes,
+    #: geometric errors), then nuisance coefficients, which belong to effects that are modelled but
+    #: not of interest.
     names: tuple[str, ...]
-    #: Class name of the nuisance term to which each of the m coefficients belongs, or `OWN` for a
-    #: parameter of interest.
+    #: Class name of the nuisance term to which each of the model's m coefficients belongs, or `OWN`
+    #: for a parameter of interest.
     owners: tuple[str, ...]
-    #: Prior sd of each of the m coefficients in internal units (mm, N, rad), shape (m,). If the
-    #: prior of a coefficient is flat, its typical magnitude is stored instead.
+    #: Prior sd of each of the model's m coefficients in internal units (mm, N, rad), shape (m,). If
+    #: the prior of a coefficient is flat, its typical magnitude is stored instead.
     scale: Array
-    #: Whether the parameters of interest have flat priors.
+    #: Whether the parameters of interest (compliances, their slopes and geometric errors) have flat
+    #: priors.
     flat: bool
-    #: Design matrix of each test, shape (k, m): the change of the test's k reduced readings (k ≤
-    #: 25) per unit of each of the m coefficients.
+    #: Design matrix of each test, shape (k, m): the change of the test's k reduced readings per
+    #: unit of each of the model's m coefficients. Reduced readings are the at most 25 numbers that
+    #: replace the readings of a test.
     design: tuple[Array, ...]
-    #: Covariances of the k reduced readings (k ≤ 25) of each test, for every independent source of
-    #: noise: one dict of arrays of shape (k, k) [mm²] for each test. The keys are the class names
-    #: of the terms that cause the noise; the white noise of the readings has the key ``NOISE``.
+    #: Covariances of the k reduced readings of each test, for every independent source of noise:
+    #: one dict of arrays of shape (k, k) [mm²] for each test. Reduced readings are the at most 25
+    #: numbers that replace the readings of a test. The keys are the class names of the terms that
+    #: cause the noise; the white noise of the readings has the key ``NOISE``.
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:

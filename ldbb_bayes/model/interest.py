@@ -40,13 +40,14 @@ class Parameter:
     """Parameter of interest: a compliance, its change with force (slope), or a geometric error."""
 
     name: str
-    unit: str  #: internal unit of the parameter, made of mm, N and rad
+    unit: str  #: internal unit of the parameter, made of mm, N and rad, such as mm/N
     #: standard deviation of the parameter's prior, in internal units (mm, N, rad); infinite if the
     #: prior is flat
     prior_sd: float
     group: Group
-    #: exponent k of the factor (F − F0)^k by which a slope is multiplied (force minus reference
-    #: force); 0 for compliances and geometric errors
+    #: exponent k of the factor (F − F0)^k by which a slope (change of a compliance with force) is
+    #: multiplied; F is the force and F0 the reference force. The exponent is 0 for compliances and
+    #: geometric errors
     degree: int = 0
     #: mean of the parameter's prior, in internal units (mm, N, rad); zero if the prior is flat
     prior_mean: float = 0.0

@@ -61,13 +61,14 @@ class _InterestRows(NamedTuple):
     z are the readings, β the p parameters of interest, and x the coefficients of nuisances.
     """
 
-    #: Transpose of the design matrix A in these rows, shape (coefficients, k), dense or sparse.
+    #: Transpose of the design matrix A of the nuisance coefficients in k observation equations,
+    #: shape (coefficients, k), dense or sparse.
     transposed_columns: Array | csr_array
-    #: Design matrix H of the parameters of interest in these rows, shape (k, p).
+    #: Design matrix H of the p parameters of interest in k observation equations, shape (k, p).
     interest: Array
-    #: Readings z in these rows, shape (k,).
-    values: Array
-    #: Index of the kind of each of these rows, shape (k,). Rows of one kind have the same variance.
+    values: Array  #: Readings z in k observation equations, shape (k,).
+    #: Index of the kind of each of k observation equations, shape (k,). Equations of one kind have
+    #: the same variance.
     kinds: NDArray[np.intp]
 
 
@@ -78,16 +79,16 @@ class _Batch(NamedTuple):
     products (BLAS) then rounds in the same way, whatever w is.
     """
 
-    #: Index of each of the batch's w values of the hyper-parameters in the array that the caller
-    #: gave, shape (w,).
+    #: Index, in the array that the caller gave, of each of the w values of the hyper-parameters
+    #: that are processed together, shape (w,).
     phi_index: NDArray[np.intp]
-    #: Reciprocal noise variance of every kind of rows for w values of the hyper-parameters, shape
-    #: (kinds, w). Rows of one kind have the same variance.
+    #: Reciprocal noise variance of every kind of observation equations for w values of the
+    #: hyper-parameters, shape (kinds, w). Equations of one kind have the same variance.
     weight: Array
-    #: Part of Aᵀ D⁻¹ r from rows that depend on the parameters β, for w values of the
-    #: hyper-parameters, shape (columns of A, w). A is the design matrix of the nuisance
-    #: coefficients, D the diagonal noise covariance, and r the readings minus the effect of β. None
-    #: if there are no parameters β.
+    #: Part of Aᵀ D⁻¹ r from those observation equations that depend on the parameters of interest
+    #: β, for w values of the hyper-parameters, shape (columns of A, w). A is the design matrix of
+    #: the nuisance coefficients, D the diagonal noise covariance, and r the readings minus the
+    #: effect of β. None if there are no parameters β.
     shift: Array | None
     #: Part −½ Σ ln D − ½ rᵀ D⁻¹ r + constant of the log density of the readings for w values of the
     #: hyper-parameters, shape (w,). D is the diagonal noise covariance, and r the readings minus

@@ -50,7 +50,8 @@ class MachineEstimate(NamedTuple):
     """
 
     compliances: Array
-    #: standard uncertainties of the compliances; zero if the compliances are treated as known
+    #: standard uncertainties of the estimated compliances, in internal units (mm, N, rad); zero if
+    #: the compliances are treated as known
     compliance_sd: Array
     geometric_errors: Array
 

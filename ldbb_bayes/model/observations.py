@@ -44,24 +44,25 @@ class Rows(NamedTuple):
     """
 
     #: Design matrix A of the coefficients of nuisances (effects modelled but not of interest),
-    #: shape (n, coefficients), with n rows and one column for each coefficient.
+    #: shape (n, coefficients), with n observation equations and one column for each coefficient.
     columns: Array
     #: Design matrix H of the p parameters of interest (compliances, their slopes and geometric
-    #: errors), shape (n, p) for n rows.
+    #: errors), shape (n, p) for n observation equations.
     interest: Array
-    #: Left-hand side z of each of the n rows, shape (n,): a reduced reading [mm] or the prior mean
-    #: of a coefficient. One row of each test holds the norm of that part of the readings which
-    #: Fourier series to order 12 cannot describe [mm].
+    #: Left-hand side z of each of n observation equations, shape (n,): a reduced reading [mm] or
+    #: the prior mean of a coefficient. One equation of each test holds the norm of that part of the
+    #: readings which Fourier series to order 12 cannot describe [mm].
     values: Array
-    #: Number of readings that each of the n rows represents, shape (n,); 1 for a row that is the
-    #: prior of a coefficient.
+    #: Number of readings that each of n observation equations represents, shape (n,); 1 for an
+    #: equation that is the prior of a coefficient.
     readings: Array
-    #: Index of the test to which each of the n rows belongs, shape (n,). For a row that is the
-    #: prior of a coefficient common to all tests, the entry is equal to the number of tests.
+    #: Index of the test to which each of n observation equations belongs, shape (n,). For an
+    #: equation that is the prior of a coefficient common to all tests, the entry is equal to the
+    #: number of tests.
     test: NDArray[np.intp]
-    #: Factors v, shape (n, sources), from which the variance of each of the n rows is computed as
-    #: Σ v · source². A source of variance is a hyper-parameter (the standard deviation of an
-    #: effect) or a product of hyper-parameters.
+    #: Factors v, shape (n, sources), from which the variance of each of n observation equations is
+    #: computed as Σ v · source². A source of variance is a hyper-parameter (the standard deviation
+    #: of an effect) or a product of hyper-parameters.
     variance: Array
 
 
@@ -73,23 +74,24 @@ class Observations(NamedTuple):
     """
 
     rows: Rows
-    #: Sources of variance, one for each column of ``rows.variance``: hyper-parameters (standard
-    #: deviations of effects) and products of hyper-parameters.
+    #: Sources of variance, one for each column of ``rows.variance``. A source is a hyper-parameter,
+    #: that is, the standard deviation of an effect such as the white noise, or a product of
+    #: hyper-parameters.
     sources: list[Source]
     #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). The unit is the
     #: prior sd of the coefficient divided by the hyper-parameter that scales this sd. If no
     #: hyper-parameter scales it, the unit is the prior sd. If the prior is flat, the unit is the
-    #: reciprocal norm of the coefficient's column.
+    #: reciprocal norm of the coefficient's column in the design matrix.
     unit: Array
     #: One sign, +1 or −1, for each nuisance coefficient, shape (coefficients,). If the sign is −1,
     #: the prior variance of the coefficient is negative: the coefficient's noise is subtracted from
     #: the noise of the readings. `_columns_for_uneven_angles` explains why this is needed.
     signs: Array
     #: Number of nuisance coefficients that are the same in all tests. Their columns are the first
-    #: columns of the design matrix.
+    #: columns of the design matrix of the nuisance coefficients.
     shared: int
-    #: For every test, the indices of the columns of the design matrix whose coefficients belong to
-    #: this test alone; empty if no test has such columns.
+    #: For every test, the indices of those columns of the design matrix whose nuisance coefficients
+    #: belong to this test alone; empty if no test has such columns.
     private: list[NDArray[np.intp]]
     #: Constants that are added to the log density of the readings, shape (tests + 1,): one constant
     #: for every test, then one for the flat priors of all nuisance coefficients together.
@@ -111,7 +113,7 @@ class _Nuisances(NamedTuple):
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
-    #: One sign, +1 or −1, for each coefficient that has a separate value in every test. A
+    #: One sign, +1 or −1, for each nuisance coefficient that has a separate value in every test. A
     #: coefficient with the sign +1 adds noise to the model of the readings. If the sign is −1, the
     #: prior variance of the coefficient is negative, and its noise is subtracted.
     private_signs: list[float]
@@ -149,11 +151,11 @@ class _CoefficientPriors(NamedTuple):
     or the product of hyper-parameters, that multiplies the prior sd of a coefficient.
     """
 
-    #: Prior sd of every nuisance coefficient, divided by the hyper-parameter or product of
-    #: hyper-parameters that scales this sd, shape (coefficients,); infinite for a flat prior.
+    #: Prior sd of every nuisance coefficient, divided by the hyper-parameter (or product of
+    #: hyper-parameters) that scales this sd, shape (coefficients,); infinite for a flat prior.
     sd: Array
-    #: Fixed part of the prior sd of every nuisance coefficient, shape (coefficients,). It is not
-    #: multiplied by a hyper-parameter, and is added in quadrature to the part that is.
+    #: Fixed part of the prior sd of every nuisance coefficient, shape (coefficients,). This part
+    #: does not depend on hyper-parameters, and is added in quadrature to the part that does.
     stated_sd: Array
     mean: Array
     #: For each nuisance coefficient, the index of the source of variance (hyper-parameter, or

@@ -61,10 +61,10 @@ class ColumnGroup(NamedTuple):
     order of elimination.
     """
 
-    #: Indices of the s columns of the design matrix that form the group and are eliminated
-    #: together, shape (s,).
+    #: Indices of the s columns of the design matrix that are eliminated together, as one group,
+    #: shape (s,).
     columns: NDArray[np.intp]
-    #: Indices of the m columns of the design matrix that change when the group of columns is
+    #: Indices of the m columns of the design matrix that change when a group of columns is
     #: eliminated, shape (m,). They are those neighbours of the group that are eliminated later. A
     #: column is a neighbour if, in some row, both this column and a column of the group are
     #: nonzero. Further columns become neighbours when earlier columns are eliminated.

@@ -112,11 +112,12 @@ class OrthantMoments(NamedTuple):
     """
 
     #: Conditional means of the d coordinates of w standard normal vectors e, shape (w, d). The
-    #: condition is that all constraints hold; the coordinates are along the directions ``axes``.
+    #: condition is that all constraints on e hold. The coordinates are components of e along the d
+    #: directions ``axes``.
     mean: Array
     #: Conditional covariances of the d coordinates of w standard normal vectors e, shape (w, d, d).
-    #: The condition is that all constraints hold; the coordinates are along the directions
-    #: ``axes``.
+    #: The condition is that all constraints on e hold. The coordinates are components of e along
+    #: the d directions ``axes``.
     covariance: Array
     #: Orthonormal directions for each of w standard normal vectors e with q elements, shape
     #: (w, d, q). The constraints depend only on the d coordinates of e along these directions.
@@ -126,11 +127,16 @@ class OrthantMoments(NamedTuple):
 class NoisyLogProbability(NamedTuple):
     """Log probabilities ln P(u ≥ 0) of w Gaussian vectors u, with two kinds of errors [nat]."""
 
-    log_value: Array  #: log probability that all constraints u ≥ 0 hold, shape (w,)
-    #: error of each of the w log probabilities that is due to analytical bounds and to constraints
-    #: left out [nat], shape (w,); infinite if no quasi-random point satisfies all constraints
+    #: log probability that no element of u is negative, for each of w Gaussian vectors u, shape
+    #: (w,)
+    log_value: Array
+    #: error of the log probability ln P(u ≥ 0) of each of w Gaussian vectors u that is due to
+    #: analytical bounds and to constraints u_j ≥ 0 left out [nat], shape (w,); infinite if no
+    #: quasi-random point satisfies all constraints
     common_error: Array
-    noise: Array  #: error due to the limited number of quasi-random points [nat], shape (w,)
+    #: error of the log probability ln P(u ≥ 0) of each of w Gaussian vectors u that is due to the
+    #: limited number of quasi-random points [nat], shape (w,)
+    noise: Array
 
 
 class _Solved(NamedTuple):
@@ -151,7 +157,8 @@ class _Points:
     """Quasi-random points: eight copies of one lattice, each with a random shift (scramble)."""
 
     seed: int
-    #: whether the probabilities for all sets of constraints are computed from the same points
+    #: whether the probabilities of all Gaussian vectors are computed from the same quasi-random
+    #: points
     shared: bool
 
     def for_constraints(self, tilted: Tilted, size: int) -> Array:

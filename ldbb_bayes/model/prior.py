@@ -43,8 +43,8 @@ class _Kind(NamedTuple):
     """Internal unit and default prior of all parameters of one kind, such as direct compliances."""
 
     unit: str
-    #: name of the field of `Prior` that holds the prior sd of all parameters of the kind, such as
-    #: direct_mm_per_N
+    #: name of the field of `Prior` that holds the prior sd of all parameters of one kind; for
+    #: direct compliances, for example, it is direct_mm_per_N
     sd_field: str
 
 
@@ -272,14 +272,14 @@ class Prior(Shown):
     #: whether the prior is truncated so that compliances that are deflections in the direction of
     #: the load itself (such as C_XXX, C_YYY and C_CCY) are not negative at the tested forces
     truncated: bool = True
-    #: whether all parameters of interest have flat (constant) priors, as in the paper's least
-    #: squares
+    #: whether all parameters of interest (compliances, their slopes and geometric errors) have flat
+    #: (constant) priors, as in the paper's least squares
     flat: bool = False
-    #: prior sds that replace the defaults, in internal units (mm, N, rad); the keys are names of
-    #: parameters of interest
+    #: prior sds that the user gave instead of the defaults, in internal units (mm, N, rad); the
+    #: keys are names of parameters of interest, such as C_XXX
     overrides: Mapping[str, float] = field(default_factory=dict)
     #: prior means that are not zero, in internal units (mm, N, rad); the keys are names of
-    #: parameters of interest
+    #: parameters of interest, such as C_XXX
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

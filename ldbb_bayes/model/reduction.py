@@ -46,15 +46,16 @@ class NearUniform(NamedTuple):
     has the shape (25, 25). At exactly uniform angles λ is zero.
     """
 
-    #: Norms of the 25 Fourier functions at uniform angles, the diagonal of S in
-    #: RᵀR = S (1 + V λ Vᵀ) S, shape (25,).
+    #: Norms, at uniform angles, of the 25 Fourier functions 1, cos θ, sin θ, …, sin 12θ: the
+    #: diagonal of S in RᵀR = S (1 + V λ Vᵀ) S, shape (25,).
     column_norms: Array
     #: Departures λ from uniform angles in RᵀR = S (1 + V λ Vᵀ) S, shape (25,), sorted so that the
     #: largest absolute value is first. R is the triangular factor in the QR decomposition of the
     #: Fourier functions at the test's angles. At uniform angles λ is zero, and RᵀR = S².
     departure: Array
     #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25); S is the diagonal matrix of
-    #: ``column_norms``. Each column of V belongs to one of the 25 departures λ in ``departure``.
+    #: ``column_norms``, and R the triangular factor in the QR decomposition of the Fourier
+    #: functions. Each column of V belongs to one of the 25 departures λ in ``departure``.
     directions: Array
 
     @property

@@ -52,10 +52,14 @@ class _SharedCoefficients(NamedTuple):
     parameters of interest.
     """
 
-    #: reading per unit of each of the q coefficients, as Fourier coefficients, shape (tests, 25, q)
+    #: reading per unit of each of the model's q coefficients that are the same in all tests, as 25
+    #: Fourier coefficients for each test, shape (tests, 25, q)
     values: Array
-    mean: Array  #: prior means of the q coefficients, shape (q,)
-    sd: Array  #: prior sds of the q coefficients, shape (q,); infinite for a flat prior
+    #: prior means of the model's q coefficients that are the same in all tests, shape (q,)
+    mean: Array
+    #: prior sds of the model's q coefficients that are the same in all tests, shape (q,); infinite
+    #: for a flat prior
+    sd: Array
 
 
 class _StackedReadings(NamedTuple):
@@ -71,15 +75,15 @@ class _StackedReadings(NamedTuple):
 class ReferencePosterior:
     """Posterior of a machine's parameters for given values of the hyper-parameters."""
 
-    #: parameters of interest: compliances, linear slopes (changes of compliances with force) and
-    #: geometric errors, without quadratic slopes
+    #: parameters of interest of the model: compliances, linear slopes (changes of compliances with
+    #: force) and geometric errors, without quadratic slopes
     interest: ParametersOfInterest
     prior: Prior
-    nuisances: Sequence[Term]  #: nuisance terms (effects modelled but not of interest)
-    #: names of the parameters of interest that are fixed at zero
+    nuisances: Sequence[Term]  #: nuisance terms of the model (effects modelled but not of interest)
+    #: names of the compliances, slopes and geometric errors that are fixed at zero
     fixed: Sequence[str]
-    #: values of the hyper-parameters (such as the standard deviation of the noise), lengths in mm;
-    #: the keys are the names of the hyper-parameters
+    #: fixed values of the hyper-parameters (such as the standard deviation of the noise) by name,
+    #: with lengths in mm
     phi: Mapping[Hyper, float]
     reduced: Sequence[Reduced]  #: readings of every test, reduced to at most 25 numbers
 

@@ -62,13 +62,14 @@ _SAME_CLOCKING = 1e-9
 class GroupOfTests(NamedTuple):
     """Tests of a campaign that have the same plane, the same radius or the same set-up."""
 
-    #: Plane (such as XY), radius [mm] or number of the set-up that the tests of the group have in
+    #: Plane (such as XY), radius [mm] or number of the set-up that all tests of a group have in
     #: common.
     value: Any
-    #: Text at the end of the names of coefficients that apply only to this group of tests, such as
+    #: Text at the end of the names of coefficients that apply only to one group of tests, such as
     #: ``_XY`` for the tests in one plane; empty if the group contains all tests of the campaign.
     suffix: str
-    #: For each test of the campaign, whether it belongs to this group of tests, shape (tests,).
+    #: For each test of the campaign, whether it belongs to a group of tests with the same plane,
+    #: radius or set-up, shape (tests,).
     tests: NDArray[np.bool_]
 
 
@@ -83,13 +84,13 @@ class Setting:
     force_N: Array  #: radial force of the bar in each test [N], shape (tests,)
     pressure_bar: Array  #: pressure of the regulator in each test [bar], shape (tests,)
     radius_mm: Array  #: nominal radius of each test's circle [mm], shape (tests,)
-    #: clocking of the work ball, the angle by which it is turned in its socket [rad], shape
-    #: (tests,)
+    #: clocking of the work ball in each test: the angle by which the ball is turned in its socket
+    #: [rad], shape (tests,)
     work_ball_rad: Array
-    #: clocking of the tool ball, the angle by which it is turned in its socket [rad], shape
-    #: (tests,)
+    #: clocking of the tool ball in each test: the angle by which the ball is turned in its socket
+    #: [rad], shape (tests,)
     tool_ball_rad: Array
-    plane: Array  #: plane of each test, such as XY, shape (tests,)
+    plane: Array  #: plane of each test's circle, such as XY, shape (tests,)
     setup: Array  #: number of each test's set-up, from 1, shape (tests,)
     #: direction of travel along each test's circle, shape (tests,): +1 for clockwise, −1 for
     #: counterclockwise; +1 also if no direction is given for the test
@@ -118,13 +119,14 @@ class Setting:
     # for each test; `select` selects their rows too.
 
     #: reference force F0 [N], at which compliances are stated. Slopes (changes of compliances with
-    #: force) are multiplied by powers of F − F0
+    #: force) are multiplied by powers of F − F0, where F is the force of a test
     reference_force_N: float
     force_range_N: float  #: largest minus smallest force of the campaign [N]
     #: whether the form errors of work ball and tool ball are modelled separately; otherwise only
     #: the sum of both form errors is modelled
     two_balls: bool
-    #: whether the clocking angle, by which a ball is turned in its socket, differs between tests
+    #: whether the clocking of a ball (the angle by which it is turned in its socket) differs
+    #: between tests
     clocked: bool
     radii_mm: tuple[float, ...]  #: the different nominal radii of the campaign's circles [mm]
     drifts: bool  #: whether the bar's length and the circle's centre may drift between tests
@@ -135,15 +137,16 @@ class Setting:
     #: name of the hyper-parameter λ that is the noise factor of each test's circle, shape (tests,);
     #: empty string if circles have no noise factors
     circle: Array
-    #: estimate of each compliance in internal units (mm, N, rad), about which effects are
-    #: linearised, shape (compliances,)
+    #: estimate of each compliance in internal units (mm, N, rad), shape (compliances,). Effects on
+    #: the readings that depend nonlinearly on the compliances are linearised about this estimate
     compliance_estimate: Array
-    #: magnitude of each compliance in internal units (mm, N, rad), shape (compliances,): its
-    #: estimate and the standard uncertainty of the estimate, added in quadrature. The default prior
-    #: sds of the compliances' changes with force are proportional to these magnitudes
+    #: magnitude of each compliance in internal units (mm, N, rad), shape (compliances,): the
+    #: estimate of the compliance and the standard uncertainty of this estimate, added in
+    #: quadrature. The default prior sds of the compliances' changes with force are proportional to
+    #: these magnitudes
     compliance_size_estimate: Array
-    #: magnitude of the direct compliance along each of X, Y, Z [mm/N], shape (3,); zero for an axis
-    #: without a direct compliance
+    #: magnitude of the direct compliance (displacement along an axis per force along this axis) of
+    #: X, Y and Z [mm/N], shape (3,); zero for an axis without a direct compliance
     axial_size_estimate: Array
     #: Fourier coefficients of the readings that the estimated compliances and geometric errors
     #: predict, shape (tests, 25) [mm]

@@ -247,11 +247,11 @@ class _TruthsFile(BaseModel):
 class Truths:
     """Plan and true values for a simulation, as read from a TOML file."""
 
-    #: plan (campaign without readings) that is to be simulated; None if the file contains no
-    #: forces, so that the plan must come from another file
+    #: plan (campaign without readings) that is to be simulated; None if the file of true values
+    #: contains no forces, so that the plan must come from another file
     plan: Campaign | None
-    #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad); None
-    #: if they are drawn at random from the prior
+    #: true compliances, slopes and geometric errors for a simulation, by name, in internal units
+    #: (mm, N, rad); None if they are drawn at random from the prior
     parameters: dict[str, float] | None
     #: true hyper-parameters (such as the standard deviation of the noise) by name, with lengths in
     #: µm; hyper-parameters that are not named are drawn at random from their priors

@@ -82,20 +82,21 @@ class _Interval(NamedTuple):
     tails otherwise.
     """
 
-    #: Logarithm of the probability of the interval from ``low`` to ``high``, ln (Φ(high) − Φ(low)),
-    #: where Φ is the standard normal distribution function.
+    #: Logarithm of the probability that a standard normal variable is between ``low`` and ``high``,
+    #: ln (Φ(high) − Φ(low)), where Φ is the standard normal distribution function.
     log_mass: Array
-    #: Log probability of the tail that contains the interval from ``low`` to ``high``: the tail to
-    #: the left of ``high`` if the centre of the interval is negative, otherwise the tail to the
-    #: right of ``low``.
+    #: Log probability of that tail of the standard normal distribution which contains the interval
+    #: from ``low`` to ``high``: the tail to the left of ``high`` if the centre of the interval is
+    #: negative, otherwise the tail to the right of ``low``.
     log_tail: Array
     #: Ratio of two tail probabilities of the normal distribution. The denominator is the
     #: probability of the tail that contains the interval from ``low`` to ``high``. The numerator is
     #: the probability of the part of this tail beyond the interval. None if the interval has no
     #: upper limit.
     tail_ratio: Array | None
-    #: −1 if the probability of the interval from ``low`` to ``high`` is computed from left tails,
-    #: because the centre of the interval is negative; 1 if it is computed from right tails.
+    #: −1 if the probability of an interval of the standard normal distribution is computed from
+    #: left tails, because the centre of the interval is negative; 1 if it is computed from right
+    #: tails.
     direction: Array | float
 
 
@@ -117,13 +118,13 @@ class _ConvexFunction(NamedTuple):
     #: importance weight) with respect to the d inverse Mills ratios m, for each of w sets of
     #: constraints, shape (w, d).
     gradient: Array
-    #: Derivative of each inverse Mills ratio m_j with respect to the lower limit e_j of the shifted
+    #: Derivative of each inverse Mills ratio m_j with respect to the lower limit e_j of a shifted
     #: normal variable, for the d ratios of each of w sets of constraints, shape (w, d). The
     #: derivative is between 0 and 1.
     slope: Array
-    #: Largest relative magnitude of an element of ``gradient``, for each of w sets of constraints,
-    #: shape (w,). An element is a sum; its relative magnitude is its absolute value divided by 1
-    #: plus the sum of the absolute values of the summands.
+    #: Largest relative magnitude of an element of ``gradient``, the gradient of a convex function,
+    #: for each of w sets of constraints, shape (w,). An element is a sum; its relative magnitude is
+    #: its absolute value divided by 1 plus the sum of the absolute values of the summands.
     error: Array
 
 
@@ -153,14 +154,14 @@ class Tilted(NamedTuple):
     #: Lower triangular matrix of the d independent constraints unit · x ≥ bound on a standard
     #: normal vector x, with ones on its diagonal, shape (d, d, w) for w sets of constraints.
     unit: Array
-    #: Lower bounds in the d independent constraints unit · x ≥ bound. They have the shape (d, w)
-    #: for w sets of constraints.
+    #: Lower bounds in the d independent constraints unit · x ≥ bound on a standard normal vector x,
+    #: shape (d, w) for w sets of constraints.
     bound: Array
-    #: Vector x of d elements at the saddle point of the log importance weight, shape (d, w) for w
-    #: sets of constraints; its last element is zero.
+    #: Standard normal vector x of d elements at the saddle point of the log importance weight,
+    #: shape (d, w) for w sets of constraints on x; its last element is zero.
     x: Array
-    #: Shifts (tilts) of the normal densities from which the d elements of x are drawn at random,
-    #: shape (d, w) for w sets of constraints. The shift of the last element is zero.
+    #: Shifts (tilts) of the normal densities from which the d elements of a vector x are drawn at
+    #: random, shape (d, w) for w sets of constraints on x. The shift of the last element is zero.
     tilt: Array
     #: Coefficients of the vector x in those k constraints dependent_mean + dependent · x ≥ 0 that
     #: are linear combinations of other constraints, shape (k, d, w) for w sets of constraints on d
@@ -169,8 +170,9 @@ class Tilted(NamedTuple):
     #: Constant terms of those k constraints dependent_mean + dependent · x ≥ 0 on a vector x that
     #: are linear combinations of other constraints, shape (k, w) for w sets of constraints.
     dependent_mean: Array
-    #: Index of the last element of the vector x on which each of the k dependent constraints
-    #: depends, shape (k, w) for w sets of constraints.
+    #: Index of the last element of the vector x on which each of k dependent constraints on x
+    #: depends, shape (k, w) for w sets of constraints. A dependent constraint is a linear
+    #: combination of other constraints.
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:

@@ -61,14 +61,15 @@ class _TurnedBall(NamedTuple):
 class _CoefficientPrior(NamedTuple):
     """Prior of the coefficients of a ball's form error: cosine and sine of each order."""
 
-    #: factor f of each coefficient: half of the number of balls for which no certificate or grade
-    #: gives the form error of the coefficient's order n. The part f τ² (n/6)^(−2p) of the
-    #: coefficient's prior variance depends on the hyper-parameters τ (scale of form errors at order
-    #: 6) and p (decay with the order).
+    #: factor f for each coefficient of a form error of the balls: half of the number of balls for
+    #: which no certificate or grade gives the form error of the coefficient's order n. The part f
+    #: τ² (n/6)^(−2p) of the coefficient's prior variance depends on the hyper-parameters τ (scale
+    #: of form errors at order 6) and p (decay with the order).
     share_of_tau: Array
-    #: fixed part of each coefficient's prior sd, which does not depend on hyper-parameters [µm]
+    #: fixed part of the prior sd of each coefficient of a ball's form error [µm]; this part does
+    #: not depend on hyper-parameters
     sd_um: Array
-    mean_um: Array  #: prior mean of each coefficient of the form error, from certificates [µm]
+    mean_um: Array  #: prior mean of each coefficient of a ball's form error, from certificates [µm]
 
 
 class _Form(NamedTuple):

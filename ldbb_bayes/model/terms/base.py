@@ -50,10 +50,11 @@ class Unit(NamedTuple):
     'µm/bar'
     """
 
-    inside: str  #: internal unit of the coefficient, composed of mm, N and rad
-    #: display unit expressed in internal units, such as 1e-3 for µm, because 1 µm is 1e-3 mm
+    inside: str  #: internal unit of a coefficient, made of mm, N and rad
+    #: unit in which reports display a coefficient, expressed in internal units (mm, N, rad): 1e-3
+    #: for µm, for example, because 1 µm is 1e-3 mm
     one: float
-    label: str  #: name of the unit in which reports display the coefficient, such as µm
+    label: str  #: name of the unit in which reports display a coefficient, such as µm
 
 
 @dataclass(frozen=True)
@@ -68,11 +69,14 @@ class Uncertainty:
     name: str
     value: float
     sd: float
-    unit: str  #: internal unit of the assumed value and its sd, made of mm, N and rad
-    #: name of the field of `Instrument` that holds the uncertainty from a certificate, such as
-    #: bar_U_um; empty string if there is no such field
+    #: internal unit of an assumed property of the instrument and its standard uncertainty, made of
+    #: mm, N and rad
+    unit: str
+    #: name of the field of `Instrument` that holds the uncertainty of a property of the instrument
+    #: from its certificate, such as bar_U_um; empty string if there is no such field
     certificate: str
-    #: whether a certificate states the uncertainty; otherwise the uncertainty is a default value
+    #: whether a certificate states the uncertainty of a property of the instrument; otherwise the
+    #: uncertainty is a default value
     stated: bool
 
 
@@ -90,10 +94,11 @@ class Uncertainties(Result):
     (0.0094, 'mm', False)
     """
 
-    #: values and standard uncertainties that the terms assume about the instrument, term by term
+    #: values and standard uncertainties that the nuisance terms assume for properties of the
+    #: instrument, term by term
     assumed: tuple[Uncertainty, ...]
     #: names of the instrument's calibration certificates; the keys are the certified parts, such as
-    #: bar
+    #: bar for the certificate of the bar
     certificates: Mapping[str, str]
 
 
@@ -189,30 +194,31 @@ class Term(Shown):
     'five waves (cos 5θ)'
     """
 
-    #: classes of all nuisance terms, in the order in which models, results and model files list
-    #: them; the keys are the names of the classes
+    #: classes of all nuisance terms (effects modelled but not of interest), in the order in which
+    #: models, results and model files list them; the keys are the names of the classes
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    #: beginning of the names of the term's coefficients, or a tuple of several beginnings; by
-    #: default made from the class name, such as bar_length for BarLength
+    #: beginning of the names of a nuisance term's coefficients, or a tuple of several beginnings;
+    #: by default made from the class name, such as bar_length for BarLength
     stem: ClassVar[str | tuple[str, ...]]
-    #: name of the term in reports; by default made from the class name, such as ball form for
-    #: BallForm
+    #: name of a nuisance term in reports; by default made from the class name, such as ball form
+    #: for BallForm
     words: ClassVar[str]
-    #: internal unit of the term's coefficients, and the unit in which reports display them
+    #: internal unit of a nuisance term's coefficients, and the unit in which reports display them
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")
-    #: description of a measurement that would determine the effect of the term; printed in advice
-    #: to the user
+    #: description of a measurement that would determine the effect of a nuisance term; printed in
+    #: advice to the user
     calibration: ClassVar[str] = "a measurement of it"
-    #: advice (a sentence) that is printed with an uncertainty budget if the term contributes most
-    #: to the uncertainty
+    #: advice (a sentence) that is printed with an uncertainty budget if a nuisance term contributes
+    #: most to the uncertainty
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
-    #: whether the effect of the term belongs to the instrument (bar, balls, mount or force device)
+    #: whether the effect of a nuisance term belongs to the instrument (bar, balls, mount or force
+    #: device)
     instrument: ClassVar[bool] = False
-    #: whether the term's coefficients have the same values in all campaigns with the same
+    #: whether a nuisance term's coefficients have the same values in all campaigns with the same
     #: instrument
     common: ClassVar[bool] = False
-    #: whether models have the term only if it is added with ``with_term``; by default false for
-    #: terms of the package and true for terms that you define
+    #: whether a model has a nuisance term only if the term is added with ``with_term``; by default
+    #: false for terms of the package and true for terms that you define
     on_demand: ClassVar[bool]
 
     def __init_subclass__(cls) -> None:

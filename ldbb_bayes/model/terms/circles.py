@@ -56,9 +56,9 @@ class SetupShift(Term):
     ['delta_0', 'delta_1']
     """
 
-    #: what shifts between circles: both the readings' zero and the circle's centre, with one common
-    #: sd (``together``) or with separate sds (``apart``); or only the zero (``zero``) or only the
-    #: centre (``centre``)
+    #: what shifts at random from one circle to the next: both the readings' zero and the circle's
+    #: centre, with one common sd (``together``) or with separate sds (``apart``); or only the zero
+    #: (``zero``) or only the centre (``centre``)
     moves: Moves = "together"
     words = "set-up shift"
     remedy = "Run more circles: zero and centre move from one to the next."
@@ -111,8 +111,9 @@ class Discrepancy(Term):
     array([0. , 0. , 0. , 0.5, 0.5])
     """
 
-    #: exponent with which the prior sd of the discrepancy decreases with the order n of the
-    #: harmonics cos nθ, sin nθ. The sd is κ/n^decay, with the hyper-parameter κ
+    #: exponent with which the prior sd of the discrepancy (model inadequacy, and variation between
+    #: circles) decreases with the order n of the harmonics cos nθ, sin nθ. The sd is κ/n^decay,
+    #: with the hyper-parameter κ
     decay: float = 1.0
     remedy = "Run more circles: what differs from one to the next averages out."
     scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
@@ -181,10 +182,11 @@ class _HysteresisPrior(NamedTuple):
     #: hyper-parameter, this field is the prior sd divided by the hyper-parameter
     constant_sd: float
     #: name of the hyper-parameter that scales the part of hysteresis that does not depend on force;
-    #: None if this part has a fixed scale
+    #: None if the prior sd of this part does not depend on a hyper-parameter
     hyper: Hyper | None
-    proportional_sd: float  #: prior sd of hysteresis proportional to force [mm/N]
-    last_order: int  #: highest Fourier order of hysteresis
+    #: prior sd of the part of hysteresis that is proportional to force [mm/N]
+    proportional_sd: float
+    last_order: int  #: highest order n of the harmonics cos nθ, sin nθ of hysteresis
 
 
 @dataclass(frozen=True)
@@ -367,7 +369,9 @@ class Drift(Term):
     'µm/K'
     """
 
-    over: Covariate = "time"  #: quantity to which the drift is proportional: time or temperature
+    #: quantity to which the drift of the bar's length and the circle's centre is proportional: time
+    #: or temperature
+    over: Covariate = "time"
     #: prior sd of the drift of the bar's length [µm per hour or per kelvin]
     length_um: float = 2.0
     #: prior sd of the drift of each coordinate of the circle's centre [µm per hour or per kelvin]

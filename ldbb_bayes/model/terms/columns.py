@@ -56,7 +56,7 @@ class Scale(NamedTuple):
     ['sigma', 'delta', 'kappa', 'tau', 'decay', 'omega', 'eta']
     """
 
-    #: name of the hyper-parameter, such as sigma; if it is a length, its name in results ends with
+    #: name of a hyper-parameter, such as sigma; if it is a length, its name in results ends with
     #: ``_um``
     name: Hyper
     #: number that defines the hyper-parameter's prior, or the name of the field of `Prior` that
@@ -139,33 +139,34 @@ class Columns(Shown):
     ((6, 25, 2), array([0.002, 0.002]))
     """
 
-    #: names of the p coefficients; each begins with the ``stem`` of its term
+    #: names of a nuisance term's p coefficients; each name begins with the ``stem`` of the term
     names: Sequence[str]
-    #: reading per unit of each of the p coefficients, as 25 Fourier coefficients for each test,
-    #: shape (tests, 25, p)
+    #: reading per unit of each of a nuisance term's p coefficients, as 25 Fourier coefficients for
+    #: each test, shape (tests, 25, p)
     values: Array
-    #: prior sd of each of the p coefficients, shape (p,), or one number for all. If ``hyper`` names
-    #: a hyper-parameter, ``sd`` is the prior sd divided by this hyper-parameter; otherwise ``sd``
-    #: is in internal units (mm, N, rad). For a flat prior, ``sd`` is infinite.
+    #: prior sd of each of a nuisance term's p coefficients, shape (p,), or one number for all. If
+    #: ``hyper`` names a hyper-parameter, ``sd`` is the prior sd divided by this hyper-parameter;
+    #: otherwise ``sd`` is in internal units (mm, N, rad). For a flat prior, ``sd`` is infinite.
     sd: Any
-    #: name of the hyper-parameter (scale of the effect) that multiplies ``sd``; None if there is
-    #: no such hyper-parameter
+    #: name of the hyper-parameter (scale of an effect) by which ``sd`` is multiplied to obtain the
+    #: prior sd of the coefficients; None if there is no such hyper-parameter
     hyper: Hyper | None = None
-    #: whether each coefficient has a separate value in every test, instead of one for all tests
+    #: whether each of a nuisance term's coefficients has a separate value in every test, instead of
+    #: one value for all tests
     private: bool = False
-    #: prior mean of each of the p coefficients in internal units (mm, N, rad), shape (p,), or one
-    #: number for all; by default zero. It must be zero if coefficients have a separate value in
-    #: every test
+    #: prior mean of each of a nuisance term's p coefficients in internal units (mm, N, rad), shape
+    #: (p,), or one number for all; by default zero. It must be zero if coefficients have a separate
+    #: value in every test
     mean: Any = None
     #: name of the hyper-parameter d in a prior sd that is proportional to (n/6)^(−d), where n is
     #: the order of the harmonic. None if the prior sd does not depend on the order
     decay: Hyper | None = None
-    #: order of the harmonic to which each of the p coefficients belongs, shape (p,); needed if
-    #: ``decay`` is given
+    #: order n of the harmonic cos nθ or sin nθ to which each of a nuisance term's p coefficients
+    #: belongs, shape (p,); needed if ``decay`` is given
     orders: Array | None = None
-    #: fixed part of the prior sd of each of the p coefficients, in internal units (mm, N, rad),
-    #: shape (p,). It does not depend on hyper-parameters, and is added in quadrature to the part
-    #: that does
+    #: fixed part of the prior sd of each of a nuisance term's p coefficients, in internal units
+    #: (mm, N, rad), shape (p,). It does not depend on hyper-parameters, and is added in quadrature
+    #: to the part that does
     stated: Array | None = None
     #: name of the hyper-parameter λ (noise factor) of each test's circle, shape (tests,); empty if
     #: circles have no noise factors. It must be empty if the coefficients have the same values in
@@ -274,7 +275,8 @@ class BasisNoise(Shown):
     array([0.    , 0.0005, 0.0005])
     """
 
-    #: name of the hyper-parameter by which the standard deviations ``sd`` are multiplied
+    #: name of the hyper-parameter by which the standard deviations ``sd`` of the noise are
+    #: multiplied
     hyper: Hyper
     #: sd of each of the 25 Fourier coefficients of the noise, divided by the hyper-parameter that
     #: scales it, shape (25,)

@@ -117,11 +117,11 @@ class Mount(Term):
     [('mount', 4.66e-05)]
     """
 
-    #: prior sd of the error of the mount's deflection, as a fraction of the nominal deflection;
-    #: used if no certificate states the uncertainty
+    #: prior sd of the error of the work ball mount's deflection, as a fraction of the nominal
+    #: deflection; used if no certificate states the uncertainty
     relative_sd: float = 0.10
-    #: prior sd of the curvature [µm]: the deviation of the mount's deflection from proportionality
-    #: to force, at half of the largest force. If it is 0, there is no curvature
+    #: prior sd of the curvature [µm]: the deviation of the deflection of the work ball's mount from
+    #: proportionality to force, at half of the largest force. If it is 0, there is no curvature
     curvature_um: float = 0.5
     unit = Unit("mm/bar", 1e-3, "µm/bar")
     calibration = "a measurement of the mount's deflection"
@@ -200,14 +200,16 @@ class ForceError(Term):
     [('force_gain', 0.005, '1'), ('force_random', 4.0, 'N')]
     """
 
-    #: prior sd of the gain error of the force, as a fraction of the force; used if no certificate
-    #: states an uncertainty
+    #: prior sd of the gain error of the bar force, as a fraction of the force; used if no
+    #: certificate states an uncertainty
     gain_sd: float = 0.01
-    #: prior sd of the curvature, as a fraction of the largest force. The curvature is the deviation
-    #: of the force error from a straight line at half of the largest force. The value is used if no
-    #: certificate states the linearity. If it is 0, there is no curvature.
+    #: prior sd of the curvature of the force error, as a fraction of the largest force. The
+    #: curvature is the deviation of the force error from a straight line at half of the largest
+    #: force. The value is used if no certificate states the linearity. If it is 0, there is no
+    #: curvature.
     curvature_sd: float = 0.01
-    #: prior sd of the random force error of every test [N]; used if no certificate states this sd
+    #: prior sd of the random error of the bar force in every test [N]; used if no certificate
+    #: states this sd
     random_sd_N: float = 4.0
     stem = ("force_gain", "force_curvature", "force_random")
     unit = Unit("1", 1e-2, "%")

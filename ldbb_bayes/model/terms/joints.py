@@ -77,8 +77,8 @@ class JointLoad(Term):
     'contact of axis X under its own load'
     """
 
-    #: prior sd of each coefficient of the nonlinear deflection, as a fraction of the magnitude of
-    #: the axis' direct compliance
+    #: prior sd of each coefficient of the nonlinear deflection of a machine axis, as a fraction of
+    #: the magnitude of the axis' direct compliance
     relative_sd: float = 0.4
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
