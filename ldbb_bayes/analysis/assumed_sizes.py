@@ -31,9 +31,11 @@ class AssumedSize:
 
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of the coefficient or noise ``source``
-    unit: str  #: internal unit of ``sd``
-    #: whether another coefficient of the same effect, in the same unit, has a smaller prior
-    #: standard deviation
+    #: internal unit of ``sd``, the prior standard deviation of a coefficient: a unit composed of
+    #: mm, N and rad
+    unit: str
+    #: whether the model term to which the coefficient ``source`` belongs has another coefficient,
+    #: in the same unit, with a smaller prior standard deviation
     differs: bool
 
 
@@ -41,11 +43,14 @@ class AssumedSize:
 class DecidingAssumption(Result):
     """An effect with an assumed standard uncertainty, and the parameter that depends on it most."""
 
-    term: str  #: class name of the model term that describes the effect
-    parameter: str  #: parameter that depends on the effect most
-    share: float  #: fraction of the variance of ``parameter`` that the effect causes
-    #: largest prior standard deviation of the effect's coefficients, one entry for each unit that
-    #: occurs
+    #: class name of the model term, such as ``Mount``, whose standard uncertainty is assumed
+    term: str
+    #: name of the parameter in whose variance the model term ``term`` has the largest share
+    parameter: str
+    #: share of the variance of ``parameter`` that the model term ``term`` causes
+    share: float
+    #: largest prior standard deviation of the coefficients of the model term ``term``, one entry
+    #: for each unit in which the term has coefficients
     sizes: tuple[AssumedSize, ...]
 
 

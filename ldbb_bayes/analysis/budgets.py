@@ -68,21 +68,25 @@ class Contribution:
     #: for the priors of the parameters, or "other …" for all coefficients of one model term whose
     #: shares are small
     source: str
-    term: str  #: model term that the source belongs to, such as ``Mount``
+    term: str  #: model term, such as ``Mount``, that the source of uncertainty belongs to
     #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the
     #: scatter of the readings, "B" if it is evaluated by other means
     kind: Kind
-    origin: Origin  #: whether the standard uncertainty of the source is measured, stated or assumed
-    #: standard uncertainty of the source, in the unit ``unit``; None if the source has no single
-    #: standard uncertainty, for example if it consists of several coefficients
+    #: whether the standard uncertainty of the source of uncertainty is measured in this campaign,
+    #: stated or assumed
+    origin: Origin
+    #: standard uncertainty of the source of uncertainty, in the unit ``unit``; None if the source
+    #: has no single standard uncertainty, for example if it consists of several coefficients
     u: float | None
     unit: str  #: unit of ``u``, the standard uncertainty of the source
-    #: change of the parameter's estimate per unit of the source. For noise, it is the ratio of
-    #: ``contribution`` to ``u``, which is always positive. None if ``u`` is None.
+    #: sensitivity coefficient of the GUM: change of the parameter's estimate per unit of the source
+    #: of uncertainty. For noise, it is the ratio of ``contribution`` to ``u``, which is always
+    #: positive. None if ``u``, the standard uncertainty of the source, is None.
     sensitivity: float | None
-    #: standard uncertainty of the parameter due to this source alone, in the parameter's unit
+    #: standard uncertainty of the parameter due to one source of uncertainty alone, in the
+    #: parameter's unit
     contribution: float
-    share: float  #: share of the source in the parameter's variance
+    share: float  #: share of one source of uncertainty in the variance of a parameter
 
 
 @dataclass(frozen=True)
@@ -96,12 +100,13 @@ class Budget(Result):
     unit: str
     u: float  #: standard uncertainty of the parameter: its posterior standard deviation
     contributions: tuple[Contribution, ...]
-    #: model term with the largest share of the parameter's variance. If more than half of the
-    #: variance comes from sources whose standard uncertainty is stated or assumed, the term with
-    #: the largest share among these sources is taken instead.
+    #: name of the model term with the largest share of the parameter's variance. If more than half
+    #: of the variance comes from sources whose standard uncertainty is stated or assumed, the term
+    #: with the largest share among these sources is taken instead.
     heaviest: str
-    #: standard uncertainty that the parameter would have if the term ``heaviest`` were known
-    #: exactly; None if the term cannot be known (reading noise, or the priors of the parameters)
+    #: standard uncertainty that the parameter would have if the effect of the model term
+    #: ``heaviest`` were known exactly; None if it cannot be known (reading noise, or the priors of
+    #: the parameters)
     u_if_known: float | None
 
     def share(self, term: str) -> float:

@@ -62,21 +62,25 @@ class Validation(Result):
     ['50', 'u50', '80', 'u80', '95', 'u95']
     """
 
-    names: tuple[str, ...]  #: names of parameters and hyper-parameters, and ``log_likelihood``
+    #: names of the quantities whose true values are ranked among posterior draws: the parameters
+    #: and hyper-parameters of the model, and ``log_likelihood``
+    names: tuple[str, ...]
     #: number of posterior draws below each true value, 0 … ``draws``, shape (replicates,
     #: quantities). A replicate is a simulated campaign. The ranks are uniformly distributed if the
     #: posterior is calibrated.
     ranks: Numbers
     draws: int  #: number of posterior draws in each replicate (simulated campaign)
     sampler: str  #: method of drawing from the posterior: ``joint`` or ``independent``
-    #: probability that the empirical distributions of the ranks of all quantities stay between the
-    #: limits ``band``, if the posterior is calibrated
+    #: probability that the empirical distributions of the ranks of all quantities stay between
+    #: their limits (``band``), if the posterior is calibrated. A rank is the number of posterior
+    #: draws below a true value.
     prob: float
     #: error messages for replicates (simulated campaigns) whose posterior could not be sampled;
     #: these replicates have no ranks
     failures: tuple[str, ...]
-    #: indices (from 0) of those rows of ``ranks`` for which the posterior was sampled with emcee,
-    #: because the importance weights of independent draws were not reliable
+    #: indices (from 0) of those rows of ``ranks``, that is, of those simulated campaigns, for which
+    #: the posterior was sampled with emcee, because the importance weights of independent draws
+    #: were not reliable
     by_emcee: tuple[int, ...] = ()
 
     @property
@@ -381,8 +385,10 @@ class _Study(NamedTuple):
 class Ranks(NamedTuple):
     """Ranks of the true values among the posterior draws of one simulated campaign."""
 
-    ranks: Array  #: number of posterior draws below each true value, shape (quantities,)
-    by_emcee: bool  #: whether the posterior draws come from the sampler emcee
+    #: number of posterior draws below the true value of each parameter and hyper-parameter, and of
+    #: the log likelihood, shape (quantities,)
+    ranks: Array
+    by_emcee: bool  #: whether the posterior draws of a simulated campaign come from emcee
 
 
 def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> Ranks | str:

@@ -40,11 +40,11 @@ class MachineColumns(NamedTuple):
     The coefficients describe the radial deviation of the circle [mm].
     """
 
-    #: changes of the 25 coefficients per unit of each compliance and slope, shape (25, p); the
-    #: columns of geometric errors are zero
+    #: changes of the 25 Fourier coefficients of a circle per unit of each compliance and slope,
+    #: shape (25, p) for p parameters; the columns of geometric errors are zero
     elastic: Array
-    #: changes of the 25 coefficients per unit of each geometric error, shape (25, p); the columns
-    #: of compliances and slopes are zero
+    #: changes of the 25 Fourier coefficients of a circle per unit of each geometric error, shape
+    #: (25, p) for p parameters; the columns of compliances and slopes are zero
     geometric: Array
 
 
@@ -54,9 +54,11 @@ class SecondOrderFactors(NamedTuple):
     The second harmonic of the radial deviation has two amplitudes: one of cos 2θ and one of sin 2θ.
     """
 
-    #: scale mismatch of the plane's two axes, for each µm of the amplitude of cos 2θ [µm/m per µm]
+    #: scale mismatch of the plane's two axes per amplitude of cos 2θ in the radial deviation of a
+    #: circle [µm/m per µm]
     scale_mismatch: float
-    #: squareness of the plane's two axes, for each µm of the amplitude of sin 2θ [µm/m per µm]
+    #: squareness of the plane's two axes per amplitude of sin 2θ in the radial deviation of a
+    #: circle [µm/m per µm]
     squareness: float
 
 

@@ -155,10 +155,11 @@ def predict_circularity(
 class PathDraws(NamedTuple):
     """Posterior draws of the circular deviation and similar quantities, for one plane and force."""
 
-    #: plane of the path, its radius [mm] and the force [N]; the keys are column names of the table
-    #: that `predict_circularity` returns
+    #: plane of the tool path, its radius [mm] and the force of the bar [N]; the keys are column
+    #: names of the table that `predict_circularity` returns
     place: dict[str, Any]
-    #: posterior draws of each quantity of `predict_circularity`, by name, shape (draws,)
+    #: posterior draws of the circular deviation and similar quantities of one tool path, shape
+    #: (draws,) each; the keys are names of the quantities that `predict_circularity` computes
     quantities: dict[str, Array]
 
 

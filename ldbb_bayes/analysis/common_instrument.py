@@ -43,18 +43,21 @@ class Conflict(NamedTuple):
     """
 
     coefficient: str
-    #: p-value of the disagreement. It is the probability of a larger disagreement by chance,
-    #: multiplied by the number of coefficients that are compared (Bonferroni), and is at most 1.
+    #: p-value of the disagreement of two campaigns about an error of their common instrument. It is
+    #: the probability of a larger disagreement by chance, multiplied by the number of coefficients
+    #: that are compared (Bonferroni), and is at most 1.
     p_value: float
 
 
 class JointDifference(NamedTuple):
     """Joint estimate of n parameters in two campaigns, and the difference between the campaigns."""
 
-    means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
-    #: posterior mean of the difference of each parameter, second campaign minus first, shape (n,)
+    means: Array  #: posterior means of n parameters in two campaigns, shape (2, n)
+    #: posterior mean of the difference of each of n parameters, second campaign minus first, shape
+    #: (n,)
     difference: Array
-    sd: Array  #: standard uncertainty of ``difference``, shape (n,)
+    #: standard uncertainties of the differences of n parameters between two campaigns, shape (n,)
+    sd: Array
     #: error of the common instrument for which the estimates from the two campaigns differ most;
     #: None if there is no error that the readings of both campaigns help to determine
     conflict: Conflict | None
@@ -64,9 +67,10 @@ class _Campaign(NamedTuple):
     """Posterior of the coefficients of one campaign, given its hyper-parameters."""
 
     information: Information
-    #: names of the parameters, and of the nuisance coefficients that act in several tests
+    #: names of the coefficients of a campaign's model: the parameters, and the nuisance
+    #: coefficients (of effects not of interest) that act in several tests
     names: list[str]
-    mean: Array  #: posterior mean of each coefficient that ``names`` lists
+    mean: Array  #: posterior mean of each coefficient of a model, in the order of ``names``
 
 
 def joint_difference(

@@ -238,8 +238,9 @@ class Comparison(Result):
     #: value for the first model [nat]. The keys are those of ``log_bayes_factor``. Empty if no test
     #: was left out.
     elpd_difference: dict[str, Difference]
-    #: names of the first two models as "second/first". The log Bayes factors of the second model
-    #: over the first are also computed under other priors and assumptions.
+    #: names of the first two of the compared models, written as "second/first". The log Bayes
+    #: factors of the second model over the first are also computed under other priors and
+    #: assumptions.
     sensitivity_of: str
     #: log Bayes factor of the second model over the first at each scale of the prior of the slopes
     #: (changes of compliance with force); empty if neither model has slopes, or if the two models
@@ -280,9 +281,9 @@ class Comparison(Result):
     #: largest error of any log evidence [nat], except of the rough log evidences with assumptions
     #: that the readings clearly reject (see ``tolerance``)
     largest_error: Finite
-    #: number of evidences whose error is infinite, because their quadrature weights are not
-    #: reliable. The field keeps a name from an older version, because programs read this name in
-    #: the JSON file.
+    #: number of model evidences whose error is infinite, because the weights of their quadrature
+    #: are not reliable. The field keeps a name from an older version, because programs read this
+    #: name in the JSON file.
     by_emcee: int = 0
     #: probabilities of slopes (changes of compliance with force) and of alternative explanations:
     #: other effects, such as a nonlinear mount, that change the readings as slopes do. The field is
@@ -419,7 +420,7 @@ class _ComparisonPlan:
     holds the first two models with this prior or assumption.
     """
 
-    #: the first two models to compare; the keys are the names that the caller gave
+    #: the first two of the compared models; the keys are the names that the caller gave
     pair: dict[str, HybridModel]
     #: model with the most parameters; it is also fitted separately to the tests at each pair of
     #: neighbouring forces
@@ -427,22 +428,22 @@ class _ComparisonPlan:
     #: the largest model, with its compliances reduced to constant or linear functions of force;
     #: models in which only some compliances change with force are derived from this model
     linear: HybridModel
-    #: the first two models under each scale of the prior of the slopes (changes of compliance with
-    #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
-    #: models differ only in this prior
+    #: the first two of the compared models, with each scale of the prior of the slopes (changes of
+    #: compliance with force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or
+    #: if the two models differ only in this prior
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
     #: the first two of the compared models, without any change. The dictionary has a single key, a
     #: label which says that the models keep their assumption about the random differences between
     #: circles.
     unchanged: dict[str, tuple[HybridModel, ...]]
-    #: the first two models, changed to make another assumption about the random differences between
-    #: circles; there is one entry for each such assumption
+    #: the first two of the compared models, changed to make another assumption about the random
+    #: differences between circles; there is one entry for each of the other assumptions
     by_assumption: dict[str, tuple[HybridModel, ...]]
-    #: whether every test is predicted from the other tests
+    #: whether every test of the campaign is predicted from the other tests
     leaves_tests_out: bool
     #: whether models are compared in which only some compliances change with force
     has_slope_subsets: bool
-    #: whether models are fitted to the tests at neighbouring forces
+    #: whether models of constant compliance are fitted to the tests at neighbouring forces
     has_local_fits: bool
     #: whether slopes are compared with alternative explanations: other effects, such as a nonlinear
     #: mount, that change the readings as slopes do

@@ -29,15 +29,17 @@ _DECIMALS_OF_PROBABILITY = 12
 class DrawnValue(Result):
     """Mean, standard deviation, median and credible interval of a quantity's posterior draws."""
 
-    mean: float  #: posterior mean of the quantity
-    sd: float  #: posterior standard deviation of the quantity
-    median: float  #: posterior median of the quantity
-    ci_low: float  #: lower end of the equal-tailed credible interval of the quantity
-    ci_high: float  #: upper end of the equal-tailed credible interval of the quantity
+    mean: float  #: posterior mean of a compliance or of its change with force
+    sd: float  #: posterior standard deviation of a compliance or of its change with force
+    median: float  #: posterior median of a compliance or of its change with force
+    #: lower end of the equal-tailed credible interval of a compliance or of its change with force
+    ci_low: float
+    #: upper end of the equal-tailed credible interval of a compliance or of its change with force
+    ci_high: float
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lower and upper end of the credible interval of the quantity."""
+        """Lower and upper end of the credible interval of a compliance or of its change."""
         return self.ci_low, self.ci_high
 
 
@@ -58,8 +60,8 @@ class ChangeWithForce(Result):
     True
     """
 
-    unit: str  #: unit of the compliance and of its change
-    prob: float  #: probability of the credible intervals
+    unit: str  #: internal unit (mm, N, rad) of a compliance and of its change with force
+    prob: float  #: probability of the credible intervals of a compliance and of its change
     smallest_force_N: float  #: smallest force tested, F_min [N]
     reference_force_N: float  #: reference force of the model, F0 [N]
     largest_force_N: float  #: largest force tested, F_max [N]
@@ -67,14 +69,15 @@ class ChangeWithForce(Result):
     at_reference: DrawnValue  #: compliance C(F0) at the reference force
     at_largest: DrawnValue  #: compliance C(F_max) at the largest force tested
     change: DrawnValue  #: change of the compliance, C(F_max) − C(F_min)
-    #: change divided by the compliance C(F0) at the reference force, a pure number; None if the
-    #: credible interval of C(F0) contains zero
+    #: change of the compliance, divided by the compliance C(F0) at the reference force; a number
+    #: without a unit; None if the credible interval of C(F0) contains zero
     relative: DrawnValue | None
-    #: probability that the compliance at F_max is larger than at F_min
+    #: probability that the compliance is larger at the largest force tested, F_max, than at the
+    #: smallest, F_min
     probability_of_increase: float
-    #: probability that the compliance at F_max is smaller than at F_min. In an average over models,
-    #: the compliance may be constant under some models. The probabilities of increase and decrease
-    #: then sum to less than one.
+    #: probability that the compliance is smaller at the largest force tested, F_max, than at the
+    #: smallest, F_min. In an average over models, the compliance may be constant under some models.
+    #: The probabilities of increase and decrease then sum to less than one.
     probability_of_decrease: float
 
     @property

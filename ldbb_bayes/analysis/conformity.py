@@ -81,19 +81,22 @@ class Conformity(Result):
     (0.6, 'not decided')
     """
 
-    unit: str  #: unit of the quantity and of its limits, mean, sd and guard band
+    #: unit of the quantity that has the tolerance, and of its limits, mean, sd and guard band
+    unit: str
     #: bar force for which the quantity is computed [N]; None for geometric errors and slopes, which
     #: do not depend on the force
     force_N: float | None
     lower: float | None  #: lower limit of the tolerance; None if it has no lower limit
     upper: float | None  #: upper limit of the tolerance; None if it has no upper limit
-    mean: float  #: estimate of the quantity: its posterior mean
-    sd: float  #: standard uncertainty of the quantity: its posterior standard deviation
-    #: probability of conformance: the probability that the quantity lies between its limits
+    mean: float  #: estimate of the quantity that has the tolerance: its posterior mean
+    #: standard uncertainty of the quantity that has the tolerance: its posterior standard deviation
+    sd: float
+    #: probability of conformance: the probability that the quantity lies between the limits of its
+    #: tolerance
     probability: float
-    #: guard band for a normally distributed quantity with a single limit. A decision is made if the
-    #: distance of the estimate from the limit is at least the guard band. The quantity then
-    #: conforms if the estimate meets the limit; otherwise it does not conform.
+    #: guard band of ISO 14253-1 for a normally distributed quantity with a single tolerance limit.
+    #: A decision is made if the distance of the estimate from the limit is at least the guard band.
+    #: The quantity then conforms if the estimate meets the limit; otherwise it does not conform.
     guard_band: float
     #: minimum probability of conformance, or of non-conformance, at which a decision is made
     confidence: float
@@ -224,8 +227,9 @@ def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
 class _StatedDraws(NamedTuple):
     """Posterior draws of a quantity with a tolerance, and the force at which they are computed."""
 
-    values: Array  #: posterior draws of the quantity, shape (draws,)
-    #: bar force for which the quantity is computed [N]; None for geometric errors and slopes
+    values: Array  #: posterior draws of the quantity that has the tolerance, shape (draws,)
+    #: bar force for which the quantity that has the tolerance is computed [N]; None for geometric
+    #: errors and slopes
     force_N: float | None
 
 

@@ -31,8 +31,8 @@ class CurveChange:
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
     slopes: tuple[str, ...]  #: names of the slopes that the change of the compliance depends on
-    #: weight of each of the m coefficients of the model, shape (m,): the change of ``compliance``,
-    #: in ``unit``, if the coefficient changes by its prior standard deviation
+    #: weight of each of the m coefficients of the model, shape (m,): the effect on the compliance's
+    #: change with force, in ``unit``, if the coefficient changes by its prior standard deviation
     weights: Array
 
 

@@ -35,13 +35,17 @@ _DRAWS = 20_000
 class _Differences(NamedTuple):
     """Posterior means of n parameters in two campaigns, and differences between the campaigns."""
 
-    means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
-    #: posterior mean of the difference of each parameter, second campaign minus first, shape (n,)
+    means: Array  #: posterior means of n parameters in two campaigns, shape (2, n)
+    #: posterior mean of the difference of each of n parameters, second campaign minus first, shape
+    #: (n,)
     difference: Array
-    sd: Array  #: standard uncertainty of ``difference``, shape (n,)
-    #: lower and upper end of the equal-tailed credible interval of the difference, shape (2, n)
+    #: standard uncertainties of the differences of n parameters between two campaigns, shape (n,)
+    sd: Array
+    #: lower and upper ends of the equal-tailed credible intervals of the differences of n
+    #: parameters between two campaigns, shape (2, n)
     interval: Array
-    #: probability that a parameter is larger in the second campaign than in the first, shape (n,)
+    #: probability, for each of n parameters, that it is larger in the second campaign than in the
+    #: first, shape (n,)
     increase: Array
     #: error of the common instrument about which the two campaigns disagree most. None if the
     #: instruments are different, or if there is no error that the readings of both campaigns help

@@ -78,18 +78,23 @@ _TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
 class StatedValue(Result):
     """A quantity with standard uncertainty, expanded uncertainty and credible interval."""
 
-    unit: str  #: unit of the quantity: N/mm or mm/N; empty for a ratio
-    mean: Number  #: posterior mean of the quantity
-    sd: Number  #: standard uncertainty u of the quantity: its posterior sd
-    U_k2: Number  #: expanded uncertainty U = 2 u of the quantity
-    median: Number  #: posterior median of the quantity
-    #: lower end of the equal-tailed credible interval of the quantity
+    #: unit of a stiffness (N/mm) or of a compliance (mm/N); empty for a ratio of two stiffnesses
+    unit: str
+    mean: Number  #: posterior mean of a stiffness, compliance or ratio of stiffnesses
+    #: standard uncertainty u of a stiffness, compliance or ratio of stiffnesses: its posterior sd
+    sd: Number
+    U_k2: Number  #: expanded uncertainty U = 2 u of a stiffness, compliance or ratio of stiffnesses
+    median: Number  #: posterior median of a stiffness, compliance or ratio of stiffnesses
+    #: lower end of the equal-tailed credible interval of a stiffness, compliance or ratio of
+    #: stiffnesses
     ci_low: Number
-    #: upper end of the equal-tailed credible interval of the quantity
+    #: upper end of the equal-tailed credible interval of a stiffness, compliance or ratio of
+    #: stiffnesses
     ci_high: Number
-    within_U: float  #: share of the posterior draws within mean ± U
-    #: whether the readings determine only the lower end of the credible interval; this is the case
-    #: for a stiffness whose compliance may be nearly zero
+    #: share of the posterior draws that lie within mean ± U, where U is the expanded uncertainty
+    within_U: float
+    #: whether the readings determine only the lower end of the credible interval of a stiffness;
+    #: this is the case if the compliance may be nearly zero
     only_lower_limit: bool = False
 
     @property
@@ -108,16 +113,19 @@ class AxialDirection(Result):
     mean direction. An end can therefore lie below 0° or above 180°.
     """
 
-    angle_deg: float  #: mean direction, from 0° to 180°
-    #: standard uncertainty u of the direction: root mean square of the angles between the posterior
-    #: draws and the mean direction
+    #: posterior mean of a direction in a plane: its angle from the plane's first axis, 0° to 180°
+    angle_deg: float
+    #: standard uncertainty u of a direction in a plane [°]: root mean square of the angles between
+    #: the posterior draws of the direction and the mean direction
     sd_deg: float
-    U_deg: float  #: expanded uncertainty U = 2 u of the direction
-    #: lower end of the equal-tailed credible interval of the direction
+    U_deg: float  #: expanded uncertainty U = 2 u of a direction in a plane [°]
+    #: lower end of the equal-tailed credible interval of a direction in a plane [°]
     ci_low_deg: float
-    #: upper end of the equal-tailed credible interval of the direction
+    #: upper end of the equal-tailed credible interval of a direction in a plane [°]
     ci_high_deg: float
-    within_U: float  #: share of the posterior draws within mean ± U
+    #: share of the posterior draws of a direction that lie within the mean direction ± U, where U
+    #: is the expanded uncertainty
+    within_U: float
     #: absolute value of the mean of exp(2iθ) over posterior draws of the direction θ: 1 if all
     #: draws agree, 0 if every direction is equally likely
     concentration: float
@@ -152,8 +160,8 @@ class PlaneStiffness(Result):
     least: StatedValue  #: least stiffness along the bar on the circle, k_min
     greatest: StatedValue  #: greatest stiffness along the bar on the circle, k_max
     ratio: StatedValue  #: greatest stiffness divided by least stiffness, k_max / k_min
-    softest: AxialDirection  #: direction of the least stiffness
-    stiffest: AxialDirection  #: direction of the greatest stiffness
+    softest: AxialDirection  #: direction in the plane in which the stiffness is least
+    stiffest: AxialDirection  #: direction in the plane in which the stiffness is greatest
     #: direction of the softer principal axis of the compliance tensor at the circle's centre
     principal_axis: AxialDirection
     #: name of the cross compliance (deflection along one axis of the plane per unit of force along
@@ -170,15 +178,15 @@ class PlaneStiffness(Result):
 class PrincipalAxis(Result):
     """One principal stiffness of a machine in space, and its direction."""
 
-    stiffness: StatedValue  #: stiffness along the principal axis
-    #: components along X, Y and Z of a unit vector along the axis; the opposite vector is
-    #: equivalent
+    stiffness: StatedValue  #: stiffness of the machine along a principal axis of its compliance
+    #: components along X, Y and Z of a unit vector along a principal axis of the machine's
+    #: compliance; the opposite vector is equivalent
     direction: tuple[float, float, float]
-    #: half angle [°] of a cone about ``direction``. The true axis lies inside the cone with the
-    #: probability ``DirectionalStiffness.prob``.
+    #: half angle [°] of a cone about ``direction``, the estimated direction of a principal axis.
+    #: The true axis lies inside the cone with the probability ``DirectionalStiffness.prob``.
     cone_deg: float
-    #: whether the direction is determined: ``cone_deg``, the half angle of the cone in which the
-    #: true axis lies with a given probability, is below 45°
+    #: whether the readings determine the direction of a principal axis: ``cone_deg``, the half
+    #: angle of the cone in which the true axis lies with a given probability, is below 45°
     is_determined: bool
 
 
@@ -191,7 +199,7 @@ class PrincipalStiffness(Result):
     """
 
     force_N: float  #: force of the bar [N]
-    axes: tuple[PrincipalAxis, ...]  #: the three principal axes, softest first
+    axes: tuple[PrincipalAxis, ...]  #: the three principal axes of the compliance, softest first
 
 
 @dataclass(frozen=True)
@@ -206,11 +214,12 @@ class DirectionalStiffness(Result):
     ['k_min', 'k_max', 'k_ratio']
     """
 
-    prob: float  #: probability of the credible intervals
-    #: stiffness of every plane at every force; all forces of the first plane come first, then those
-    #: of the next plane
+    prob: float  #: probability of the credible intervals of stiffnesses and directions
+    #: stiffness by direction of every plane at every force; all forces of the first plane come
+    #: first, then those of the next plane
     planes: tuple[PlaneStiffness, ...]
-    #: principal stiffnesses in space at every force; empty unless three planes were tested
+    #: principal stiffnesses of the machine in space at every force; empty unless three planes were
+    #: tested
     principal: tuple[PrincipalStiffness, ...] = ()
 
     def at(self, force_N: float) -> tuple[PlaneStiffness, ...]:

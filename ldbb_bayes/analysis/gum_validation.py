@@ -64,23 +64,30 @@ class GumComparison(Result):
     (True, True)
     """
 
-    unit: str  #: unit of the two intervals and of all other fields except ``digits``
-    #: estimate y by the linear model, in which the hyper-parameters (for example the standard
-    #: deviation of the noise) are fixed at their posterior means
+    unit: str  #: unit of the parameter, and therefore of all fields except ``digits``
+    #: estimate y of the parameter by the linear model, in which the hyper-parameters (for example
+    #: the standard deviation of the noise) are fixed at their posterior means
     gum_estimate: float
-    gum_u: float  #: standard uncertainty u of ``gum_estimate``
-    gum_low: float  #: lower endpoint y − k u of the interval by the GUM
-    gum_high: float  #: upper endpoint y + k u of the interval by the GUM
+    gum_u: float  #: standard uncertainty u of ``gum_estimate``, by the GUM's law of propagation
+    #: lower endpoint y − k u of the parameter's coverage interval by the GUM's law of propagation
+    gum_low: float
+    #: upper endpoint y + k u of the parameter's coverage interval by the GUM's law of propagation
+    gum_high: float
     mean: float  #: mean of the parameter's posterior distribution
     sd: float  #: standard deviation of the parameter's posterior distribution
-    low: float  #: lower endpoint of the equal-tailed interval of the posterior distribution
-    high: float  #: upper endpoint of the equal-tailed interval of the posterior distribution
-    #: numerical error of ``low`` and ``high``, which are computed from random draws: twice the
-    #: larger of the standard errors of these two endpoints
+    #: lower endpoint of the equal-tailed interval of the parameter's posterior distribution
+    low: float
+    #: upper endpoint of the equal-tailed interval of the parameter's posterior distribution
+    high: float
+    #: numerical error of ``low`` and ``high``, the endpoints of the posterior interval, which are
+    #: computed from random draws: twice the larger of the standard errors of the two endpoints
     error: float
-    tolerance: float  #: numerical tolerance δ; it follows from ``GumValidation.digits`` and ``sd``
-    #: largest number of significant digits of ``sd``, from 0 to 2, for which the two intervals
-    #: agree within the numerical tolerance
+    #: numerical tolerance δ of JCGM 101 within which the coverage intervals by the GUM and by the
+    #: posterior must agree; it follows from ``GumValidation.digits`` and ``sd``
+    tolerance: float
+    #: largest number of significant digits of the standard uncertainty ``sd``, from 0 to 2, for
+    #: which the coverage intervals by the GUM and by the posterior agree within the numerical
+    #: tolerance
     digits: int
 
     @property
@@ -126,8 +133,9 @@ class GumValidation(Result):
     (2, True)
     """
 
-    prob: float  #: probability of the coverage intervals
-    #: number of significant digits of the standard uncertainty that are regarded as meaningful
+    prob: float  #: coverage probability of the coverage intervals of the parameters
+    #: number of significant digits of a parameter's standard uncertainty that are regarded as
+    #: meaningful (JCGM 101)
     digits: int
     #: posterior probability of the model to which the law of propagation is applied; 1 unless the
     #: posterior is an average over models

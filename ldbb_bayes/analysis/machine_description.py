@@ -86,7 +86,7 @@ class DescribedMachine(Result):
     centres_mm: tuple[tuple[float, ...], ...]
     compliances: tuple[VisibleParameter, ...]
     geometric_errors: tuple[VisibleParameter, ...]
-    null: tuple[str, ...]  #: names of the compliances that change no reading
+    null: tuple[str, ...]  #: names of the machine's compliances that have no effect on any reading
     #: names of the compliances that are left out of ``compliances``, because their effect on the
     #: readings is a combination of the effects of other compliances
     dependent: tuple[str, ...]

@@ -61,11 +61,12 @@ MEASURED_SD_RATIO = 0.5
 class Origin(StrEnum):
     """Origin of the standard uncertainty of a source: measured, stated or assumed."""
 
-    #: the readings of this campaign determine the standard uncertainty of the source
+    #: the readings of this campaign determine the standard uncertainty of a source of uncertainty
     MEASURED = "measured here"
-    #: a certificate, or a prior that the user gave, states the standard uncertainty of the source
+    #: a certificate, or a prior that the user gave, states the standard uncertainty of a source of
+    #: uncertainty
     STATED = "stated"
-    #: the standard uncertainty of the source is that of a default prior
+    #: the standard uncertainty of a source of uncertainty is that of a default prior
     ASSUMED = "assumed"
 
 
@@ -153,12 +154,14 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 class _PriorSize(NamedTuple):
     """The three values that determine the prior sd of a coefficient."""
 
-    #: the prior sd, or a factor of it if the prior sd is proportional to hyper-parameters
+    #: the prior standard deviation of a coefficient, or a factor of it if the prior standard
+    #: deviation is proportional to hyper-parameters
     sd: float
-    #: the product of hyper-parameters by which ``sd`` is multiplied
+    #: the product of hyper-parameters by which ``sd`` is multiplied to give the prior standard
+    #: deviation of a coefficient
     hyper_parameters: Source
-    #: the part of the prior sd that is not multiplied by hyper-parameters, because the user or a
-    #: certificate states it
+    #: the part of a coefficient's prior standard deviation that is not multiplied by
+    #: hyper-parameters, because the user or a certificate states it
     stated: float
 
 

@@ -73,9 +73,10 @@ class JudgedTest:
     #: probability that another circle of the same machine would deviate from the prediction at
     #: least as much as the test, in any Fourier order
     p_value: float
-    family_wise_p_value: float  #: p-value adjusted for the number of tests (Holm)
-    order_p_values: tuple[float, ...]  #: p-value of each single Fourier order, 0 … 12
-    worst_order: int  #: Fourier order in which the test deviates most
+    family_wise_p_value: float  #: p-value of the test, adjusted for the number of tests (Holm)
+    #: p-value of the test's deviation from the prediction in each single Fourier order, 0 … 12
+    order_p_values: tuple[float, ...]
+    worst_order: int  #: Fourier order in which the test deviates most from the prediction
     #: whether the test is flagged as not in agreement with the other tests. A test is flagged if
     #: its family-wise p-value is below 2 % and more than half of the tests remain unflagged.
     flag: bool

@@ -40,9 +40,12 @@ class PairedRemedy(Result):
     second: CureStep
     #: number of circles that the first and the second remedy together add to the campaign
     circles: int
-    #: standard uncertainty of the parameter that remains after both remedies, in internal units
+    #: standard uncertainty of the parameter after both remedies (certificates or changes of the
+    #: plan), in mm, N and rad
     sd: float
-    ratio: float  #: ``sd`` divided by the standard uncertainty without any remedy
+    #: standard uncertainty of the parameter after both remedies (certificates or changes of the
+    #: plan), divided by that without any remedy
+    ratio: float
     #: whether the parameter remains confounded after the first and the second remedy
     is_confounded: bool
 

@@ -24,9 +24,13 @@ class Zone:
     All values are in the unit of the radial deviations.
     """
 
-    lower: float  #: smallest distance of the path from the centre, minus the nominal radius
-    upper: float  #: largest distance of the path from the centre, minus the nominal radius
-    mean: float  #: radius of the least-squares circle minus the nominal radius
+    #: smallest distance of the path from the centre of its least-squares circle, minus the nominal
+    #: radius
+    lower: float
+    #: largest distance of the path from the centre of its least-squares circle, minus the nominal
+    #: radius
+    upper: float
+    mean: float  #: radius of the path's least-squares circle minus the nominal radius
 
     @property
     def width(self) -> float:

@@ -49,14 +49,16 @@ _BETTER_THAN_REPETITION = 0.9
 class Remedy(Result):
     """The cheapest remedy for a parameter's uncertainty, and the uncertainty that then remains."""
 
-    kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
+    kind: RemedyKind  #: kind of remedy for a large uncertainty, such as more circles
     #: name of the certificate (a key of ``CERTIFICATES``, such as "mount ± 2 %"); empty if the
     #: remedy is not a certificate but a change of the plan
     certificate: str
-    circles: int  #: number of circles that the remedy adds; 0 for a certificate
-    #: standard uncertainty of the parameter that remains after the remedy, in internal units
+    circles: int  #: number of circles that the remedy adds to the plan; 0 for a certificate
+    #: standard uncertainty of the parameter after the remedy (a certificate or a change of the
+    #: plan), in mm, N and rad
     sd: float
-    #: standard uncertainty with the remedy (``sd``) divided by that without the remedy
+    #: standard uncertainty of the parameter with the remedy (a certificate or a change of the
+    #: plan), divided by that without the remedy
     ratio: float
 
 

@@ -34,11 +34,14 @@ _ASKING = 1.0
 class Explained:
     """One combination of explanations of why compliance seems to change with force."""
 
-    by: tuple[str, ...]  #: names of the explanations that are combined, such as "slopes"
+    #: names of the explanations, such as "slopes", why compliance seems to change with force, that
+    #: are combined in one model
+    by: tuple[str, ...]
     #: log evidence of the model that contains exactly the explanations named in ``by`` [nat]
     log_evidence: float
-    log_evidence_error: Finite  #: error of the log evidence [nat]
-    probability: float  #: posterior probability of this combination of explanations
+    log_evidence_error: Finite  #: numerical error of the log evidence of a model [nat]
+    #: posterior probability of the model that combines the explanations named in ``by``
+    probability: float
 
 
 @dataclass(frozen=True)
@@ -48,10 +51,12 @@ class Explanations:
     Every combination has the same prior probability.
     """
 
-    #: posterior probability of each explanation: the sum of the probabilities of all models that
-    #: contain it. The keys are names of explanations.
+    #: posterior probability of each explanation why compliance seems to change with force: the sum
+    #: of the probabilities of all models that contain it. The keys are names of explanations.
     inclusion_probability: dict[str, float]
-    models: tuple[Explained, ...]  #: all combinations of explanations, the most probable first
+    #: all combinations of explanations why compliance seems to change with force, the most
+    #: probable first
+    models: tuple[Explained, ...]
     #: log Bayes factor of slopes (changes of compliance with force) over no slopes, from evidences
     #: averaged over all combinations of the alternative explanations
     averaged: Assumed

@@ -36,9 +36,11 @@ class _Alternative(NamedTuple):
     """Alternative assumption about random differences between circles."""
 
     label: str
-    kind: type[Term]  #: class of the model term that the assumption changes
+    #: class of the model term that another assumption about random differences between circles
+    #: replaces or leaves out
+    kind: type[Term]
     #: model term that replaces the term of the class ``kind``; None if the term of this class is
-    #: left out
+    #: left out of the model
     term: Term | None
 
 

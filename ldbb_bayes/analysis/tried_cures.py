@@ -49,7 +49,7 @@ class RemedyKind(StrEnum):
     ORDER = "order"  #: the same circles are run in an order that is not correlated with force
     DIRECTION = "direction"  #: every circle is run in both directions of travel
     BALLS = "balls"  #: every circle is repeated with both balls turned in their sockets
-    CIRCLES = "circles"  #: every circle is run twice
+    CIRCLES = "circles"  #: every circle of the plan is run twice
     RADIUS = "radius"  #: every circle of the plan is run again at another radius
     CERTIFICATE = "certificate"  #: a calibration certificate of the instrument
 
@@ -58,7 +58,7 @@ class RemedyKind(StrEnum):
 class CureStep(Result):
     """A remedy for a large uncertainty: a change of the plan, or a certificate."""
 
-    kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
+    kind: RemedyKind  #: kind of remedy for a large uncertainty, such as more circles
     #: name of the certificate, a key of ``CERTIFICATES`` such as "mount ± 2 %"; empty if the remedy
     #: is a change of the plan
     certificate: str

@@ -52,11 +52,11 @@ class Reason(Result):
     """Reason why values on a test certificate cannot be used, or must be used with caution."""
 
     kind: ReasonKind
-    #: names of the parameters or tests whose results the reason concerns; empty if it concerns all
-    #: results
+    #: names of the parameters or tests concerned by a reason against the use of a certificate's
+    #: values; empty if the reason concerns all values
     names: tuple[str, ...] = ()
-    #: model terms or parameters that the readings cannot distinguish from the parameters in
-    #: ``names``
+    #: names of the model terms or parameters whose effects the readings cannot distinguish from the
+    #: effects of the parameters in ``names``
     partners: tuple[str, ...] = ()
 
 

@@ -55,8 +55,10 @@ class VarianceSource(Result):
     """
 
     name: str
-    origin: Origin  #: whether the standard uncertainty of the source is measured, stated or assumed
-    share: float  #: share of the parameter's variance that the source causes
+    #: whether the standard uncertainty of a source of uncertainty is measured in this campaign,
+    #: stated or assumed
+    origin: Origin
+    share: float  #: share of a parameter's variance that one source of uncertainty causes
 
 
 class SourcesOfVariance(NamedTuple):
@@ -79,13 +81,17 @@ class ModelVariance:
     """The variances of q quantities under one model, and the sources of these variances."""
 
     probability: float  #: probability of the model in the average; one for a single model
-    bound: BoundModel  #: the model of a campaign or of a plan
+    bound: BoundModel  #: the model, applied to a campaign or to a plan
     information: Information  #: linear model of the readings, at one value of the hyper-parameters
-    #: changes of the quantities, in internal units, when one of the model's m coefficients changes
-    #: by its prior sd, shape (q, m); zero for a quantity that the model does not have
+    #: changes of q quantities (parameters, or changes of compliances with force), in mm, N and rad,
+    #: when one of the model's m coefficients changes by its prior sd, shape (q, m); zero for a
+    #: quantity that the model does not have
     weights: Array
-    mean: Array  #: means of the quantities under this model, shape (q,)
-    #: standard deviations of the quantities under this model, as stated in the results, shape (q,).
+    #: means of q quantities (parameters, or changes of compliances with force) under one model,
+    #: shape (q,)
+    mean: Array
+    #: standard deviations of q quantities (parameters, or changes of compliances with force) under
+    #: one model, as stated in the results, shape (q,).
     #: They are computed from posterior draws, in which no compliance is negative, or averaged over
     #: the hyper-parameters, and may therefore differ from the square roots of
     #: ``gaussian_variance``.

@@ -63,9 +63,11 @@ Choice = tuple[bool, ...]
 class SlopeSubset:
     """A model in which only the compliances ``varying`` change with force (have slopes)."""
 
-    varying: tuple[str, ...]  #: names of the compliances that vary with force
-    log_evidence: float  #: log evidence of the model with this subset of slopes [nat]
-    probability: float  #: posterior probability of the subset of slopes
+    varying: tuple[str, ...]  #: names of the compliances that vary with force in the model
+    #: log evidence of the model in which only the compliances ``varying`` vary with force [nat]
+    log_evidence: float
+    #: posterior probability of the model in which only the compliances ``varying`` vary with force
+    probability: float
 
 
 @dataclass(frozen=True)
@@ -97,8 +99,8 @@ class AveragedSlopes(NamedTuple):
     """Probabilities that compliances change with force, and compliances as curves against force."""
 
     slopes: dict[str, VaryingSlope]  #: probability that each compliance changes with force
-    #: each subset says which compliances have slopes, that is, change with force; the most probable
-    #: subset is first
+    #: models in which different subsets of the compliances change with force (have slopes), the
+    #: most probable model first
     subsets: tuple[SlopeSubset, ...]
     #: curve of each compliance against force, averaged over models in which different subsets of
     #: the compliances change with force

@@ -150,25 +150,29 @@ class ParameterIdentifiability(Result):
     """
 
     name: str  #: name of the parameter
-    verdict: Verdict  #: verdict: identified, prior-limited or confounded
-    held_by: VarianceSource  #: source with the largest share of the parameter's variance
+    #: verdict on how well the readings determine the parameter: identified, prior-limited or
+    #: confounded
+    verdict: Verdict
+    #: source of uncertainty with the largest share of the parameter's variance
+    held_by: VarianceSource
     #: names of the effects (model terms or other parameters) with which the parameter is
     #: confounded. The effect that causes the largest share of the parameter's variance comes first.
     #: Empty if the parameter is not confounded.
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    #: for each effect in ``partners``, the share of the parameter's variance that this effect
-    #: causes; the keys are names of effects
+    #: for each effect with which the parameter is confounded (``partners``), the share of the
+    #: parameter's variance that this effect causes; the keys are names of effects
     partner_shares: dict[str, float]
-    #: standard uncertainty that the parameter would have if the effects in ``partners`` were known
-    #: exactly; None if ``partners`` is empty
+    #: standard uncertainty that the parameter would have if the effects with which it is confounded
+    #: (``partners``) were known exactly; None if ``partners`` is empty
     sd_if_known: float | None
     #: cheapest remedy (a change of the plan or a certificate) that would reduce the standard
     #: uncertainty of the parameter, with the standard uncertainty after this remedy. None if no
     #: remedy reduces the standard uncertainty by more than 10 %, or if no remedies were looked for.
     remedy: Remedy | None
-    #: ``remedy`` together with a second remedy, if the parameter is still confounded after
-    #: ``remedy`` alone. None if ``remedy`` is None, if the parameter is no longer confounded after
-    #: it, or if no second remedy reduces the remaining standard uncertainty by more than 10 %.
+    #: the cheapest remedy (a change of the plan or a certificate) together with a second remedy, if
+    #: the parameter is still confounded after the first remedy alone. None if there is no first
+    #: remedy, if the parameter is no longer confounded after it, or if no second remedy reduces the
+    #: remaining standard uncertainty by more than 10 %.
     paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter, composed of mm, N and rad
     prior_mean: Number  #: prior mean of the parameter; NaN for a flat prior
@@ -176,8 +180,8 @@ class ParameterIdentifiability(Result):
     prior_sd: Finite
     mean: float  #: posterior mean of the parameter; for a plan the prior mean
     sd: float  #: posterior standard deviation of the parameter
-    #: contraction: one minus the posterior variance divided by the prior variance; NaN for a flat
-    #: prior
+    #: contraction of a parameter: one minus its posterior variance divided by its prior variance;
+    #: NaN for a flat prior
     contraction: Number
     #: mutual information of parameter and readings, ½ ln(prior variance / posterior variance)
     #: [nat]; NaN for a flat prior
@@ -219,22 +223,23 @@ class ChangeIdentifiability(Result):
     #: verdict (identified, prior-limited or confounded) on the change of the compliance from the
     #: smallest to the largest force tested
     verdict: Verdict
-    #: source with the largest share of the variance of the compliance's change with force
+    #: source of uncertainty with the largest share in the variance of the compliance's change with
+    #: force
     held_by: VarianceSource
-    #: shares of the variance of the compliance's change, caused by the effects with which the
-    #: change is confounded; the keys are the names of the effects. Empty if the change is not
-    #: confounded.
+    #: for each effect with which the compliance's change with force is confounded, the share of the
+    #: change's variance that the effect causes; the keys are names of effects. Empty if the change
+    #: is not confounded.
     partner_shares: dict[str, float]
     #: cheapest remedy (a certificate or a change of the plan) for a large uncertainty of the
-    #: compliance's change with force; None if no remedy reduces ``sd`` by more than 10 %, or if no
-    #: remedies were looked for
+    #: compliance's change with force; None if no remedy reduces this uncertainty by more than 10 %,
+    #: or if no remedies were looked for
     remedy: Remedy | None
     #: prior standard deviation of the compliance's change with force; infinite for a flat prior
     prior_sd: Finite
     sd: float  #: posterior standard deviation of the compliance's change with force
-    #: shares of the variance of the change that come from sources whose standard uncertainty is
-    #: measured in this campaign, stated or assumed; these three origins are the keys, and the
-    #: shares sum to one
+    #: shares of the variance of the compliance's change with force that come from sources whose
+    #: standard uncertainty is measured in this campaign, stated or assumed; these three origins are
+    #: the keys, and the shares sum to one
     origin_shares: dict[Origin, float]
 
 
@@ -252,19 +257,20 @@ class Identifiability(Result):
     0.6
     """
 
-    #: verdict on each parameter, by name
+    #: how well the readings determine each parameter (identified, prior-limited or confounded); the
+    #: keys are names of parameters
     parameters: dict[str, ParameterIdentifiability]
     #: how well the change of each compliance over the tested forces is known; the keys are names of
     #: compliances
     changes: dict[str, ChangeIdentifiability]
-    #: combinations of coefficients whose effects on the readings cancel
+    #: degeneracies: combinations of model coefficients whose effects on the readings cancel
     degeneracies: tuple[Degeneracy, ...]
-    #: for each of ``degeneracies``, what would resolve the degeneracy: kinds of further tests, or a
-    #: calibration
+    #: what would resolve each of ``degeneracies`` (combinations of coefficients whose effects on
+    #: the readings cancel): kinds of further tests, or a calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: class names of the terms that belong to the ready-made model, such as ``HybridModel.first``,
-    #: but that the user has left out. Their effects are not included in the credible intervals of
-    #: the parameters.
+    #: class names of the model terms that belong to the ready-made model, such as
+    #: ``HybridModel.first``, but that the user has left out. Their effects are not included in the
+    #: credible intervals of the parameters.
     not_modelled: tuple[str, ...]
     #: effective number of parameters that the readings determine: the sum of the contractions of
     #: all parameters. The contraction of a parameter is one minus its posterior variance divided by
@@ -284,8 +290,9 @@ class Identifiability(Result):
     #: certificates together. For a flat prior, there are no entries.
     certificates: dict[str, dict[str, float]]
     #: values of the hyper-parameters, such as the standard deviation of the noise, at which the
-    #: verdicts are computed; the keys are names of hyper-parameters. Lengths are in µm. Some
-    #: hyper-parameters are numbers without a unit, such as the noise factor λ of a circle.
+    #: verdicts on the parameters are computed; the keys are names of hyper-parameters. Lengths are
+    #: in µm. Some hyper-parameters are numbers without a unit, such as the factor λ by which the
+    #: noise of a circle is larger or smaller than average.
     hyper_um: dict[str, float]
     #: whether the campaign has readings; false for a plan
     measured: bool

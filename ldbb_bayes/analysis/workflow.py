@@ -63,9 +63,11 @@ class PriorRange:
     """
 
     measured_um: float
-    #: lower end of the prior predictive interval of the range (largest minus smallest reading)
+    #: lower end of the prior predictive interval of a circle's range (largest minus smallest
+    #: reading) [µm]
     low_um: float
-    #: upper end of the prior predictive interval of the range (largest minus smallest reading)
+    #: upper end of the prior predictive interval of a circle's range (largest minus smallest
+    #: reading) [µm]
     high_um: float
     #: prior predictive probability that the range of the circle is at least as large as the
     #: measured range, not adjusted for the number of circles. If the value is small, such a large
@@ -80,7 +82,9 @@ class LeftOutCircle:
     #: probability that another circle of the same machine would deviate from the prediction at
     #: least as much as this circle
     p_value: float
-    family_wise_p_value: float  #: p-value adjusted for the number of circles (Holm)
+    #: p-value of the circle's deviation from the prediction, adjusted for the number of circles
+    #: (Holm)
+    family_wise_p_value: float
     worst_order: int  #: Fourier order in which the circle deviates most from the prediction
 
 
@@ -101,12 +105,12 @@ class Workflow(Result):
     prior_ranges: dict[str, PriorRange]
     #: probability of the prior predictive intervals of the ranges of circles (``prior_ranges``)
     prior_prob: float
-    rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
+    rhat_max: float  #: largest R-hat of all parameters and hyper-parameters of the model
     #: effective sample size for the mean (bulk ESS), the smallest of all parameters and
-    #: hyper-parameters
+    #: hyper-parameters of the model
     ess_bulk_min: float
     #: effective sample size for the 5 % and the 95 % quantile (tail ESS), the smallest of all
-    #: parameters and hyper-parameters
+    #: parameters and hyper-parameters of the model
     ess_tail_min: float
     converged: bool  #: whether the sampler reached its targets for R-hat and effective sample size
     #: sensitivity to the prior (by power-scaling) of the parameters whose sensitivity is above
