@@ -15,7 +15,7 @@ from ldbb_bayes.parallel import WorkerDiedError, process_executor
 __all__ = ["AnsweringProcess"]
 
 MOST_WAITING = 100  # largest number of requests that wait for an answer; more are refused
-ANSWER_S = 120.0  # longest time that the process may take for one answer [s]
+ANSWER_S = 120.0  # longest time for the answer to one request of a page [s]
 _ATTEMPTS = 2  # largest number of attempts to answer a request; the last attempt uses a new process
 _LONGEST_MESSAGE = 300
 

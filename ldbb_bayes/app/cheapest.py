@@ -251,7 +251,7 @@ def _passage_record(passage: Passage) -> dict[str, Any]:
 
 
 def _passage_from(record: Mapping[str, Any]) -> Passage:
-    """Return the table or the sentence from which `_passage_record` made ``record``."""
+    """Return the table or the sentence that was written as the JSON record ``record``."""
     if "text" in record:
         return str(record["text"])
     table = record["table"]

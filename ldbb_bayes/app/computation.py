@@ -26,11 +26,11 @@ class Computation:
 
     kind: str  #: Kind of computation: fit or search.
     folder: Path  #: Folder in which the process of the computation reads and writes.
-    #: Result of the last computation, or an error message; empty before the first computation.
+    #: Result of the last fit or search, or an error message; empty before the first.
     outcome: dict[str, Any] = field(default_factory=dict)
-    #: Task that runs the computation, or waits for its turn; None before the first computation.
+    #: Asyncio task that runs the fit or search, or waits for its turn; None before the first.
     task: asyncio.Task[None] | None = None
-    #: Process of the computation; None while no computation is running.
+    #: Process in which the fit or search runs; None while none is running.
     process: asyncio.subprocess.Process | None = None
 
     @property
@@ -40,7 +40,7 @@ class Computation:
 
     @property
     def progress(self) -> dict[str, Any]:
-        """Progress of the computation: the completed share, and the name of the present step.
+        """Progress of a fit or search: the completed share, and the name of the present step.
 
         The progress also states into how many parts this step is divided (``of``) and, once the
         process has reported progress, how many of these parts are done.

@@ -48,11 +48,12 @@ class Field(NamedTuple):
     """One entry field of the browser page, which sets one option of ``ldbb-bayes report``."""
 
     name: str  #: Name of the option, such as ``radius_mm``.
-    #: Group to which the option belongs: name, table, certificates, labels, layout or report.
+    #: Group of entry fields to which the option belongs: name, table, certificates, labels, layout
+    #: or report.
     group: str
-    #: Flag of the option at a terminal, such as ``--radius-mm``.
+    #: Flag that sets the option at a terminal, such as ``--radius-mm``.
     flag: str
-    help: str  #: Help text of the option.
+    help: str  #: Help text of the option, which the page shows at the entry field.
     #: Kind of the entry field: text, number, lines (several texts), choice, or file (the name of a
     #: file that the user added).
     kind: str

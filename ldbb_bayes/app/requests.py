@@ -333,7 +333,8 @@ async def _search(registry: SessionRegistry, session: Session, request: Request)
         return refused(session.word("fitting"), 409)
     refusal = session.refusal("no_goal")
     if goal_texts(sent):
-        # If all entries can be used, the result is an empty dictionary.
+        # The answering process returns an empty dictionary if all goals and costs that the user
+        # typed can be used.
         refusal = await registry.answering_process.ask(wrong_entry, session, sent)
     # Another request may have started a search while this request waited for the check.
     if session.search.running:

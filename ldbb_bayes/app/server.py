@@ -169,7 +169,8 @@ def _delete_folders_of_dead_servers() -> None:
 def _is_running(process: int) -> bool:
     """Return whether a process is running. ``process`` is the id of the process."""
     if os.name != "posix":
-        # On Windows, os.kill would end the process. A process is therefore assumed to be running.
+        # On Windows, ``os.kill(process, 0)`` would end the process instead of asking whether it
+        # runs. The process is therefore assumed to be running.
         return True
     try:
         os.kill(process, 0)

@@ -330,7 +330,8 @@ def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
         x = radius * np.cos(angle)
         y = -radius * np.sin(angle)
         points = [f"{x[n]:.1f},{y[n]:.1f}" for n in range(len(x))]
-        # The colour of a trace goes from blue at the lowest force to red at the highest force.
+        # The colour of the trace of a circular test goes from blue at the lowest force to red at
+        # the highest force.
         hue = round(215 - 205 * float(force_shares[k]))
         paths.append({"points": " ".join(points), "hue": hue, "name": test.name})
 

@@ -16,28 +16,28 @@ class _TranslatedFormatter(Formatter):
     """Formatter of tick labels that translates the labels of another formatter."""
 
     def __init__(self, formatter: Formatter, translate: Callable[[str], str]) -> None:
-        """Store ``formatter``, which makes the labels, and ``translate``, which translates them."""
+        """Make a formatter for the labels at the ticks of a figure's axis."""
         self._formatter = formatter
         self._translate = translate
 
     def __call__(self, value: float, position: int | None = None) -> str:
-        """Return the translated label of one tick."""
+        """Return the translated label of one tick of a figure's axis."""
         return self._translate(self._formatter(value, position))
 
     def format_ticks(self, values: Any) -> list[str]:
-        """Return the translated labels of all ticks."""
+        """Return the translated labels of all ticks of a figure's axis."""
         return [self._translate(label) for label in self._formatter.format_ticks(values)]
 
     def get_offset(self) -> str:
-        """Return the text at the end of the axis, which is not translated."""
+        """Return the common factor of the tick labels, such as 1e−5, without translation."""
         return self._formatter.get_offset()
 
     def set_axis(self, axis: Any) -> None:
-        """Give the axis to the formatter whose labels are translated, because it needs the axis."""
+        """Set the figure's axis whose ticks are labelled, as Matplotlib requires of a formatter."""
         self._formatter.set_axis(axis)
 
     def set_locs(self, locs: Any) -> None:
-        """Give the positions of the ticks to the formatter whose labels are translated."""
+        """Set the positions of the ticks to be labelled, as Matplotlib requires of a formatter."""
         self._formatter.set_locs(locs)
 
 
@@ -56,7 +56,8 @@ def translate_ticks(figure: Figure, translate: Callable[[str], str]) -> None:
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             formatter = axis.get_major_formatter()
-            # Axes that share a scale share the formatter, which must be translated only once.
+            # Panels of a figure that share a scale also share the formatter of the tick labels,
+            # which must be replaced only once.
             if not isinstance(formatter, _TranslatedFormatter):
                 axis.set_major_formatter(_TranslatedFormatter(formatter, translate))
 

@@ -198,7 +198,7 @@ class Findings:
 
     @property
     def has_flat_priors(self) -> bool:
-        """Whether the parameters have has_flat_priors priors, as in a fit by least squares."""
+        """Whether the parameters have flat priors, as in a fit by least squares."""
         return all(entry["prior_sd"] is None for entry in self.result["parameters"].values())
 
 
@@ -258,7 +258,7 @@ def findings_of_fit(
         comparison = _compare_degrees(posterior)
 
     def next_tests() -> Recommended:
-        """Return the design that the user gave, or else compute a design."""
+        """Return the design of the next campaign that the user gave, or else compute a design."""
         if recommended is None:
             return _design_next_tests(posterior, tests)
         if callable(recommended):

@@ -10,7 +10,8 @@ from ldbb_bayes.report.next_circle_text import aims_passages
 
 __all__ = ["NAME", "page"]
 
-NAME = "sheet.html"  # name of the file with the sheet for the operator
+# name of the file with the sheet that tells the operator the next circle to run
+NAME = "sheet.html"
 
 
 def page(step: NextCircle, plan: Campaign) -> str:

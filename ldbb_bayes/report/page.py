@@ -418,7 +418,7 @@ def write_report(
 
 
 def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) -> None:
-    """Raise an error if ``annex`` or ``beside_it`` is given for a report that has no annex."""
+    """Raise an error if a report without annex is to print the annex, or to compare campaigns."""
     require(
         not annex,
         "annex (--annex) must not go with sheets_only (--sheets-only), got both. The annex is"

@@ -38,14 +38,16 @@ _PAIRED_WIDTH = 104.0  # width of a figure with a list of sentences beside it [m
 _PAIRED_HEIGHT = 88.0
 # Largest height allowed for a figure that has no list of sentences beside or below it [mm].
 _PICTURE_HEIGHT = 100.0
-_ROW_GAP = 4.0  # distance between two figures side by side [mm]
-_BULLET_WIDTH = 4.0  # width of the space for the bullet before an item of a list [mm]
+_ROW_GAP = 4.0  # distance between two figures side by side on a page [mm]
+_BULLET_WIDTH = 4.0  # width of the space for the bullet before an item of a list on a page [mm]
 _DPI = 300.0
 _MM_PER_INCH = 25.4
 _LINE_HEIGHT = 0.46  # height of a line of text, divided by the font size [mm per point]
-_INK = 0  # grey level of text, from 0 (black) to 255 (white)
-_SOFT_INK = 85  # grey level of notes, captions and names of fields, from 0 (black) to 255 (white)
-_RULE = 150  # grey level of the lines of tables and fields, from 0 (black) to 255 (white)
+_INK = 0  # grey level of text on a page, from 0 (black) to 255 (white)
+# grey level of notes, captions and names of form fields, from 0 (black) to 255 (white)
+_SOFT_INK = 85
+# grey level of the ruled lines of tables and form fields, from 0 (black) to 255 (white)
+_RULE = 150
 # Grey levels, from 0 (black) to 255 (white), of a banner's background and text. The keys are the
 # kinds of banners.
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}

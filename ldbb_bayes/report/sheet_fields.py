@@ -137,7 +137,7 @@ def _temperature_text(campaign: Campaign, words: Words) -> str:
 
 
 def _tests_text(campaign: Campaign, words: Words) -> str:
-    """Return a string that states the number of circles, their forces and their radii."""
+    """Return a string that states the number of circles of a campaign, their forces and radii."""
     radii_mm = sorted({test.circle.radius_mm for test in campaign.tests})
     return words(
         "entries.tests",

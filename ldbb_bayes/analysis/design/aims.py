@@ -104,9 +104,12 @@ class UncertaintyAim:
 class SlopesAim:
     """Aim to decide, by the log Bayes factor, whether compliances change with force."""
 
-    #: indices of the slopes (changes of compliance with force) in the list of parameters
+    #: indices of the slopes (changes of compliance with force) in the list of the model's
+    #: parameters
     columns: Sequence[int]
-    threshold: float  #: minimum absolute log Bayes factor that is enough for a decision [nat]
+    #: minimum absolute value of the log Bayes factor of linear over constant compliance [nat] at
+    #: which one of the two models counts as the true one
+    threshold: float
     is_reached: bool  #: whether the circles run so far have already reached the aim
 
     def distance(self, covariance: Array) -> Array:

@@ -61,18 +61,20 @@ class GoalSoFar(Result):
     """
 
     unit: str
-    value: float  #: posterior mean of the parameter
-    U: float  #: present expanded uncertainty (k = 2) of the parameter
-    #: largest U that the goal permits; a goal in percent is taken as a percentage of ``value``
+    value: float  #: posterior mean of the parameter whose uncertainty the goal limits
+    U: float  #: expanded uncertainty (k = 2) of the goal's parameter, given the circles run so far
+    #: largest expanded uncertainty U that the goal permits for its parameter; a goal in percent is
+    #: taken as a percentage of ``value``, the parameter's posterior mean
     limit: float
     #: probability that the goal is already met. It is 0 or 1 for a goal with a fixed limit. For a
     #: goal in percent of the parameter, it may lie between 0 and 1, because the parameter, and
     #: therefore the limit, is not known exactly.
     probability: float
-    U_next: float  #: U expected after the best next circle
+    U_next: float  #: expanded uncertainty U of the goal's parameter after the best next circle
     probability_next: float  #: probability that the goal is met after the best next circle
-    #: U that would remain if the best possible circles were repeated very many times. If it is
-    #: above ``limit``, the goal cannot be reached with any number of circles.
+    #: expanded uncertainty U of the goal's parameter that would remain if the best possible circles
+    #: were repeated very many times. If it is above ``limit``, the largest U that the goal permits,
+    #: the goal cannot be reached with any number of circles.
     U_floor: float
 
 
@@ -80,8 +82,11 @@ class GoalSoFar(Result):
 class ToleranceSoFar(Result):
     """Whether a quantity is within its tolerance, and whether one more circle may decide this."""
 
-    now: Conformity  #: decision from the readings so far, as `assess_conformity` returns it
-    #: probability that a decision on conformity is possible after the best next circle
+    #: decision, from the readings so far, whether the quantity conforms with its tolerance, as
+    #: `assess_conformity` returns it
+    now: Conformity
+    #: probability that, after the best next circle, it can be decided whether the quantity conforms
+    #: with its tolerance
     decided_next: float
 
     @property
@@ -93,10 +98,10 @@ class ToleranceSoFar(Result):
 class Known(NamedTuple):
     """Posterior of the p parameters given the readings so far, in internal units (mm, N, rad)."""
 
-    bound: BoundModel  # model of the circles run so far
-    mean: Array  # posterior means of the p parameters, shape (p,)
-    sd: Array  # posterior standard deviations of the p parameters, shape (p,)
-    draws: Array  # n posterior draws of the p parameters, shape (n, p)
+    bound: BoundModel  # model applied to the circles run so far
+    mean: Array  # posterior means of the model's p parameters (mm, N, rad), shape (p,)
+    sd: Array  # posterior standard deviations of the model's p parameters, shape (p,)
+    draws: Array  # n random draws from the posterior of the model's p parameters, shape (n, p)
     # K equally likely values of the h hyper-parameters, such as the standard deviation of the
     # noise, shape (K, h); lengths are in mm
     phi: Array
@@ -136,10 +141,10 @@ class GoalState:
     """
 
     goal: Goal
-    unit: str  # internal unit of the parameter (composed of mm, N and rad)
-    mean: float  # posterior mean of the parameter
-    sd: float  # posterior standard deviation of the parameter
-    draws: Array  # posterior draws of the parameter, shape (n,)
+    unit: str  # unit of the goal's parameter, composed of mm, N and rad, such as mm/N
+    mean: float  # posterior mean of the goal's parameter
+    sd: float  # posterior standard deviation of the goal's parameter
+    draws: Array  # n random draws from the posterior of the goal's parameter, shape (n,)
     aim: UncertaintyAim
 
     def is_met(self) -> Array:
@@ -271,8 +276,9 @@ def tolerance_states(
     states = {}
     for name, now in decisions.items():
         values = draws[name]
-        # There may be fewer draws of the quantity than of the parameters. Use the draws of the
-        # parameters from which the draws of the quantity were computed.
+        # There may be fewer posterior draws of the quantity that has the tolerance than of the
+        # model's parameters. Use the draws of the parameters from which the draws of the quantity
+        # were computed.
         scaled_parameters = (parameters - known.mean) / known.bound.scale
         same_draws = scaled_parameters[evenly_spaced(len(scaled_parameters), len(values))]
         weights = np.linalg.lstsq(same_draws, values - values.mean())[0]

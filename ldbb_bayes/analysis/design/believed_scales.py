@@ -97,8 +97,10 @@ class _Belief(NamedTuple):
     probability.
     """
 
-    mean: Array  # posterior means of the h scores, for K machines, shape (K, h)
-    root: Array  # symmetric square roots of the scores' covariance matrices, shape (K, h, h)
+    mean: Array  # posterior means of the h normal scores, for K possible machines, shape (K, h)
+    # symmetric square roots of the posterior covariance matrices of the h normal scores, for K
+    # possible machines, shape (K, h, h)
+    root: Array
 
 
 def _belief(truth: Array, information: Array, error: Array) -> _Belief:
@@ -116,7 +118,7 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
-    # Each of the three matrices computed below has the same eigenvectors as the information matrix,
+    # Three matrices are computed from the Fisher information matrix: they have its eigenvectors,
     # but other eigenvalues. The signs and the order of the eigenvectors are arbitrary, but do not
     # change the three matrices.
     weight = _matrices_with(axes, size / (size + 1.0))
@@ -190,9 +192,15 @@ class _EffectBlock(NamedTuple):
     columns, the elements in all other rows are zero.
     """
 
-    readings: slice  # indices of the n readings that the effects of the block change
-    effects: slice  # indices of the c effects of the block in the list of all effects
-    columns: Array  # change of each of the n readings per unit of each of the c effects, (n, c)
+    # indices, among the reduced readings of all tests, of the n readings in this block of the
+    # design matrix
+    readings: slice
+    # indices, among all effects on the readings, of the c effects in this block of the design
+    # matrix
+    effects: slice
+    # block of the design matrix: change of each of n readings per unit of each of c effects, shape
+    # (n, c)
+    columns: Array
 
 
 def _information_at(
@@ -284,7 +292,9 @@ class _Effects(NamedTuple):
     blocks: list[_EffectBlock]
     # variances of all C effects, for each of w sets of hyper-parameters, shape (w, C)
     variances: Array
-    noise_variance: Array  # variance of the white noise for each of w sets of hyper-parameters
+    # variance of the white noise of the readings [mm²] for each of w sets of hyper-parameters,
+    # shape (w,)
+    noise_variance: Array
 
 
 def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
@@ -301,8 +311,9 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
         slice(0, all_readings), slice(0, common_effects), on_all_tests.columns
     )
     blocks = [first_block]
-    # Each test has its own readings and effects. ``readings`` and ``effects`` are the numbers of
-    # readings and effects in the list before those of the test.
+    # The readings of all tests are numbered one after the other, and so are all effects.
+    # ``readings`` and ``effects`` are the numbers of readings and effects that come before those of
+    # the next test.
     readings = 0
     effects = common_effects
     for on_one_test in on_single_tests:
@@ -321,8 +332,8 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
 class _EffectColumns(NamedTuple):
     """Changes of n readings per unit of each of c effects, and the variances of these effects."""
 
-    columns: Array  # changes of the readings per unit of each effect, shape (n, c)
-    # variances of the effects for each of w sets of hyper-parameters, shape (w, c)
+    columns: Array  # changes of n reduced readings per unit of each of c effects, shape (n, c)
+    # variances of the c effects for each of w sets of hyper-parameters, shape (w, c)
     variances: Array
 
 

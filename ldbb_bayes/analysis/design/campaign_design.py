@@ -90,12 +90,12 @@ class Judged(Forecast):
     """A design that is compared with the recommended design, and the forecast of its results."""
 
     name: str
-    #: table of the design's tests, one row per test: force_N, and the columns that `Design.columns`
-    #: names
+    #: table of the tests of the compared design, one row per test. The columns are force_N and
+    #: those that `Design.columns` names.
     tests: Records
-    #: efficiency of the design by the criterion of the recommended design. It is 1 if the same
-    #: number of tests, divided in the best way among the candidate tests, would be no better, and 0
-    #: if the tests do not determine all parameters.
+    #: efficiency of the compared design by the criterion of the recommended design. It is 1 if the
+    #: same number of tests, divided in the best way among the candidate tests, would be no better,
+    #: and 0 if the tests do not determine all parameters.
     efficiency: float
 
 
@@ -174,8 +174,8 @@ class Design(Forecast):
     #: the candidate tests by the best shares (``shares``), would be no better, and otherwise
     #: smaller.
     efficiency: float
-    #: optimality certificate: states whether ``shares`` are proven to be the best shares of the
-    #: tests
+    #: optimality certificate: states whether it is proven that no other shares of the candidate
+    #: tests (numbers of runs, divided by the number of all runs) are better by the design criterion
     certificate: Certificate
     #: best shares of the candidate tests (tests that could be run), one row per candidate with a
     #: share above 0.0001. The share is the candidate's number of runs divided by the number of all
@@ -193,8 +193,9 @@ class Design(Forecast):
     limits: Limits
     #: root mean square of each hyper-parameter (such as the standard deviation of the noise) over
     #: the values for which the forecast is computed. Lengths are in µm. The noise factor λ of a
-    #: circle and the decay have no unit. The decay is the exponent of the power law by which the
-    #: balls' form errors decrease with the number of waves per turn.
+    #: circle, by which the noise of this circle is multiplied, and the decay have no unit. The
+    #: decay is the exponent of the power law by which the balls' form errors decrease with the
+    #: number of waves per turn.
     hyper_um: dict[str, float]
     #: whether the hyper-parameters are estimated from the readings of the campaign that the design
     #: starts from; if not, their values come from the prior
@@ -204,8 +205,8 @@ class Design(Forecast):
     #: sensitivity. The sensitivity is the derivative of the criterion with respect to the
     #: candidate's share of all runs. It is computed for the best shares.
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    #: the recommended tests, the tests to choose from, and the model for the analysis; None if the
-    #: design was read from a file
+    #: the recommended tests, the tests that they were chosen from, and the model for the analysis;
+    #: None if the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
 
     @property

@@ -114,13 +114,14 @@ class _Layout(NamedTuple):
     covariance) of the coefficients.
     """
 
-    # indices of those columns of G that are needed. The columns of the parameters of interest come
-    # last.
+    # indices of the needed columns of the matrices G, which have one column for each coefficient of
+    # the model. The columns of the parameters of interest come last.
     columns: NDArray[np.int_]
-    # indices of those rows of G that are needed: rows with an element other than zero in at least
-    # one test
+    # indices of the needed rows of the matrices G: rows with an element other than zero in the
+    # matrix G of at least one test
     rows: NDArray[np.int_]
-    has_prior: NDArray[np.bool_]  # whether each coefficient has a proper prior, not a flat one
+    # whether each coefficient of the model has a proper prior, not a flat prior
+    has_prior: NDArray[np.bool_]
 
 
 def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -> _Layout:

@@ -43,10 +43,10 @@ _MOST_OFFERS = 5
 class CertificateOffer(Result):
     """One certificate that could be bought: the values that it states, and its price."""
 
-    name: str  #: name of the certificate, such as "balls of grade G10"
-    price: float  #: price, in the unit of money of `Costs`
-    #: values that the certificate states for properties of the instrument; the keys are the names
-    #: of the attributes of `Instrument`
+    name: str  #: name of the calibration certificate, such as "balls of grade G10"
+    price: float  #: price of the calibration certificate, in the unit of money of `Costs`
+    #: values that the calibration certificate states for properties of the instrument; the keys are
+    #: the names of the attributes of `Instrument`
     statements: Annotated[Mapping[str, Any], Field(exclude=True)] = field(default_factory=dict)
 
 

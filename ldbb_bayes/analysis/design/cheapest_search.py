@@ -41,8 +41,8 @@ _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins with this fraction of the estimated number of circles
 # with which the goals are reached.
 _BEGIN_SHARE = 0.85
-# Number of bisection steps in the search for a factor. If the number of circles of each candidate
-# test in a trial campaign is multiplied by this factor, the goals are just reached.
+# Number of bisection steps in a search for the factor by which the number of circles of each
+# candidate test in a trial campaign must be multiplied, so that the goals are just reached.
 _HALVINGS = 10
 # Before a slow, full forecast of a campaign is made, its result is estimated from a quick forecast.
 # The full forecast is made only if ln(u/u*) is at most this number for all goals. u is the estimate
@@ -154,8 +154,10 @@ class _Progress:
     #: uncertainty in the quick forecast. None before the first full forecast.
     inflation: float | None = None
     forecasts: int = 0  #: number of campaigns for which a full forecast was made
-    last_failed: int = 0  #: largest number of circles for which the full forecast missed the goals
-    started: bool = False  #: whether the number of circles needed has been estimated
+    #: number of circles of the largest campaign whose full forecast missed the goals
+    last_failed: int = 0
+    #: whether the search has already estimated the number of circles that the goals need
+    started: bool = False
 
 
 @dataclass(order=True)
@@ -274,8 +276,8 @@ class _Search:
         # Smallest value of the field ``inflation`` of `_Progress` in all families of campaigns that
         # have been searched. It is used for a family that has no full forecast yet.
         self._inflation = np.inf
-        #: whether all goals are reached in at least one family if the number of circles is the
-        #: largest allowed
+        #: whether, with the largest number of circles allowed, all goals are reached in at least
+        #: one family of campaigns (same ball angles, radii and certificates)
         self.is_reachable = False
         #: campaign that comes nearest to the goals without reaching them: it meets all goals on a
         #: larger share of the possible machines than any other. Only the campaign with the largest

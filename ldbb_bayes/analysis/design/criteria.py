@@ -36,7 +36,7 @@ class Determinant:
     """
 
     concave: ClassVar[bool] = True
-    size: int  #: number s of parameters of interest
+    size: int  #: number s of parameters of interest of a design
 
     def value(self, root: Array) -> Array:
         """Return the criterion Φ = ln det S, shape (...).
@@ -77,7 +77,8 @@ class Variance:
     """
 
     concave: ClassVar[bool] = True
-    weight: Array  #: weights W of the covariances of the parameters, shape (s, s)
+    #: weights W of the s parameters of interest in the criterion Φ = −tr(W S⁻¹), shape (s, s)
+    weight: Array
 
     def value(self, root: Array) -> Array:
         """Return the criterion Φ = −tr(W S⁻¹), shape (...), a negative weighted sum of variances.

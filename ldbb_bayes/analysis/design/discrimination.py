@@ -55,10 +55,18 @@ class Discrimination(Result):
     #: expected log Bayes factor of the model with slopes over the model without slopes [nat], if
     #: the machine has no slopes
     expected_without: float
-    decisive_with: float  #: probability of decisive evidence for slopes if slopes exist
-    decisive_without: float  #: probability of decisive evidence against slopes if none exist
-    misleading_with: float  #: probability of decisive evidence against slopes if slopes exist
-    misleading_without: float  #: probability of decisive evidence for slopes if none exist
+    #: probability of decisive evidence for slopes (changes of compliance with force) if slopes
+    #: exist
+    decisive_with: float
+    #: probability of decisive evidence against slopes (changes of compliance with force) if none
+    #: exist
+    decisive_without: float
+    #: probability of decisive, but wrong evidence against slopes (changes of compliance with force)
+    #: if slopes exist
+    misleading_with: float
+    #: probability of decisive, but wrong evidence for slopes (changes of compliance with force) if
+    #: none exist
+    misleading_without: float
     #: probability of decisive evidence for slopes if only one slope differs from zero; each key is
     #: the name of this slope. The slope is assumed to be plus or minus ``size`` prior standard
     #: deviations.
@@ -159,7 +167,9 @@ class _LogBayesFactorDistribution:
     are independent and normally distributed.
     """
 
-    log_volume: Array  # ln det C of the slopes' posterior covariance C, shape (K,)
+    # ln det C, where C is the posterior covariance of the slopes (changes of compliance with
+    # force), for each of K values of the hyper-parameters, shape (K,)
+    log_volume: Array
     # quasi-random samples of a standard normal distribution, shape (K, samples, s − 1), from which
     # s − 1 of the s components of z are computed
     points: Array

@@ -105,14 +105,14 @@ class Expected(Result):
 class Forecast(Result):
     """Results that planned tests are expected to give, such as the uncertainties of parameters."""
 
-    #: prior and expected standard deviation of each parameter; the keys are the names of the
-    #: parameters
+    #: standard deviation of each parameter under the prior, and as expected after the planned
+    #: tests; the keys are the names of the parameters
     expected: dict[str, Expected]
-    #: expected Kullback-Leibler divergence of the posterior from the prior [nat]; infinite for a
-    #: flat prior
+    #: expected information gain of the planned tests [nat]: the Kullback-Leibler divergence of the
+    #: posterior from the prior; infinite for a flat prior
     information_gain: Finite
-    #: expected evidence for or against slopes (changes of compliance with force); None if the model
-    #: has no slopes or flat priors
+    #: evidence for or against slopes (changes of compliance with force) that the planned tests are
+    #: expected to give; None if the model has no slopes or flat priors
     discrimination: Discrimination | None
 
     @property
@@ -519,9 +519,10 @@ def _draw_posterior_means(
     prior_mean = states.before.mean[is_possible]
     prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
     weight = np.eye(len(scale)) - covariance @ prior_precision[:, None]
-    # Use symmetric square roots, because they change little if the hyper-parameters change little.
-    # The columns of other square roots may change their signs. The same random numbers would then
-    # no longer stand for the same readings at all values of the hyper-parameters.
+    # Use symmetric square roots of the covariances, because they change little if the
+    # hyper-parameters change little. The columns of other square roots, such as the Cholesky
+    # factor, may change their signs. The same random numbers would then no longer stand for the
+    # same readings at all values of the hyper-parameters.
     root = _symmetric_root(weight @ covariance)
     deviation = (states.beta[is_possible] - prior_mean) / scale
     mean = (prior_mean / scale)[:, None] + np.einsum("knij,kj->kni", weight, deviation)

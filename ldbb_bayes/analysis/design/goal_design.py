@@ -73,14 +73,15 @@ class StatedGoal(Result):
     """
 
     goal: Goal
-    #: largest U (k = 2) that the goal allows if the parameter equals ``value``, in the parameter's
-    #: unit
+    #: largest expanded uncertainty U (k = 2) that the goal allows if the goal's parameter equals
+    #: ``value``, in the unit of the parameter
     limit_U: float
-    #: estimate of the parameter from the readings of the campaign that the design starts from; if
-    #: there are no readings, the median of the parameter's absolute value under the prior
+    #: estimate of the goal's parameter from the readings of the campaign that the design starts
+    #: from; if there are no readings, the median of the parameter's absolute value under the prior
     value: float
-    #: expanded uncertainty (k = 2) of the parameter before the design's tests: given the readings
-    #: of the campaign that the design starts from, or under the prior if there are no readings
+    #: expanded uncertainty (k = 2) of the goal's parameter before the tests of the design: given
+    #: the readings of the campaign that the design starts from, or under the prior if there are no
+    #: readings
     U: float
     #: whether the goal is already met before any further circle is run
     met_by_pilot: bool
@@ -91,31 +92,36 @@ class GoalForecast(Result):
     """Expanded uncertainties to expect from a campaign for the parameter of one goal."""
 
     unit: str
-    #: median, over the possible machines, of the expanded uncertainty (k = 2) after the campaign
+    #: median, over the possible machines, of the expanded uncertainty (k = 2) of the goal's
+    #: parameter after the campaign
     U: float
-    #: expanded uncertainty (k = 2) after the campaign that is not exceeded on 90 % of the possible
-    #: machines
+    #: expanded uncertainty (k = 2) of the goal's parameter after the campaign that is not exceeded
+    #: on 90 % of the possible machines
     likely_U: float
-    probability: float  #: share of the possible machines on which the goal is met
+    probability: float  #: share of the possible machines on which the campaign meets the goal
 
 
 @dataclass(frozen=True, eq=False)
 class GoalPlan(Result):
     """A campaign that reaches the goals: its circles, its certificates and its costs."""
 
-    #: one row per different test: force_N, further settings, and count, the number of times to run
-    #: the test
+    #: tests of the campaign, one row per different test: force_N, further settings, and count, the
+    #: number of times to run the test
     tests: Records
     circles: int
-    certificates: tuple[str, ...]  #: certificates to buy, such as "balls of grade G10"
-    minutes: float  #: machine time [min]
-    price: float  #: price of machine time and certificates, in the unit of money of `Costs`
+    certificates: tuple[str, ...]  #: calibration certificates to buy, such as "balls of grade G10"
+    minutes: float  #: machine time of the campaign [min]
+    #: price of the campaign's machine time and certificates, in the unit of money of `Costs`
+    price: float
     probability: float  #: share of the possible machines on which all goals are met
-    goals: dict[str, GoalForecast]  #: forecasts for the goals that the campaign is to reach
-    expected: dict[str, Expected]  #: expected uncertainty of every parameter, by name
-    #: the plan in the order in which to run it; None if the design was read from a file
+    #: forecasts for the goals that the campaign is to reach; the keys are the parameters
+    goals: dict[str, GoalForecast]
+    #: expected uncertainty of every parameter after the campaign, by name
+    expected: dict[str, Expected]
+    #: the tests of the campaign as a plan, in the order in which to run them; None if the design
+    #: was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
-    #: model for the analysis of the plan; None if the design was read from a file
+    #: model for the analysis of the planned tests; None if the design was read from a file
     model: Annotated[Any, Field(exclude=True)] = None
 
     def plan(self) -> Campaign:
@@ -165,7 +171,8 @@ class GoalDesign(Result):
     ()
     """
 
-    goals: dict[str, StatedGoal]  #: goals; the keys are the names of the parameters
+    #: goals for uncertainties; the keys are the names of the parameters
+    goals: dict[str, StatedGoal]
     probability: float  #: minimum share of the possible machines on which all goals are to be met
     costs: Costs  #: costs of circles, set-ups, turns of the balls and machine time
     #: campaigns that reach the goals, the cheapest first. Goals that are already met, and goals in
@@ -284,7 +291,8 @@ def design_for_goals(
 class _Steps:
     """Counter of the steps of `design_for_goals` that are finished: searches and forecasts."""
 
-    #: function that is called with the number of steps done and the number of all steps
+    #: function that is called with the number of finished steps (searches and forecasts) and the
+    #: number of all steps; None if the progress is not reported
     progress: Callable[[int, int], None] | None
     done: int = 0
 

@@ -46,10 +46,11 @@ class Goal(Result):
     """
 
     name: str  #: name of the parameter, such as C_XXX
-    unit: str  #: internal unit of the parameter (composed of mm, N and rad)
-    absolute: float | None = None  #: largest U permitted, in ``unit``; None for a relative goal
-    #: the limit of U as a fraction of the parameter's absolute value (0.05 for 5 %); None for an
-    #: absolute goal
+    unit: str  #: unit of the parameter, composed of mm, N and rad, such as mm/N
+    #: largest expanded uncertainty U that the goal permits, in ``unit``; None for a goal in percent
+    absolute: float | None = None
+    #: largest expanded uncertainty U that the goal permits, as a fraction of the parameter's
+    #: absolute value (0.05 for 5 %); None for a goal in the parameter's unit
     share: float | None = None
 
     @property

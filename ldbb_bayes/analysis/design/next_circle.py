@@ -81,10 +81,14 @@ class ModelSoFar(Result):
     #: explanations of an apparent change of compliance with force
     log_bayes_factor: float
     log_bayes_factor_error: float  #: numerical error of ``log_bayes_factor`` [nat]
-    probability_linear: float  #: posterior probability of linear compliance
-    #: whether constant or linear compliance is probable enough for a decision
+    #: posterior probability that compliance is linear in force, not constant
+    probability_linear: float
+    #: whether one of the two models, constant or linear compliance, is probable enough for a
+    #: decision
     decided: bool
-    decided_next: float  #: probability that a decision is possible after the best next circle
+    #: probability that, after the best next circle, it can be decided between constant and linear
+    #: compliance
+    decided_next: float
 
     @property
     def probability(self) -> float:
@@ -113,7 +117,7 @@ class NextCircle(Result):
     """
 
     circles: int  #: number of circles run so far
-    confidence: float  #: minimum probability at which an aim counts as reached
+    confidence: float  #: minimum probability at which an aim of the campaign counts as reached
     #: uncertainty of each parameter that has a goal, compared with the goal; the keys are the names
     #: of the parameters
     goals: dict[str, GoalSoFar]
@@ -121,7 +125,8 @@ class NextCircle(Result):
     #: decision between constant and linear compliance; None for a model without slopes
     model: ModelSoFar | None
     model_is_aim: bool  #: whether the decision between constant and linear compliance is an aim
-    #: decisions on tolerances; the keys are the names of the quantities
+    #: decisions whether quantities conform with their tolerances; the keys are the names of the
+    #: quantities
     tolerances: dict[str, ToleranceSoFar]
     finished: bool  #: whether every aim is reached; the campaign may then stop
     #: number of further circles after which every aim is expected to be reached; None if 20 circles
@@ -448,7 +453,8 @@ class _ModelOdds:
     columns: list[int]
     log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
     error: float  # numerical error of the log Bayes factor [nat]
-    threshold: float  # minimum absolute log Bayes factor that is enough for a decision [nat]
+    # minimum absolute value of the log Bayes factor that decides between the models [nat]
+    threshold: float
 
     @classmethod
     def of(

@@ -159,5 +159,5 @@ class Objective(Shown):
 
     @cached_property
     def _has_undetermined_prior(self) -> bool:
-        """Whether any parameter is undetermined before the tests, as with flat priors."""
+        """Whether some parameter is undetermined before the design's tests, as with flat priors."""
         return bool(np.linalg.matrix_rank(self.prior).min() < self.prior.shape[-1])

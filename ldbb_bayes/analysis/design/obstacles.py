@@ -36,8 +36,8 @@ _ALL_CERTIFICATES = "all certificates together"
 class Obstacle(Result):
     """Reason why no number of circles reaches a goal, and the certificate that would help most."""
 
-    #: expanded uncertainty (k = 2) that would remain after very many circles, in the parameter's
-    #: unit
+    #: expanded uncertainty (k = 2) of the goal's parameter that would remain after very many
+    #: circles, in the unit of the parameter
     U_floor: float
     #: model term or parameter that would cause the largest share of the variance of the goal's
     #: parameter after very many circles, such as ``Mount`` (compliance of the mount)
@@ -45,12 +45,14 @@ class Obstacle(Result):
     #: share of the variance of the goal's parameter that the term or parameter ``held_by`` would
     #: cause after very many circles
     share: float
-    #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
+    #: calibration certificate that would reduce the uncertainty of the goal's parameter most, such
+    #: as "mount ± 2 %"; an empty string if no certificate would reduce it
     certificate: str
-    #: expanded uncertainty (k = 2) that would remain after very many circles if the instrument had
-    #: the certificate ``certificate``
+    #: expanded uncertainty (k = 2) of the goal's parameter that would remain after very many
+    #: circles if the instrument had the calibration certificate ``certificate``
     U_with_certificate: float
-    #: whether the goal could be reached if the instrument had the certificate ``certificate``
+    #: whether the goal could be reached if the instrument had the calibration certificate
+    #: ``certificate``
     reached: bool
 
 
@@ -63,9 +65,9 @@ class NearMiss(Result):
     circles, although it is just above the uncertainty that remains after very many circles.
     """
 
-    circles: int  #: number of circles of the largest campaign that was tried
-    #: expanded uncertainty (k = 2), in the parameter's unit, that is not exceeded on 90 % of the
-    #: possible machines if the largest campaign that was tried is run
+    circles: int  #: number of circles of the largest campaign that the search for the goals tried
+    #: expanded uncertainty (k = 2) of the goal's parameter, in its unit, that is not exceeded on 90
+    #: % of the possible machines if the largest campaign that was tried is run
     likely_U: float
     #: share of the possible machines on which the largest campaign meets the goal
     probability: float
@@ -75,7 +77,8 @@ class NearMiss(Result):
     #: share of the variance of the goal's parameter that the term or parameter ``held_by`` would
     #: cause after very many circles
     share: float
-    #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
+    #: calibration certificate that would reduce the uncertainty of the goal's parameter most, such
+    #: as "mount ± 2 %"; an empty string if no certificate would reduce it
     certificate: str
 
 

@@ -218,11 +218,11 @@ def _likely_candidates(
 class ExactDesign:
     """A design with whole numbers of tests, and the best design with fractional numbers."""
 
-    #: whole number of tests of each candidate, shape (candidates,)
+    #: number of tests of each candidate in the design, a whole number, shape (candidates,)
     counts: Array
     value: float  #: value Φ of the design criterion (figure of merit) for this design
-    #: best design with the same total number of tests, if the numbers of tests of the candidates
-    #: need not be whole
+    #: best design with the same total number of tests, if the candidate tests may be run any number
+    #: of times, not only a whole number of times
     optimum: Optimum
     #: efficiency of the design, which compares ``value`` with the value of the criterion for
     #: ``optimum``: 1 if the two values are equal, and smaller if the design is worse
@@ -239,7 +239,7 @@ class Search:
     """
 
     objective: Objective
-    forces_N: Array  #: force of each candidate [N], shape (candidates,)
+    forces_N: Array  #: force of each candidate test [N], shape (candidates,)
     levels: int  #: minimum number of different forces that a design must have
     seed: int
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
@@ -384,7 +384,7 @@ class Search:
 
 
 def _merge_tests(counts: Array, source: int, target: int) -> Array:
-    """Return the counts of a design after the tests of one candidate become tests of another.
+    """Return the numbers of tests in a design after one candidate replaces another.
 
     ``source`` and ``target`` are the indices of the two candidates. ``counts`` are the numbers of
     tests of each candidate before the replacement, shape (candidates,).

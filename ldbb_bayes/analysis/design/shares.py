@@ -29,7 +29,8 @@ _EQUALITY_TOLERANCE = 1e-9
 # Largest number of rounds in the optimization of shares. Each round adds a few candidates to those
 # with a share above zero, and then optimizes the shares of all these candidates.
 _MAX_ROUNDS = 400
-# Largest number of iterations of the solver SLSQP in each round of the optimization of shares.
+# Largest number of iterations of the solver SLSQP in each round of the optimization of the shares
+# of the candidate tests in a design.
 _SOLVER_ITERATIONS = 40
 # Largest number of candidate tests that join those of the previous round when a new round of the
 # optimization begins.
@@ -203,11 +204,12 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
 def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
     """Return the indices of the candidates with the largest sensitivities above the bound.
 
-    The sensitivity of a candidate test is the derivative of the criterion with respect to its
-    share. The bound is the mean of the sensitivities, weighted by the shares. The sensitivities and
-    the bound are attributes of ``optimum``. At most ``_JOINING_CANDIDATES`` indices are returned.
-    If no sensitivity is above the bound, the index of the candidate with the largest sensitivity is
-    returned.
+    A candidate is a test that could be run; its share is its number of runs divided by the number
+    of all runs. The sensitivity of a candidate is the derivative of the design criterion with
+    respect to its share. The bound is the mean of the sensitivities, weighted by the shares. The
+    sensitivities and the bound are attributes of ``optimum``. At most ``_JOINING_CANDIDATES``
+    indices are returned. If no sensitivity is above the bound, the index of the candidate with the
+    largest sensitivity is returned.
     """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]

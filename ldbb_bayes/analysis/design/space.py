@@ -94,8 +94,9 @@ class Space:
         self._store("directions", tuple(dict.fromkeys(self.directions)))
         self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
-        # The candidate tests depend on the original pilot. They must therefore be made before the
-        # pilot with foreseen tests replaces the original pilot.
+        # The candidate tests depend on the pilot (the campaign or plan that the design starts from)
+        # as the user gave it. They must therefore be made before foreseen tests are added to the
+        # pilot.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
         # Check the parameters of interest last. The check applies the model to the pilot, to which
@@ -103,7 +104,7 @@ class Space:
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
-        """Set the attribute ``name``; a frozen dataclass does not allow a plain assignment."""
+        """Set the attribute ``name``; the class is frozen and does not allow a plain assignment."""
         object.__setattr__(self, name, value)
 
     def _check_candidates(self) -> None:

@@ -33,12 +33,13 @@ _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictiona
 class States:
     """K equally likely states of the machine: values of hyper-parameters and parameters."""
 
-    #: hyper-parameters φ, shape (K, h), with lengths in mm. The noise factor λ of a circle and the
-    #: decay have no unit. The decay is the exponent of the power law by which the balls' form
-    #: errors decrease with the number of waves per turn.
+    #: values of the h hyper-parameters φ in K states, shape (K, h), with lengths in mm. The noise
+    #: factor λ of a circle, by which the noise of this circle is multiplied, and the decay have no
+    #: unit. The decay is the exponent of the power law by which the balls' form errors decrease
+    #: with the number of waves per turn.
     phi: Array
-    #: parameters β, shape (K, p), with compliances that are not negative. If the prior is flat, no
-    #: parameters are drawn, and p = 0.
+    #: values of the p parameters β of the machine in K states, shape (K, p), in mm, N and rad; no
+    #: compliance is negative. If the prior is flat, no parameters are drawn, and p = 0.
     beta: Array
     #: Gaussian density of the parameters given the hyper-parameters, before the new tests. If
     #: earlier readings are analysed together with the new tests, the density is the posterior given
@@ -113,7 +114,8 @@ def extend_hyper_parameters(
     pilot_circle = dict(zip(circles_run, pilot_bound.setting.circle.tolist(), strict=False))
 
     # First, every hyper-parameter gets values spread evenly over its prior, in random order. The
-    # values of the pilot, or λ = 1, then replace them where they apply.
+    # values of hyper-parameters that the pilot (the campaign that the design starts from) also has
+    # are then replaced by those of the pilot, and noise factors λ of new circles by 1.
     hyper_prior = bound.hyper_prior
     nodes = len(phi)
     even_levels = np.tile((np.arange(nodes) + 0.5) / nodes, (len(hyper_prior.names), 1))

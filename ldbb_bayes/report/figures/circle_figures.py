@@ -105,7 +105,7 @@ class _TraceData:
 
     @property
     def has_nominal_circle(self) -> bool:
-        """Whether the circle on which readings of zero are drawn lies in the panel."""
+        """Whether the circle on which readings of zero are drawn lies in the polar panel."""
         return 0.0 < self.zero_radius <= self.outer_radius
 
     @property
@@ -115,7 +115,7 @@ class _TraceData:
 
     @property
     def line_width(self) -> float:
-        """Width of the lines [points], which is smaller if there are many tests."""
+        """Line width of the traces in a polar plot [points]; smaller if there are many tests."""
         return float(np.clip(_MOST_BANDS / len(self.bound.campaign.tests), 0.35, 1.0))
 
     @property
@@ -126,7 +126,7 @@ class _TraceData:
 
     @cached_property
     def colours(self) -> list[Any]:
-        """Colour of each test, which depends on the force of the test."""
+        """Colour of each test's trace in a polar plot, which depends on the test's force."""
         return style.force_colours(self.bound.setting.force_N.tolist())
 
 

@@ -42,10 +42,9 @@ class _Assumption(NamedTuple):
     name: str
     log_bayes_factor: float
     error: float
-    #: The compared models make one assumption about the differences between circles. For another
-    #: assumption about these differences, this is the log evidence under the other assumption minus
-    #: the log evidence under the assumption of the compared models [nat]. None for an assumption
-    #: about the prior of slopes (changes of compliance with force).
+    #: for an assumption about the differences between circles, the log evidence under this
+    #: assumption, minus the log evidence under the assumption of the compared models [nat]. None
+    #: for an assumption about the prior of slopes (changes of compliance with force).
     gain: float | None
     is_allowed: bool
 

@@ -18,14 +18,15 @@ from ldbb_bayes.units import display_unit, plus_minus
 
 __all__ = ["compliance_ellipsoid"]
 
-_HEIGHT = 4.4  # height of the figure [inch]
-# number of steps in latitude in which the ellipsoid is drawn; the number of steps in longitude is
-# twice as large
+_HEIGHT = 4.4  # height of the figure with the compliance ellipsoid [inch]
+# number of steps in latitude in which the compliance ellipsoid is drawn; the number of steps in
+# longitude is twice as large
 _MERIDIANS = 24
-_VIEW_DEG = (22.0, 35.0)  # elevation and azimuth from which the ellipsoid is seen [°]
-_ZOOM = 0.88  # relative size of the 3D panel; at this size, no axis name is cut off
-# half the length of each axis of the figure, divided by the largest coordinate of the ends of the
-# ellipsoid's semi-axes
+_VIEW_DEG = (22.0, 35.0)  # elevation and azimuth from which the compliance ellipsoid is seen [°]
+# relative size of the 3D panel with the compliance ellipsoid; at this size, no axis name is cut off
+_ZOOM = 0.88
+# half the length of each axis of the 3D panel, divided by the largest coordinate of the ends of the
+# compliance ellipsoid's semi-axes
 _FARTHEST = 1.15
 
 

@@ -44,7 +44,8 @@ _MOST_IN_CORNER = 8
 # plot shows by default.
 _MOST_WITHOUT_PATTERN = 6
 _CURVE_DRAWS = 1500
-# Empty space between a band and the frame of its panel, as a fraction of the panel's height.
+# Empty space between the 95 % band of a curve and the frame of its panel, as a fraction of the
+# panel's height.
 _ROOM_ABOVE = 0.1
 
 
@@ -60,8 +61,9 @@ class _FigureRow(NamedTuple):
 
     label: str
     unit: str
-    draws: Array  #: random draws from the posterior, shape (draws,)
-    prior_draws: Array | None  #: random draws from the prior; None if the row shows no prior
+    draws: Array  #: random draws from the posterior of the row's quantity, shape (draws,)
+    #: random draws from the prior of the row's quantity; None if the row shows no prior
+    prior_draws: Array | None
 
 
 @styled
@@ -158,8 +160,8 @@ def _draw_intervals(axes: Axes, rows: Sequence[_FigureRow]) -> None:
         axes.plot(mean, height, "o", color="white", markeredgecolor=ACCENT, markersize=3.6)
         texts.append(plus_minus(summary["mean"], summary["sd"], interval, row.unit))
     axes.axvline(0.0, color=GREY, linewidth=0.8)
-    # Fix the limits of the scale now, before the intervals of the priors are drawn. The intervals
-    # of the priors may be much wider than the intervals of the posterior.
+    # Fix the limits of the panel's horizontal scale before the credible intervals of the priors are
+    # drawn, because these may be much wider than the credible intervals of the posterior.
     axes.set_xlim(axes.get_xlim())
     for height, row in zip(heights, rows, strict=True):
         if row.prior_draws is not None:
@@ -314,8 +316,8 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
         np.column_stack(list(draws_by_label.values())),
         fig=figure,
         labels=list(draws_by_label),
-        # Contours 1 and 2 sd from the mean of a bivariate normal distribution enclose these
-        # probabilities.
+        # Probabilities inside the contour lines of the corner plot. For a bivariate normal
+        # distribution, the contours lie 1 and 2 standard deviations from the mean.
         levels=(0.393, 0.865),
         smooth=1.0,
         bins=30,

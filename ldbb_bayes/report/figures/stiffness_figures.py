@@ -32,7 +32,8 @@ __all__ = ["stiffness_rose"]
 # band that extends beyond the rim is cut off. Otherwise, the wide band of a poorly determined
 # compliance would make the curves too small.
 _FARTHEST = 1.6
-# Angle at which the labels of the rings are written [°]. Few lines cross at this angle.
+# Angle at which the labels of the grid circles (rings) of a polar panel are written [°]. Few lines
+# cross at this angle.
 _LABEL_ANGLE_DEG = 67.5
 # Background of a ring's label. It hides curves that would make the label hard to read.
 _LABEL_GROUND = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 0.6}
