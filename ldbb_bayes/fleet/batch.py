@@ -249,20 +249,29 @@ def _checked_seed(seed: int) -> int:
 
 
 def _checked_ess(ess: float) -> float:
-    """Return the effective sample size; raise an `InputError` unless it is positive and finite."""
+    """Return the effective sample size that every fit of a batch aims to reach.
+
+    Raise an `InputError` unless the effective sample size is positive and finite.
+    """
     if not 0.0 < ess < np.inf:
         raise InputError(f"ess must be a finite number above zero, got {ess}. For example 1000.")
     return float(ess)
 
 
 def _checked_probability(prob: float) -> float:
-    """Return a probability; raise an `InputError` unless it is above 0 and below 1."""
+    """Return the probability of the credible intervals, ``prob``, as a float.
+
+    Raise an `InputError` unless the probability is above 0 and below 1.
+    """
     check_probability(prob)
     return float(prob)
 
 
 def _numbered_jobs(paths: Iterable[str]) -> list[Job]:
-    """Return the campaigns with these file paths as jobs, which are numbered from 0."""
+    """Return a `Job` for every campaign of a batch; the jobs are numbered from 0.
+
+    ``paths`` are the file paths of the campaigns.
+    """
     return [Job(number, path, os.path.abspath(path)) for number, path in enumerate(paths)]
 
 

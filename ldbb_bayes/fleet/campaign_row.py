@@ -68,7 +68,7 @@ class Settings:
 
     @property
     def model(self) -> HybridModel:
-        """Model of the fits, read from the TOML text ``model_toml``."""
+        """Model that is fitted to every campaign of a batch, from the TOML text ``model_toml``."""
         return _cached_model(self.model_toml)
 
 
@@ -163,9 +163,9 @@ def _reason(error: Exception, job: Job) -> str:
 
 
 def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
-    """Return the values of a row that state the campaign's path, and how the campaign is fitted.
+    """Return the values in a campaign's row that state its path, and how the campaign is fitted.
 
-    The keys of the result are the names of the columns.
+    The row belongs to the table of a batch. The keys of the result are the names of the columns.
     """
     return {
         "campaign": job.path,
@@ -260,18 +260,20 @@ def _bayes_factor_columns(density: HyperPosterior) -> dict[str, Any]:
     """Return the log Bayes factor of linear over constant compliance, and its error [nat].
 
     The Bayes factor compares a model with compliance linear in force and a model with constant
-    compliance. The keys of the result are the names of the columns. ``density`` is the posterior
-    density of the hyper-parameters (such as the standard deviation of the noise) under the model of
-    the fit.
+    compliance. The keys of the result are the names of the two columns in the table of a batch.
+    ``density`` is the posterior density of the hyper-parameters (such as the standard deviation of
+    the noise) under the model of the fit.
     """
     value, error = linear_over_constant(density, tolerance=_EVIDENCE_TOLERANCE)
     return {"log_bayes_factor": value, "log_bayes_factor_error": error}
 
 
 def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
-    """Return the values of a row that hold the campaign's sufficient statistics.
+    """Return the sufficient statistics of a campaign, as columns of its row in a batch's table.
 
-    They are computed without the condition that no compliance is negative.
+    Sufficient statistics are posterior and prior moments of the parameters and of the instrument's
+    errors. They are computed without the condition that no compliance is negative. ``density`` is
+    the posterior density of the hyper-parameters (such as the standard deviation of the noise).
     """
     return sufficient_statistics(density.plain).columns()
 
@@ -295,7 +297,7 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     numbers: dict[str, dict[str, Any]] = {}
     for row in table.to_dict(orient="records"):
         if row["quantity"] in fitted.draws.bound.names:
-            continue  # The row of the campaign already holds the compliances.
+            continue  # Compliances are in the campaign's row already, as parameters.
         name = str(row["quantity"]).replace("−", "minus").replace(" ", "_")
         if row["plane"] in planes:
             name = name_in_plane(name, row["plane"], planes)

@@ -29,7 +29,8 @@ _NODES_AT_ONCE = 256
 # probabilities proportional to their weights. With this number, the numerical error of a mean is a
 # small fraction of the parameter's standard uncertainty.
 _NODES = 512
-# Seed of the random selection of nodes (weighted values of the hyper-parameters).
+# Seed of the random selection of the nodes (weighted values of the hyper-parameters) over which the
+# moments of a campaign's parameters are averaged.
 _SEED = 0
 
 
@@ -53,8 +54,9 @@ class SufficientStatistics:
     prior_sd: Array
 
     def columns(self) -> dict[str, list[Any]]:
-        """Return the statistics as a dictionary of lists.
+        """Return the moments of the campaign as a dictionary of lists.
 
+        The moments are posterior means and covariances, and prior means and standard deviations.
         The keys of the result are the names of the columns in a batch's table. The list for the
         covariance matrix contains only the lower triangle of the matrix, row by row.
         """

@@ -106,8 +106,9 @@ def hypotheses(level_likelihoods: Gaussian, parameters: int, change_scale: float
     r, n, q = level_likelihoods.shift.shape
     precision = _sum_from_here_on(level_likelihoods.precision)
     shift = _sum_from_here_on(level_likelihoods.shift)
-    # The step Δ of parameter j affects only the campaigns after the step. The entries of precision
-    # and shift that belong to Δ are therefore sums over these campaigns.
+    # The step Δ of a machine's parameter affects only the campaigns after the step. The likelihood
+    # has a precision matrix and a shift (precision times estimate). Their elements that belong to Δ
+    # are therefore sums over the campaigns after the step.
     step_precision = np.swapaxes(precision[:, 1:, :, :p], -1, -2)
     joint_precision = np.zeros((r, n, p, q + 1, q + 1))
     joint_precision[..., :q, :q] = np.eye(q) + precision[:, None, :1]
@@ -123,10 +124,10 @@ def hypotheses(level_likelihoods: Gaussian, parameters: int, change_scale: float
 
 
 def _sum_from_here_on(series: Array) -> Array:
-    """Return, for each campaign, the sum over this campaign and all later campaigns.
+    """Return, for each campaign, the sum of an array over this campaign and all later campaigns.
 
     The second array axis of ``series`` and of the result stands for the campaigns, in order of
-    time.
+    time. ``series`` holds, for example, the precision matrix of every campaign's likelihood.
     """
     return np.asarray(np.cumsum(series[:, ::-1], axis=1)[:, ::-1])
 

@@ -101,10 +101,11 @@ class _PanelData(NamedTuple):
 
     @property
     def edges(self) -> Array:
-        """Positions on the panel's horizontal axis that separate the n campaigns, shape (n + 1,).
+        """Positions on a diagram's horizontal axis that separate the n campaigns, shape (n + 1,).
 
-        The first and the last position are the ends of the axis. All other positions are midway
-        between neighbouring campaigns.
+        The diagram is a panel of a control chart, which shows the campaigns in order of time. The
+        first and the last position are the ends of the axis. All other positions are midway between
+        neighbouring campaigns.
         """
         return np.append(self.place - 0.5, self.place[-1] + 0.5)
 
@@ -163,10 +164,11 @@ def _draw_limits(axes: Axes, data: _PanelData) -> None:
 def _draw_points(
     axes: Axes, data: _PanelData, chosen: Array, colour: str, marker: str, label: str
 ) -> None:
-    """Draw the estimates from some of the campaigns, with error bars for their credible intervals.
+    """Draw a parameter's estimates from some campaigns, with their credible intervals as bars.
 
-    ``chosen`` is a mask of the n campaigns, shape (n,), that is true for the estimates to draw.
-    ``label`` is the text for these points in the legend.
+    The estimates are drawn into ``axes``, a panel of a control chart. ``chosen`` is a mask of the n
+    campaigns, shape (n,), that is true for the estimates to draw. ``label`` is the text for these
+    points in the legend.
     """
     if chosen.any():
         error = np.abs(data.interval - data.estimate)
@@ -204,9 +206,9 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
 
 
 def _panel_title(trend: Trend, name: str, factor: float) -> str:
-    """Return the title of a parameter's panel.
+    """Return the title of the panel of a control chart that shows one parameter.
 
-    The title states the probability that the parameter ``name`` has changed.
+    The title states the probability that the parameter ``name`` of the machine has changed.
 
     Errors of the instrument may shift the estimates from all campaigns together. In this case, a
     second line states the uncertainty due to these errors. ``factor`` converts values from the
@@ -223,7 +225,7 @@ def _panel_title(trend: Trend, name: str, factor: float) -> str:
 
 
 def _name_campaigns(axes: Axes, trend: Trend) -> None:
-    """Label the horizontal axis with the dates of the campaigns.
+    """Label the horizontal axis of a control chart with the dates of the campaigns.
 
     If the campaigns have no dates, they are numbered in the given order.
     """

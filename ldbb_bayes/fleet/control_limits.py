@@ -97,12 +97,14 @@ def chart_points(
     )
 
     history = _posteriors_of_earlier_campaigns(level_likelihoods)
-    # The weight of a value of the scatter is its posterior probability given the earlier campaigns.
+    # The scatter is the standard deviation of the machine's parameters from campaign to campaign.
+    # The weight of each value of the scatter is its posterior probability given the earlier
+    # campaigns.
     log_weight = np.log(scatter_weight)[:, None] + history.log_integral
     weight = np.exp(log_weight - logsumexp(log_weight, axis=0))
-    # The estimate from the next campaign is predicted from the earlier campaigns. Its variance has
-    # three sources: the uncertainty of the prediction, the machine's scatter, and the noise of the
-    # readings of the next campaign.
+    # The estimate of a parameter from the next campaign is predicted from the earlier campaigns.
+    # The estimate scatters about the prediction for three reasons: the uncertainty of the
+    # prediction, the machine's scatter, and the noise of the readings of the next campaign.
     next_response = separate.response[1:]
     parameter_response = next_response[..., :p]
     expected = np.einsum("tab,rtb->rta", next_response, history.mean)

@@ -208,7 +208,7 @@ def _numbers_by_quantity(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]
 
 
 def _groups_of_rows(rows: Iterator[dict[str, Any]], size: int) -> Iterator[list[dict[str, Any]]]:
-    """Yield lists of up to ``size`` consecutive rows."""
+    """Yield the rows of a batch's table in order, in lists of at most ``size`` rows."""
     group = list(islice(rows, size))
     while group:
         yield group

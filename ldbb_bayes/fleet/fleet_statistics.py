@@ -81,7 +81,7 @@ class FleetStatistics:
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
 
     def __len__(self) -> int:
-        """Return the number of campaigns."""
+        """Return the number of campaigns whose likelihoods this object holds."""
         return len(self.campaigns)
 
     @property

@@ -229,7 +229,7 @@ def _check_same_identity(
 
 
 def _value_in_message(value: Any) -> Any:
-    """Return a value for an error message: the word "nothing" if the value is None."""
+    """Return the value of an option as an error message states it: "nothing" in place of None."""
     return "nothing" if value is None else value
 
 

@@ -91,5 +91,8 @@ def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float
 
 
 def _log_ratio(linear: _LogEvidence, constant: _LogEvidence) -> EvidenceRatio:
-    """Return the log Bayes factor of linear over constant compliance; the errors are added."""
+    """Return the log Bayes factor of linear over constant compliance, with its error [nat].
+
+    The arguments are the log evidences of the two models; the error is the sum of their errors.
+    """
     return EvidenceRatio(linear.value - constant.value, linear.error + constant.error)

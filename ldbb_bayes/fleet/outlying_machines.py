@@ -108,7 +108,8 @@ def judge_machines(
     weights = np.empty((n, len(spreads.spread)))
     doubtful = np.empty(n, dtype=bool)
     for m in range(n):
-        # The posterior of s given the other machines is the posterior given all machines, divided
+        # The spreads s are the standard deviations of the machines about the population's mean. The
+        # posterior of s given the other machines is the posterior of s given all machines, divided
         # by the density of the readings of machine m given s and the other machines.
         log_weight = spreads.log_weight - comparison.log_density[:, m]
         weights[m], pareto_k, good_k = pareto_smooth(log_weight)
@@ -225,7 +226,10 @@ def _compare_with_others(m: int, likelihood: Gaussian, separate: Estimates, spre
 
 
 class _Prediction(NamedTuple):
-    """Prediction of each of n machines from the other machines, for k draws of the spreads."""
+    """Prediction of each of n machines from the other machines, for k draws of the spreads.
+
+    Spreads are the standard deviations of the machines about the mean of their population.
+    """
 
     #: logarithms of the integrals of the Gaussian functions that the readings of the other machines
     #: give, over the population's mean and the instrument's errors, up to a constant, shape (k, n)
@@ -264,8 +268,10 @@ def _predict_from_others(
     standardised = system[:, q]
     gain = system[:, q + 1 :]
     log_determinant = np.log(system[range(q), range(q)]).sum(axis=0)
-    # The difference between estimate and prediction has three sources of variance: the noise of the
-    # readings of the machine left out, the spread of the machines, and the uncertainty of μ and b.
+    # The parameters of the machine left out are estimated from its own readings, and predicted from
+    # the other machines. The difference between estimate and prediction has three sources of
+    # variance: the noise of the readings, the spread of the machines, and the uncertainty of the
+    # population's mean μ and of the instrument's errors b.
     noise_variance = (parameter_response * separate.covariance).sum(axis=-1).T[:, None]
     spread_variance = np.einsum("ka,nja->jkn", spread**2, parameter_response**2)
     shared_variance = (gain**2).sum(axis=0)

@@ -354,9 +354,10 @@ def _table_row(name: str, parameter: PooledParameter) -> list[str]:
 
 
 def _without_unit(summary: Summary, unit: str) -> str:
-    """Return mean and uncertainty of a distribution as text, in the display unit but without it.
+    """Return mean and uncertainty of a distribution as text, without the name of the unit.
 
-    ``unit`` is the internal unit of the distribution.
+    The numbers are converted from ``unit``, the internal unit of the distribution (such as mm/N),
+    to the unit in which tables show them (such as nm/N).
     """
     _, shown_unit = display_unit(unit)
     stated = plus_minus(summary.mean, summary.sd, summary.interval, unit)
@@ -644,7 +645,7 @@ def _instrument_sd(
     c = len(statistics.parameters)
     if not statistics.instrument:
         return np.zeros(c)
-    # If the instrument's errors were known, the population's mean would have this covariance.
+    # Covariance that the population's mean would have if the instrument's errors were known.
     covariance_if_known = np.linalg.inv(shared.precision[:, :c, :c])
     variance_if_known = np.diagonal(covariance_if_known, axis1=1, axis2=2)
     variance_of_errors = (sd**2 - variance_if_known).clip(min=0.0)

@@ -162,9 +162,9 @@ def _leave_out(
     caveats: list[Caveat],
     text: str = "",
 ) -> pd.DataFrame:
-    """Return the rows that are kept, and add a caveat that names the campaigns left out.
+    """Return the rows of a batch's table that are kept; add a caveat on the campaigns left out.
 
-    ``is_left_out`` states for each row of a batch's table whether the row is left out. If at least
+    ``is_left_out`` states for each row of the table whether the row is left out. If at least
     one row is left out, a caveat with the given kind and text is added to the list ``caveats``.
     """
     _add_caveat(kind, rows[is_left_out], caveats, text)
@@ -174,9 +174,10 @@ def _leave_out(
 def _add_caveat(
     kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = ""
 ) -> None:
-    """Add a caveat that names the campaigns in the given rows to the list ``caveats``.
+    """Add a caveat that names some campaigns to the list ``caveats``.
 
-    The caveat has the given kind and text. If there are no rows, no caveat is added.
+    A caveat is a limitation of an analysis, which reports describe to the user. ``rows`` are the
+    rows of the campaigns in the table of a batch. If there are no rows, no caveat is added.
     """
     if not rows.empty:
         caveats.append(Caveat(kind, tuple(labels(rows)), text=text))
@@ -274,7 +275,7 @@ def _is_earlier(date: Any, first: datetime) -> bool:
         return True
     try:
         return moment(date) < first
-    except ValueError:  # the row of a failed campaign may hold a date that is not valid
+    except ValueError:  # A campaign that could not be fitted may have an invalid date.
         return True
 
 

@@ -195,8 +195,10 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
         factors = factorize_deviations(likelihood, spread[rows], inverse=True)
         s = spread[rows].T[..., None]
         gain = np.einsum("ijkn,irkn->jrkn", factors.inverse, factors.solved)
-        # Given μ and b, the posterior of z has the covariance (I + s Λ_cc s)⁻¹ = L⁻ᵀ L⁻¹ and the
-        # mean gain[:, q] − z_response (μ, b). The parameters are c_m = μ + s z.
+        # The parameters of a machine are c_m = μ + s z. Given the population's mean μ and the
+        # instrument's errors b, the posterior of z has the covariance (I + s Λ_cc s)⁻¹ = L⁻ᵀ L⁻¹
+        # and the mean ``gain[:, q]`` − ``z_response`` (μ, b). Λ_cc is the precision matrix of the
+        # parameters in the machine's likelihood, and L is a Cholesky factor.
         z_response = gain[:, :q]
         z_mean = gain[:, q] - np.einsum("jrkn,kr->jkn", z_response, shared.mean[rows])
         c_response = np.eye(c, q)[..., None, None] - s[:, None] * z_response
@@ -318,12 +320,12 @@ class Spreads:
 
     @property
     def trusted(self) -> bool:
-        """Whether the random draws can be trusted, that is, whether Pareto's k̂ is low enough."""
+        """Whether the draws of the spreads can be trusted: Pareto's k̂ of their weights is low."""
         return self.pareto_k <= self.good_k
 
     @property
     def effective(self) -> float:
-        """Effective sample size of the random draws, 1 / Σ w², with weights w that sum to one."""
+        """Effective sample size of the draws of the spreads: 1 / Σ w² with their weights w."""
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:

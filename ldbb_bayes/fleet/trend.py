@@ -194,7 +194,7 @@ class Trend(Result):
     limits_probability: float = LIMITS
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the findings as a dictionary for JSON, in internal units (mm, N, rad).
+        """Return the trend of the machine as a dictionary for JSON, in mm, N and rad.
 
         The keys of credible intervals state the probability, such as ci95. The table ``estimates``
         is left out.
@@ -489,7 +489,12 @@ def _order_in_time(statistics: FleetStatistics) -> list[int]:
 
 
 def _caveats_of_series(statistics: FleetStatistics) -> list[Caveat]:
-    """Return the caveats of the likelihoods, and caveats on the number and dates of campaigns."""
+    """Return the caveats on the campaigns from which the trend of a machine is computed.
+
+    A caveat is a limitation that reports describe to the user: the reference force is outside the
+    tested forces, no campaign has a date, or there are only two campaigns. ``statistics`` holds the
+    likelihoods and the dates of the campaigns.
+    """
     caveats = list(statistics.caveats)
     if all(date is None for date in statistics.dates):
         caveats.append(Caveat(CaveatKind.NO_DATES))

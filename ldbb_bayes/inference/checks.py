@@ -136,7 +136,10 @@ class TestChecks(Result):
     autocorrelation_p: float | None
 
     def of(self, test: str) -> list[Check]:
-        """Return one `Check` for each p-value in this object; ``test`` is the name of the test."""
+        """Return one posterior predictive check of the test for each of its p-values.
+
+        ``test`` is the name of the test.
+        """
         checks = [Check(CheckKind.ORDER, test, p, order) for order, p in self.orders_p.items()]
         if self.noise_p is not None:
             checks.append(Check(CheckKind.NOISE, test, self.noise_p))
@@ -157,7 +160,10 @@ def all_checks(checks_by_test: Mapping[str, TestChecks]) -> list[Check]:
 
 
 def _surprise(check: Check) -> float:
-    """Return −ln p for the p-value of a check, with p raised to at least ``_SMALLEST_P``."""
+    """Return −ln p for the p-value of a posterior predictive check.
+
+    A p-value below ``_SMALLEST_P`` is first replaced by ``_SMALLEST_P``.
+    """
     return -math.log(max(check.p, _SMALLEST_P))
 
 
@@ -292,7 +298,8 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
-    # p-value of each test of a centre's slope over force; the keys are pairs of plane and axis
+    # p-values of the hypothesis that the centre of the circles does not shift with force along a
+    # machine axis; the keys are pairs of plane and axis
     p_values: dict[tuple[str, str], float] = {}
     for plane, _, in_plane in bound.setting.groups_by("plane"):
         force = bound.setting.force_N[in_plane]

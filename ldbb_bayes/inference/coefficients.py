@@ -67,7 +67,7 @@ class ModelDraws(NamedTuple):
     beta: Array
 
     def thinned(self, size: int) -> ModelDraws:
-        """Return the model with at most ``size`` of the n draws, which are evenly spaced."""
+        """Return the same model with at most ``size`` of its n posterior draws, evenly spaced."""
         chosen = evenly_spaced(len(self.phi), size)
         return ModelDraws(self.bound, self.phi[chosen], self.beta[chosen])
 
@@ -221,12 +221,14 @@ def elastic_draws(
 def elastic_draws_with(
     shared: Array, draws: ModelDraws, circles: Sequence[int], force_N: Array
 ) -> ElasticDraws:
-    """Return the same as `elastic_draws`, for given coefficients of the shared nuisances.
+    """Return draws of compliances and elastic deflections, for given nuisance coefficients.
 
-    Shared nuisances are effects that are modelled but not of interest and that are common to
-    several tests. ``shared``, shape (draws, q), holds q coefficients of these nuisances for each
-    draw. The coefficients are used only if the model has the term `JointLoad` (joints that deflect
-    under their own load). The other arguments are the same as in `elastic_draws`.
+    The function does the same as `elastic_draws`, but takes the coefficients of the shared
+    nuisances as an argument instead of drawing them. Shared nuisances are effects that are modelled
+    but not of interest and that are common to several tests. ``shared``, shape (draws, q), holds q
+    coefficients of these nuisances for each draw. The coefficients are used only if the model has
+    the term `JointLoad` (joints that deflect under their own load). The other arguments are the
+    same as in `elastic_draws`.
     """
     bound = draws.bound
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])

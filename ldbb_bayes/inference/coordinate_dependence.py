@@ -46,7 +46,7 @@ _STEPS = 4
 
 
 class IndependentPoints(NamedTuple):
-    """Points, expressed in coordinates that are nearly independent of each other."""
+    """Points (values of the hyper-parameters) in coordinates z that are nearly independent."""
 
     points: Array  #: coordinates z of n points, shape (n, h)
     #: sum of ln s over all coordinates at each point, shape (n,); s is the width of the density
@@ -74,7 +74,10 @@ class Dependence:
 
     @property
     def leading(self) -> int:
-        """Number of leading coordinates on which the means and widths of coordinates depend."""
+        """Number k of coordinates, the first ones, on which means and widths depend.
+
+        The means and widths are those of a density along each of its h coordinates.
+        """
         return len(self.mean) // 2
 
     def remove(self, u: Array) -> IndependentPoints:
@@ -118,7 +121,10 @@ def _polynomial_terms(leading: Array) -> Array:
 
 
 def _limited(log_width: Array) -> Array:
-    """Return log widths, limited to absolute values of at most ``_LARGEST_LOG_WIDTH``."""
+    """Return the logarithms of a density's widths along its coordinates, limited in magnitude.
+
+    The limit of the absolute value is ``_LARGEST_LOG_WIDTH``.
+    """
     return np.asarray(np.clip(log_width, -_LARGEST_LOG_WIDTH, _LARGEST_LOG_WIDTH))
 
 
@@ -130,18 +136,21 @@ class _Polynomials:
     the mean zero, the variance one and no correlation with each other.
     """
 
-    # weighted mean of each of the k coordinates of the points, shape (k,)
+    # weighted mean over n points of each of their first k coordinates, shape (k,)
     mean: Array
-    # weighted standard deviation of each of the k coordinates of the points, shape (k,)
+    # weighted standard deviation over n points of each of their first k coordinates, shape (k,)
     sd: Array
-    # weighted skewness of each of the k coordinates of the points, shape (k,)
+    # weighted skewness over n points of each of their first k coordinates, shape (k,)
     skewness: Array
-    # standard deviations of the polynomials of degree two before they are scaled to a standard
-    # deviation of one, shape (k,)
+    # weighted standard deviations over n points of k polynomials of degree two, one polynomial for
+    # each of k coordinates, before the polynomials are scaled to a standard deviation of one, shape
+    # (k,)
     square_sd: Array
-    # values of the k orthonormal polynomials of degree one at n points, shape (n, k)
+    # values at n points of k orthonormal polynomials of degree one, one for each of k coordinates
+    # of the points, shape (n, k)
     linear: Array
-    # values of the k orthonormal polynomials of degree two at n points, shape (n, k)
+    # values at n points of k orthonormal polynomials of degree two, one for each of k coordinates
+    # of the points, shape (n, k)
     square: Array
 
     def coefficients(self, of_linear: Array, of_square: Array) -> Array:

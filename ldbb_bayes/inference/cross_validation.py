@@ -40,9 +40,10 @@ _TOLERANCE = 1e-2
 # power below one. The inverse densities at the posterior draws are the importance weights of the
 # draws; k̂ states how heavy the tail of these weights is.
 _LARGE_K = 0.4
-# Pareto shape that the inverse densities of a test's readings have, approximately, after tempering.
-# Tempering raises the densities to a power below one; the power is this value divided by the Pareto
-# shape k̂ before tempering.
+# The inverse densities of a test's readings are importance weights of the posterior draws. If these
+# weights are very unequal, the densities are tempered, that is, raised to a power below one. The
+# power is this value divided by the Pareto shape k̂ of the weights; after tempering, the Pareto
+# shape is about equal to this value.
 _TEMPERED_K = 0.2
 # Largest Pareto shape k̂ from which the power for tempering is computed; a larger k̂ is replaced by
 # this value. Densities whose inverses have a heavy tail are tempered, that is, raised to a power
@@ -232,7 +233,7 @@ def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
 
 
 def _without_test(bound: BoundModel, name: str) -> BoundModel:
-    """Return the model of the campaign with all tests except the named one."""
+    """Return the model of the campaign without the test ``name``."""
     return bound.keeping([other for other in bound.test_names if other != name])
 
 

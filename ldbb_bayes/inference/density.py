@@ -148,6 +148,7 @@ class LogDensity(Shown):
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
 
     def __repr__(self) -> str:
+        """Return a line that names the campaign, and counts parameters and hyper-parameters."""
         campaign = self.bound.campaign.name
         parameters = len(self.bound.names)
         scales = len(self.bound.hyper_prior.names)
@@ -211,10 +212,11 @@ class LogDensity(Shown):
         return np.concatenate([beta, phi], axis=1).reshape(np.shape(u))
 
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
-        """Return the coordinates of x by name, as ``{"parameters": {…}, "hyper": {…}}``.
+        """Return parameters and hyper-parameters by name, ``{"parameters": {…}, "hyper": {…}}``.
 
-        ``hyper`` holds the hyper-parameters. If x is one point with d coordinates, shape (d,), each
-        value is a number. If x holds n points, shape (n, d), each value is an array of shape (n,).
+        x holds the values of the parameters, then those of the hyper-parameters. If x is one point
+        with d coordinates, shape (d,), each value is a number. If x holds n points, shape (n, d),
+        each value is an array of shape (n,).
         """
         points = self._check_points(x)
         by_coordinate: Any = np.moveaxis(points, -1, 0)
@@ -241,19 +243,34 @@ class LogDensity(Shown):
 
     @cached_property
     def _hyper_posterior(self) -> HyperPosterior:
-        """Posterior density of the hyper-parameters, with the model's condition on compliances."""
+        """Posterior density of the model's hyper-parameters.
+
+        If the model requires that no compliance is negative, this condition is part of the density.
+        """
         return HyperPosterior(self.bound, truncated=self.bound.truncation.active)
 
     def _log_joint(self, beta: Array, phi: Array) -> Array:
-        """Return ln p(y, β, φ) at n points, shape (n,), from β (n, p) and φ (n, h)."""
+        """Return the joint log density ln p(y, β, φ) at n points, shape (n,); y are the readings.
+
+        ``beta``, shape (n, p), holds the parameters β; ``phi``, shape (n, h), holds the
+        hyper-parameters φ.
+        """
         return _log_joint(self.bound, beta, phi, self.bound.hyper_prior.log_density(phi))
 
     def _log_prior(self, beta: Array, phi: Array) -> Array:
-        """Return ln p(β) + ln p(φ) at n points, shape (n,), from β (n, p) and φ (n, h)."""
+        """Return the log prior density ln p(β) + ln p(φ) at n points, shape (n,).
+
+        ``beta``, shape (n, p), holds the parameters β; ``phi``, shape (n, h), holds the
+        hyper-parameters φ.
+        """
         return self.bound.log_prior(beta) + self.bound.hyper_prior.log_density(phi)
 
     def _log_likelihood(self, beta: Array, phi: Array) -> Array:
-        """Return ln p(y | β, φ) at n points, shape (n,), from β (n, p) and φ (n, h)."""
+        """Return the log likelihood ln p(y | β, φ) of the readings y at n points, shape (n,).
+
+        ``beta``, shape (n, p), holds the parameters β; ``phi``, shape (n, h), holds the
+        hyper-parameters φ.
+        """
         return self.bound.log_likelihood(phi, beta)
 
     def _check_points(self, x: Array, argument: str = "x") -> Array:

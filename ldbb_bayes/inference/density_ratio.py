@@ -100,7 +100,11 @@ class RatioIntegral(NamedTuple):
 
     @property
     def least_error(self) -> float:
-        """Error that the log integral would have with the density evaluated at all nodes [nat]."""
+        """Error of the log integral [nat] if the density were evaluated at all nodes.
+
+        Nodes are weighted points. In fact, the density is evaluated only at a sample of the nodes,
+        which makes the error larger.
+        """
         return replace(self.integral, ratio_error=0.0).error + self.value_error
 
 
@@ -148,9 +152,9 @@ class _Sample:
     def fit(self, values: Array) -> Array:
         """Fit a polynomial at the m sampled nodes and return its values at all n nodes, shape (n,).
 
-        ``values``, shape (m,), are the values at the sampled nodes to which the polynomial is
-        fitted. The result is limited to an interval three times as wide as the range of ``values``,
-        so that the polynomial is not extrapolated too far.
+        Nodes are weighted points. ``values``, shape (m,), are the values at the sampled nodes to
+        which the polynomial is fitted. The result is limited to an interval three times as wide as
+        the range of ``values``, so that the polynomial is not extrapolated too far.
         """
         projected = self._decomposition.left.T @ (values * np.sqrt(self.weight))
         fitted = self.polynomials @ (self._decomposition.scaled_right @ projected)
@@ -235,6 +239,7 @@ class RatioSampler:
     """
 
     def __init__(self, integral: Integral, *, seed: int = 0) -> None:
+        """Keep the known integral ∫ f of a density f, and the seed of the sample of its nodes."""
         self._integral = integral
         self._seed = seed
 
@@ -329,10 +334,10 @@ def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
 
 
 def _largest_degree(dimensions: int, size: int) -> int:
-    """Return the degree (0, 1 or 2) of the polynomial that is fitted to ``size`` values.
+    """Return the degree (0, 1 or 2) of a polynomial that is to be fitted to ``size`` values.
 
-    The degree is the largest one with at most half as many coefficients as values. ``dimensions``
-    is the number of variables of the polynomial.
+    The degree is the largest one for which the polynomial has at most half as many coefficients as
+    there are values. ``dimensions`` is the number of variables of the polynomial.
     """
     coefficients_by_degree = {
         1: 1 + dimensions,

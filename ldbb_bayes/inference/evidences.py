@@ -84,6 +84,12 @@ class Evidences(Shown):
         progress: Callable[[], object] = _silent,
         keep_tests: Sequence[str] | None = None,
     ) -> None:
+        """Make an object for the evidences of a campaign's readings; none is computed yet.
+
+        ``tolerance`` is the error allowed in every log evidence [nat]. ``progress`` is called
+        without arguments each time that the evidence of a model is ready. ``keep_tests`` are the
+        names of the tests whose readings are used; None stands for all tests.
+        """
         self.campaign = campaign
         self.tolerance = tolerance
         self.progress = progress
@@ -157,13 +163,14 @@ class Evidences(Shown):
     def without_test(
         self, test: str, tests: Sequence[str], modes: Mapping[tuple[Hyper, ...], Array]
     ) -> Evidences:
-        """Return a new, still empty ``Evidences`` object for the readings of all tests but one.
+        """Return an ``Evidences`` object for the readings of all tests of the campaign but one.
 
-        ``test`` is the name of the test left out, ``tests`` are the names of all tests. ``modes``
-        holds modes (maxima) of posteriors of the hyper-parameters (such as the standard deviation
-        of the noise). Each key is a tuple with the names of the hyper-parameters. The search for
-        the mode of a model's posterior starts at the mode whose key holds the names of this model's
-        hyper-parameters, if there is one.
+        The object is new, and no evidence has been computed yet. ``test`` is the name of the test
+        left out, ``tests`` are the names of all tests. ``modes`` holds modes (maxima) of posteriors
+        of the hyper-parameters (such as the standard deviation of the noise). Each key is a tuple
+        with the names of the hyper-parameters. The search for the mode of a model's posterior
+        starts at the mode whose key holds the names of this model's hyper-parameters, if there is
+        one.
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)
@@ -175,9 +182,12 @@ class Evidences(Shown):
         modes: Mapping[tuple[Hyper, ...], Array],
         progress: Callable[[], object] = _silent,
     ) -> Evidences:
-        """Return a new, still empty ``Evidences`` object that knows modes of similar posteriors.
+        """Return a new ``Evidences`` object, in which no evidence has been computed yet.
 
-        The arguments are those of the class, and ``modes``, which is explained at `without_test`.
+        ``tolerance`` is the error allowed in every log evidence [nat]; ``keep_tests`` are the names
+        of the tests to keep, or None for all tests. ``progress`` is called each time that the
+        evidence of a model is ready. ``modes`` holds modes (maxima) of similar posteriors, at which
+        searches for modes start; see `without_test`.
         """
         evidences = Evidences(
             self.campaign, tolerance=tolerance, progress=progress, keep_tests=keep_tests
@@ -187,7 +197,10 @@ class Evidences(Shown):
 
     @cached_property
     def _rough(self) -> Evidences:
-        """Evidences for the same readings with a tolerance of at least ``_ROUGH_TOLERANCE``."""
+        """Object for rough evidences of models for the same readings.
+
+        The error allowed in their logarithms is larger: at least ``_ROUGH_TOLERANCE`` [nat].
+        """
         rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
         # The models applied to the campaign, and the modes of their posteriors, do not depend on
         # the tolerance and are used again.

@@ -234,8 +234,8 @@ class Fit(Result):
     def parameters(self) -> tuple[str, ...]:
         """Return the names of compliances, their changes with force, and geometric errors.
 
-        The names are the keys of ``sensitivity`` without the names of the hyper-parameters (such as
-        the standard deviation of the noise).
+        These are the parameters of the fitted model. Hyper-parameters (such as the standard
+        deviation of the noise) are not among them.
         """
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 

@@ -65,9 +65,10 @@ _REACHABLE = 2.0
 # of a third of the number of points if that is smaller. Weights with a smaller effective sample
 # size are first made more equal: they are raised to a power below one.
 _FITTED_PER_DIMENSION = 40.0
-# Weights are made more equal by raising them to a power. The power starts at one. It is multiplied
-# by ``_EVENING`` until the effective sample size of the weights suffices, or until the power is at
-# most ``_LEAST_POWER``.
+# A proposal (the density from which points are drawn) is fitted to points with importance weights.
+# If a few weights dominate, all weights are made more equal by raising them to a power. The power
+# starts at one. It is multiplied by ``_EVENING`` until the effective sample size of the weights
+# suffices, or until the power is at most ``_LEAST_POWER``.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
 
@@ -173,7 +174,11 @@ def _best_of_rounds(
 
 
 def _untrusted_and_error(sample: Integral) -> tuple[bool, float]:
-    """Return a sort key that puts trusted samples first, and then samples with a small error."""
+    """Return a sort key that puts the better of several importance samples first.
+
+    Samples whose weights can be trusted come before all others; among these, and among the others,
+    the sample with the smallest error of the log integral comes first.
+    """
     return not sample.trusted, sample.error
 
 

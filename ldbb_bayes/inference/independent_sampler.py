@@ -45,8 +45,8 @@ _LEAST_SHARE = 1e-9
 class TooRoughError(Exception):
     """Error raised if the proposal resembles the posterior too little for rejection sampling.
 
-    The proposal is the density from which points are drawn. The joint sampler (emcee) must be used
-    instead.
+    The proposal is the density from which points are drawn. Parameters and
+    hyper-parameters must then be drawn with emcee instead.
     """
 
 
@@ -199,8 +199,9 @@ class _StandardDraws(NamedTuple):
     """Random draws of the p parameters, in coordinates in which they are standard normal.
 
     ``standard``, shape (w, tries, p), holds several draws for each of w values of the
-    hyper-parameters, the usable draws first. ``usable``, shape (w,), is the number of usable draws
-    for each value.
+    hyper-parameters. A draw is usable unless it contradicts the condition that no compliance is
+    negative. ``usable``, shape (w,), is the number of usable draws for each value; these draws come
+    first.
     """
 
     standard: Array

@@ -72,10 +72,16 @@ _TINY = 1e-300
 
 
 class ProposalDensity(Protocol):
-    """Density from which the nodes (points) of a sample are drawn."""
+    """Density from which random points are drawn for an integral by importance sampling.
+
+    The points are the nodes of the integral.
+    """
 
     def log_density(self, points: Array) -> Array:
-        """Return the log of this density, shape (n,), at n points in h dimensions, shape (n, h)."""
+        """Return the log density with which points are drawn, evaluated at n points, shape (n,).
+
+        ``points``, shape (n, h), holds the points in h dimensions.
+        """
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return ``size`` random draws in h dimensions, shape (size, h).
@@ -118,12 +124,16 @@ class Integral:
 
     @cached_property
     def _log_weight(self) -> Array:
-        """Logarithm of density times volume at each of the n nodes, shape (n,)."""
+        """Logarithms of the contributions of n nodes to the integral of a density, shape (n,).
+
+        The contribution of a node (point) is the density at the node times the volume that the node
+        represents.
+        """
         return self.log_density + self.log_volume
 
     @cached_property
     def weight(self) -> Array:
-        """Weights of the n nodes: density times volume, scaled to sum to one, shape (n,)."""
+        """Shares of n nodes (points) in the integral of a density, which sum to one, shape (n,)."""
         weight = np.exp(self._log_weight - self._log_weight.max())
         return weight / weight.sum()
 
@@ -157,8 +167,9 @@ class Integral:
         if not self.trusted:
             return np.inf
         of_nodes = self._sample_error() if self.proposal is not None else self._lattice_error()
-        # The error from the nodes and ``ratio_error`` are independent of each other, so that their
-        # squares are added.
+        # The log integral has two errors: one because the nodes (points) are few, and one because
+        # the density may be evaluated at some of them only. The errors are independent of each
+        # other, so that their squares are added.
         return float(np.hypot(of_nodes, self.ratio_error)) + self.left_out
 
     def _lattice_error(self) -> float:
@@ -239,11 +250,11 @@ class Integral:
         return rng.permutation(self.free[order][np.minimum(reached, len(order) - 1)])
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Return independent random draws from the proposal of a sample, shape (size, h).
+        """Return ``size`` new random points from the proposal of an integral, shape (size, h).
 
-        The proposal is the density from which the nodes (points in h dimensions) of the sample were
-        drawn. Its scales (widths) are first multiplied by the square root of ``temperature``. Raise
-        a `TypeError` for a lattice, which has no proposal.
+        The proposal is the density from which the random nodes (points in h dimensions) of the
+        integral were drawn. Its scales (widths) are first multiplied by the square root of
+        ``temperature``. Raise a `TypeError` for a lattice, which has no proposal.
         """
         return self._sample_proposal().draw(size, rng, temperature=temperature)
 

@@ -28,8 +28,8 @@ _IDENTIFYING_GROUPS = ("posterior", "prior", "sample_stats", "constant_data", "o
 # Largest number of results that the cache holds. This number is enough for a report, which needs
 # several results of each of two posteriors: a fit, and an average over models.
 _MOST_RESULTS = 32
-# Results that the cache holds, the oldest first. A key consists of the function, the digest of the
-# posterior and the other arguments of the function.
+# Cache of results that functions have computed from posteriors, the oldest result first. A key
+# consists of the function, the hash of the posterior and the other arguments of the function.
 _RESULTS: dict[Hashable, Any] = {}
 
 
@@ -43,10 +43,11 @@ def kept(work: F) -> F:
 
     @functools.wraps(work)
     def work_once(posterior: xr.DataTree, *args: Any, **kwargs: Any) -> Any:
-        # The result of ``work`` for these arguments: from the cache, or computed and then kept.
+        # Return the result of the function ``work`` for a posterior and further arguments: from the
+        # cache, or computed now and then kept in the cache.
         if not isinstance(posterior, xr.DataTree) or "provenance" not in posterior.children:
-            # Call ``work`` without the cache, so that ``work`` raises its error for an argument
-            # that is no posterior.
+            # The first argument is not a posterior. Call the function ``work`` without the cache,
+            # so that ``work`` itself raises an error.
             return work(posterior, *args, **kwargs)
         key = (work, _fingerprint(posterior), args, tuple(sorted(kwargs.items())))
         if key not in _RESULTS:
@@ -59,7 +60,11 @@ def kept(work: F) -> F:
 
 
 def _fingerprint(posterior: xr.DataTree) -> bytes:
-    """Return a digest of a posterior's numbers, and of its record of model and sampler."""
+    """Return a cryptographic hash by which a posterior is recognised.
+
+    It is computed from the draws and readings in the posterior, and from its record, which states
+    the model and how the sampler ran.
+    """
     digest = hashlib.blake2b(posterior["provenance"].attrs["json"].encode())
     for group in _IDENTIFYING_GROUPS:
         if group not in posterior.children:

@@ -57,7 +57,7 @@ class LeastSquares(Result):
 
     @property
     def estimate(self) -> dict[str, float]:
-        """Return a dict from parameter names to estimates, in internal units (mm, N, rad)."""
+        """Return the least-squares estimates in mm, N and rad; the keys are names of parameters."""
         return {str(name): float(value) for name, value in self.table["estimate"].items()}
 
 
@@ -124,7 +124,8 @@ def fit_least_squares(
         fixed=fixed,
     )
     bound = model.bind(campaign)
-    # Under a flat prior, ``bound.centre`` is the least-squares estimate of the parameters.
+    # The attribute ``centre`` of a model that is applied to readings is the least-squares estimate
+    # of its parameters.
     estimate = bound.centre
     coefficients = machine_coefficients(bound, estimate[None])[0]
     predicted_um = {

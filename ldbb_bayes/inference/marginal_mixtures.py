@@ -42,16 +42,25 @@ _BATCHES = 16
 
 
 class _Truncation(NamedTuple):
-    """Bounds of truncated Gaussians, and probabilities before truncation, each of shape (n, p)."""
+    """Intervals to which Gaussians are truncated, and their probabilities before truncation.
 
-    low: Array  #: lower bounds, in standard deviations from the means
-    high: Array  #: upper bounds, in standard deviations from the means
-    #: 1, or −1 for an interval in the upper tail of a Gaussian, of which the mirror image is used.
-    #: Cumulative probabilities in the upper tail differ so little from one that their difference
-    #: would be inaccurate.
+    All arrays have the shape (n, p), for n Gaussians of each of p parameters.
+    """
+
+    #: lower bounds of truncated Gaussians, as distances from their means in standard deviations
+    low: Array
+    #: upper bounds of truncated Gaussians, as distances from their means in standard deviations
+    high: Array
+    #: −1 for a Gaussian that is truncated to an interval in its upper tail, otherwise 1. With −1,
+    #: the mirror image of the interval in the lower tail is used, because cumulative probabilities
+    #: in the upper tail are so close to one that their difference would be inaccurate.
     sign: Array
-    below: Array  #: probabilities below the intervals
-    inside: Array  #: probabilities of the intervals; negative for mirror images
+    #: probability, before truncation, that a Gaussian is below the interval to which it is
+    #: truncated; if ``sign`` is −1, that it is above the lower bound of the interval
+    below: Array
+    #: probability, before truncation, that a Gaussian is in the interval to which it is truncated;
+    #: if ``sign`` is −1, minus this probability
+    inside: Array
 
 
 class MarginalMixtures(NamedTuple):
@@ -68,6 +77,7 @@ class MarginalMixtures(NamedTuple):
     high: Array  #: upper bounds of the truncated Gaussians, shape (n, p)
 
     def _truncation(self) -> _Truncation:
+        """Return bounds and probabilities of all n p truncated Gaussians of the mixtures."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low = (self.low - self.mean) / self.sd
             high = (self.high - self.mean) / self.sd
@@ -76,7 +86,11 @@ class MarginalMixtures(NamedTuple):
             return _Truncation(low, high, sign, below, ndtr(sign * high) - below)
 
     def _cdf(self, x: Array, truncation: _Truncation) -> Array:
-        """Return the probability that each of the p parameters is at most ``x``, shape (p,)."""
+        """Return the posterior probabilities that p parameters are at most ``x``, shape (p,).
+
+        ``x``, shape (p,), holds one value for each parameter. ``truncation`` holds the bounds of
+        the truncated Gaussians, as `_truncation` returns them.
+        """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             z = np.clip((x - self.mean) / self.sd, truncation.low, truncation.high)
             share = (ndtr(truncation.sign * z) - truncation.below) / truncation.inside
@@ -84,7 +98,10 @@ class MarginalMixtures(NamedTuple):
         return np.asarray(share.mean(axis=0))
 
     def quantiles(self, levels: Array) -> Array:
-        """Return quantiles of the p parameters at n probabilities ``levels``, shape (n, p)."""
+        """Return posterior quantiles of p parameters, shape (n, p).
+
+        ``levels``, shape (n,), holds the n probabilities of the quantiles.
+        """
         lowest = self.beta.min(axis=0)
         highest = self.beta.max(axis=0)
         margin = highest - lowest
@@ -171,9 +188,10 @@ def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> Ma
     high = np.full(sd.shape, np.inf)
     truncation = model.bound.truncation
     if truncation.active:
-        # The elements of A β are compliances that must not be negative. ``rate``, shape (w, rows,
-        # p), holds the change of each element of A β per unit change of a parameter. The other
-        # parameters change with this parameter in proportion to their covariances with it.
+        # A β are the compliances that must not be negative: linear combinations of the parameters
+        # β, one for each row of the matrix A. ``rate``, shape (w, rows, p), holds the change of
+        # each of these compliances per unit change of one parameter, at w posterior draws. All
+        # other parameters change too, in proportion to their covariances with this parameter.
         compliances = of_model @ truncation.rows.T
         covariance = conditional.spread(truncation.rows) @ np.swapaxes(spread, 1, 2)
         rate = covariance / sd[:, None] ** 2

@@ -122,7 +122,7 @@ class Assessment:
     worst: int = 0
 
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
-        """Return whether the assessed draws meet a stopping rule; False if a diagnostic is NaN.
+        """Return whether the draws of a sampler meet a stopping rule; False if a diagnostic is NaN.
 
         ``walkers`` is the number of walkers of all ensembles together, or 0 for independent draws.
         """
@@ -316,6 +316,12 @@ class _Ensemble:
         seed: np.random.SeedSequence,
         redraw: Redraw | None,
     ) -> None:
+        """Place the walkers at their starting points, without making a step.
+
+        ``start``, shape (walkers, d), holds the starting points. ``log_density`` returns the log
+        density at n points, shape (n,), from an array of shape (n, d). ``redraw`` is the source of
+        independent points to which walkers may jump, or None.
+        """
         walkers, dimensions = start.shape
         self._sampler = emcee.EnsembleSampler(
             walkers, dimensions, log_density, vectorize=True, moves=_moves(redraw)
@@ -387,8 +393,8 @@ def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Arra
     ensembles, steps, walkers, dimensions = after_burn_in.shape
     most_draws = max(_MOST_DRAWS, int(2.0 * rule.ess / ensembles))
     stride = -(-steps * walkers // most_draws)
-    # Keep every ``stride``-th step, counted back from the last step, so that the draws of the last
-    # step are always kept.
+    # Of the sampler's stored steps, keep every ``stride``-th one, counted back from the last step.
+    # The draws of the last step are then always kept.
     thinned = after_burn_in[:, (steps - 1) % stride :: stride]
     return np.swapaxes(thinned, 1, 2).reshape(ensembles, -1, dimensions)
 
@@ -402,6 +408,7 @@ class RedrawMove:
     """
 
     def __init__(self, redraw: Redraw) -> None:
+        """Keep ``redraw``, the source of the independent points that are proposed to walkers."""
         self._redraw = redraw
         self._stock: WeightedPoints | None = None
         # Coordinates of all walkers after the last `RedrawMove`, and the log importance weights of

@@ -30,8 +30,9 @@ _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
 # freedom) are not fitted. They would improve the fit little, and too few points would be drawn in
 # the tails of the integrated density.
 _FEW_DIMENSIONS = 5
-# If there are at most ``_FEW_DIMENSIONS`` dimensions, only this number of values from the beginning
-# of ``_FREEDOMS`` is tried: those that give the heaviest tails.
+# ``_FREEDOMS`` lists the degrees of freedom that are tried when a Student-t distribution is fitted
+# to points. In at most ``_FEW_DIMENSIONS`` dimensions, only this number of values from the
+# beginning of the list is tried: those that give the heaviest tails.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
@@ -164,10 +165,10 @@ class Mixture:
         return np.asarray(np.logaddexp.reduce(self.by_component(points), axis=0))
 
     def by_component(self, points: Array) -> Array:
-        """Return ln (share · density) of each of k components at n points, shape (k, n).
+        """Return ln (share · density) of the k components of a mixture at n points, shape (k, n).
 
-        ``points``, shape (n, h), holds the points in h dimensions. The share of a component is its
-        probability in the mixture.
+        ``points``, shape (n, h), holds the points in h dimensions. The share of a component is the
+        probability that a point drawn from the mixture comes from this component.
         """
         rows = []
         for share, component in zip(self.share, self.components, strict=True):
@@ -198,7 +199,7 @@ class Mixture:
         return self.widen(np.sqrt(temperature)).transform(rng.uniform(size=(size, h + 1)))
 
     def widen(self, factor: float) -> Mixture:
-        """Return the mixture with the scales of all its components multiplied by a factor."""
+        """Return the mixture with the widths of all its components multiplied by a factor."""
         wider = [replace(one, scale=factor * one.scale) for one in self.components]
         return Mixture(tuple(wider), self.share)
 
@@ -382,7 +383,10 @@ def _best_freedom(
     The result has the shape (h,), for one distribution along each of h directions. ``side`` is 0
     for the lower and 1 for the upper side. ``freedoms`` holds the degrees of freedom that are
     tried. ``scale`` and ``freedom`` are the present scales and degrees of freedom of both sides,
-    shape (2, h). ``square`` and ``side_weights`` are the same as in `_fit_scale`.
+    shape (2, h). The distributions are fitted to n points. ``square``, shape (n, h), holds the
+    squared distances of the points from the coordinate at which the two sides meet.
+    ``side_weights``, shape (2, n, h), holds the weights of the points on the lower and on the upper
+    side, zero for points on the other side.
     """
     other_mass = _side_masses(scale, freedom)[1 - side]
     costs = []

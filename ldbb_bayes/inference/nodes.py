@@ -159,6 +159,12 @@ class HyperPosterior:
     def __init__(
         self, bound: BoundModel, *, truncated: bool, seed: int = 0, near: Array | None = None
     ) -> None:
+        """Describe the posterior of the hyper-parameters of the model ``bound`` of a campaign.
+
+        ``truncated`` states whether the condition that no compliance is negative is part of the
+        posterior. ``seed`` is the seed of quasi-random points. ``near``, shape (h,), is the mode of
+        a similar posterior in unbounded coordinates, at which the search for modes starts, or None.
+        """
         self.bound = bound
         self.truncated = truncated
         self._seed = seed
@@ -182,7 +188,8 @@ class HyperPosterior:
         summits: list[Array] = []
 
         def is_known(point: Array) -> bool:
-            # Whether the point is near a maximum that has been reached from an earlier start.
+            # Whether a point of the search for maxima of the density is near a maximum that has
+            # been reached from an earlier starting point.
             return not _is_separate(point, summits)
 
         for start in self._starts():
@@ -288,9 +295,11 @@ class HyperPosterior:
     def _integrate(self, tolerance: float, *, step: float | None = None) -> Integral:
         """Return the integral of the smooth posterior density, with nodes in unbounded coordinates.
 
-        ``tolerance`` is the error allowed in the log integral [nat]. ``step`` is the first spacing
-        of the nodes if they form a lattice, in standard deviations of the Gaussian fitted at the
-        highest mode; by default, it is computed from the tolerance.
+        If the probability that no compliance is negative is a factor of the posterior density, it
+        is replaced by a smooth upper bound. ``tolerance`` is the error allowed in the log integral
+        [nat]. ``step`` is the first spacing of the nodes if they form a lattice, in standard
+        deviations of the Gaussian fitted at the highest mode; by default, it is computed from the
+        tolerance.
         """
         integral = integrate(
             self._smooth_of_scores,
@@ -333,9 +342,10 @@ class HyperPosterior:
         noise = np.zeros(len(integral.free))
 
         def evaluate(index: Index) -> LogValues:
-            # Log density of ``integral`` at the nodes with these indices, plus the log probability
-            # that no compliance is negative, minus the log of its upper bound if the density
-            # contains the bound. The random error of each value is stored in ``noise``.
+            # Return the log posterior density at some of the nodes of ``integral``, which ``index``
+            # names: the log density in ``integral``, plus the log probability that no compliance is
+            # negative, minus the log of its upper bound if the density in ``integral`` contains the
+            # bound. The random error of each value is stored in ``noise``.
             orthant = self.given(integral.free[index])[1].orthant
             probability = _log_probability(orthant, tolerance, self._seed)
             log_density = integral.log_density[index] + probability.log_value
@@ -350,8 +360,9 @@ class HyperPosterior:
         errors = np.zeros(len(integral.free))
 
         def log_factor(index: Index) -> Array:
-            # Log probability that no compliance is negative, at the nodes with these indices, minus
-            # the log of its upper bound if the density contains the bound. The error of each value
+            # Return the log probability that no compliance is negative at some of the nodes of
+            # ``integral``, which ``index`` names. The log of the upper bound of this probability is
+            # subtracted if the density in ``integral`` contains the bound. The error of each value
             # is stored in ``errors``.
             values = evaluate(index)
             errors[index] = values.error
@@ -362,9 +373,10 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # The probability has two errors at each node. An error that may have the same sign at all
-        # nodes does not cancel, and is added. Random errors are independent; their squares are
-        # added.
+        # At each node (value of the hyper-parameters), the probability that no compliance is
+        # negative has two errors. The error that may have the same sign at all nodes does not
+        # cancel in a sum over the nodes, and is added. The random errors of different nodes are
+        # independent; their squares are added.
         has_weight = truncated.weight > 0.0
         weight = truncated.weight[has_weight]
         error = float(weight @ errors[has_weight] + np.linalg.norm(weight * noise[has_weight]))
@@ -562,8 +574,8 @@ class HyperPosterior:
         may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
 
         def derivatives(point: Array) -> tuple[Array, Array]:
-            # Gradient and Hessian of the log density at a point, with zeros for the derivatives
-            # with respect to the coordinate that must not change.
+            # Return gradient and Hessian of the log density at a point, with zeros for all
+            # derivatives with respect to the coordinate ``axis``, which is held constant.
             gradient, hessian = self._derivatives(point)
             both_may_change = np.outer(may_change, may_change)
             return np.where(may_change, gradient, 0.0), np.where(both_may_change, hessian, 0.0)
@@ -659,6 +671,7 @@ class Evidence:
         return bool(np.isfinite(self.error))
 
     def __repr__(self) -> str:
+        """Return a line with the log evidence, its error and the number of nodes."""
         value = " ± ".join(value_and_uncertainty(self.log_value, self.error))
         return f"<Evidence: ln Z = {value} nat, {self.nodes} nodes; readings {self.sha256[:8]}>"
 
@@ -700,7 +713,10 @@ class Nodes:
 
     @property
     def bound(self) -> BoundModel:
-        """The model to which the nodes belong, applied to its campaign."""
+        """The model whose posterior the nodes represent, applied to its campaign.
+
+        Nodes are weighted values of the hyper-parameters.
+        """
         return self.posterior.bound
 
     @property

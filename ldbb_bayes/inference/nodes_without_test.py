@@ -96,6 +96,7 @@ class NodesWithoutTest:
     """
 
     def __init__(self, nodes: Nodes, tolerance: float) -> None:
+        """Keep the nodes for all tests, and the error allowed in every log evidence [nat]."""
         self._integral = nodes.integral
         self._ratios = RatioSampler(nodes.integral)
         self._prior = nodes.bound.hyper_prior
@@ -131,8 +132,8 @@ class NodesWithoutTest:
         factor = fit_factor(self._integral, axis)
 
         def evaluate(index: Index) -> LogValues:
-            # Log posterior density at the nodes with these indices, with the Gaussian density
-            # ``factor`` in place of the prior of the noise factor.
+            # Return the log posterior density at some of the nodes, which ``index`` names. The
+            # prior of the noise factor of the test left out is replaced by the Gaussian ``factor``.
             free = self._integral.free[index]
             values = log_values(posterior, free, self._tolerance)
             change = factor.log_density(free) - self._prior.log_density_of_log_noise(free[:, axis])

@@ -60,18 +60,18 @@ class NormalScores:
 
     @cached_property
     def _bounds(self) -> Array:
-        """Bounds a and b of the k hyper-parameters with truncated normal priors, shape (2, k)."""
+        """Lower and upper bounds of the k hyper-parameters with truncated normal priors, (2, k)."""
         return np.asarray(self.prior.bounds[self._has_normal_prior].T)
 
     @cached_property
     def _mean(self) -> Array:
-        """Means of the k normal priors before truncation, shape (k,)."""
+        """Means of the normal priors of k hyper-parameters before truncation, shape (k,)."""
         mean = np.where(self.prior.in_mm, 0.0, self.prior.scale)
         return np.asarray(mean[self._has_normal_prior])
 
     @cached_property
     def _sd(self) -> Array:
-        """Standard deviations of the k normal priors before truncation, shape (k,)."""
+        """Standard deviations of k hyper-parameters' normal priors before truncation, (k,)."""
         sd = np.where(self.prior.in_mm, self.prior.scale, self.prior.decay_sd)
         return np.asarray(sd[self._has_normal_prior])
 
@@ -115,7 +115,9 @@ class NormalScores:
 
     @cached_property
     def _log_density_at_bounds(self) -> Array:
-        """Log densities of the k truncated normal priors at their bounds a and b, shape (2, k).
+        """Log prior densities of k hyper-parameters at their lower and upper bounds, shape (2, k).
+
+        The hyper-parameters are those with truncated normal priors.
 
         At an infinite bound, the log density is −inf.
         """
@@ -207,8 +209,8 @@ class NormalScores:
         above, below = self._log_distances(scores)
         width = np.diff(self._bounds, axis=0)[0]
         log_slope = above + below - np.log(np.where(np.isfinite(width), width, 1.0))
-        # The prior density and the density of the score both contain the factor 1 / √(2π). It
-        # cancels, and is therefore left out of both.
+        # The prior density of a hyper-parameter and the standard normal density of its score both
+        # contain the factor 1 / √(2π). This factor cancels, and is therefore left out of both.
         white = (values - self._mean) / self._sd
         log_prior = -0.5 * white**2 - np.log(self._sd) - self._log_mass
         log_normal = -0.5 * scores[..., self._has_normal_prior] ** 2
@@ -247,7 +249,7 @@ class _FreeProposal:
     of_scores: ProposalDensity
 
     def log_density(self, points: Array) -> Array:
-        """Return the log of this density at n points, shape (n,).
+        """Return the log density of the unbounded coordinates at n points, shape (n,).
 
         ``points``, shape (n, h), holds the unbounded coordinates of h hyper-parameters.
         """

@@ -53,7 +53,7 @@ __all__ = [
     "to_units",
 ]
 
-# Groups that a file must contain to be read as a posterior.
+# Names of the groups of arrays that a netCDF file must contain to be read as a posterior.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 # Dimensions of those arrays in a posterior's tree that do not hold random draws. The keys are the
 # names of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one entry
@@ -166,7 +166,7 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     True
     """
     target = Path(path)
-    # Called only because it raises an error if the posterior has no record.
+    # Reading the record of the posterior raises an error if there is no record.
     record_of(posterior)
     tree = posterior.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
@@ -301,11 +301,18 @@ def _silent_finalizers() -> Iterator[None]:
 
 
 def _ignore_unraisable(_: sys.UnraisableHookArgs) -> None:
-    """Do nothing with an exception that Python cannot raise, instead of printing it."""
+    """Do nothing, so that Python does not print an exception that it cannot raise.
+
+    Such exceptions arise, for example, while Python deletes an object.
+    """
 
 
 def _digest(tree: xr.DataTree) -> str:
-    """Return the SHA-256 of all numbers, names and units in a posterior, and of its JSON record."""
+    """Return the SHA-256 checksum that shows whether the file of a posterior was changed.
+
+    The checksum is computed from all numbers, names and units in the posterior, and from its JSON
+    record of how the posterior was made.
+    """
     digest = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
     for node in sorted(tree.subtree, key=_path_of):
         for name in sorted(map(str, node.variables)):

@@ -187,9 +187,9 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
 def _has_preset_priors(model: HybridModel) -> bool:
     """Return whether a model has the priors of the preset from which it was derived.
 
-    The result is also True if a drift over time or temperature was added with its default priors,
-    if terms were left out, or if the condition that no compliance is negative was switched on or
-    off.
+    A preset is one of the models that the package defines, such as the default model. The result is
+    also True if a drift over time or temperature was added with its default priors, if terms were
+    left out, or if the condition that no compliance is negative was switched on or off.
     """
     preset = HybridModel.from_preset(model.preset, model.degree)
     preset_terms = {type(term): term for term in preset.nuisances}

@@ -46,6 +46,7 @@ class RelatedModels:
     """
 
     def __init__(self, plain: Nodes, tolerance: float) -> None:
+        """Keep the nodes of the given model, and the error allowed in every log evidence [nat]."""
         self._integral = plain.integral
         self._ratios = RatioSampler(plain.integral)
         self._names = plain.bound.hyper_prior.names
@@ -76,8 +77,8 @@ class RelatedModels:
     def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
         """Return the nodes of one model, with new weights for the posterior of another model.
 
-        ``posterior`` is the posterior density of the hyper-parameters under the other model. It is
-        evaluated at all nodes.
+        Nodes are weighted values of the hyper-parameters. ``posterior`` is the posterior density of
+        the hyper-parameters under the other model. It is evaluated at all nodes.
         """
         plain = replace(
             self._integral,

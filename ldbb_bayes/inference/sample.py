@@ -218,7 +218,7 @@ class FittedModel(NamedTuple):
     started: datetime  #: time at which sampling started
 
     def tree(self) -> xr.DataTree:
-        """Return the posterior in ArviZ's layout, with its record, as `sample` does."""
+        """Return the posterior as a DataTree in ArviZ's layout, with a record of the fit."""
         bound = self.draws.bound
         record = record_from(bound, self.sampler, self.fit, self.seed, self.started)
         return build_tree(self.groups, bound, record)
@@ -328,8 +328,8 @@ def run_sampler(
         try:
             return _sample_independently(start, rule=rule, seed=seed, progress=progress)
         except TooRoughError:
-            # Independent draws are not possible. Parameters and hyper-parameters are drawn by emcee
-            # instead.
+            # Rejection sampling is not possible, because its proposal density resembles the
+            # posterior too little. Parameters and hyper-parameters are drawn by emcee instead.
             pass
     return _sample_jointly(start, rule=rule, seed=seed, progress=progress, **ensembles)
 
