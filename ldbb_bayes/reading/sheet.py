@@ -35,6 +35,9 @@ class Sheet:
     format_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
     #: line number and column index of each cell with a formula but no stored value
     formulas_without_value: Collection[tuple[int, int]] = ()
+    #: whether a workbook stores all numbers of the sheet as numbers, so that their decimal mark is
+    #: certain; false for a text file
+    stores_numbers: bool = False
     n_headers: int = 0  #: number of repeated headers inside the table, which are left out
     #: whether number formats and hidden rows of the workbook could be read
     is_examined: bool = False

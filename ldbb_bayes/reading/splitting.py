@@ -611,7 +611,7 @@ def _read_columns(
     for k, line in enumerate(lines):
         cells_by_line += [(line, cells[column][k]) for column in number_columns]
     decimal = _decimal_mark_of(sheet, cells_by_line, layout, log)
-    if decimal is not None and layout.decimal is None:
+    if decimal is not None and layout.decimal is None and not sheet.stores_numbers:
         for column in number_columns:
             _check_thousands(sheet, lines, cells[column], decimal)
     if clock_column is not None:
@@ -725,9 +725,12 @@ def _decimal_mark_of(
     """Return the decimal mark that the layout states, or else the decimal mark of the cells.
 
     Return None if the layout states no mark and no cell has one. The decimal mark of the cells is
-    noted as an assumption if it is a comma, or if it may just as well separate thousands. ``cells``
-    holds the line number and the text of every cell with a number.
+    noted as an assumption if it is a comma, or if it may just as well separate thousands. Numbers
+    that a workbook stores as numbers always have a decimal point. ``cells`` holds the line number
+    and the text of every cell with a number.
     """
+    if sheet.stores_numbers:
+        return "."
     if layout.decimal is not None:
         _note_stated_mark(sheet, cells, layout.decimal, log)
         return layout.decimal

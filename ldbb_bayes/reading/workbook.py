@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from ldbb_bayes.campaign.text_table import (
     Row,
 )
 from ldbb_bayes.errors import InputError, check_known, require
+from ldbb_bayes.reading.cell_units import number_in_cell
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.workbook_parts import SheetParts, parts_of_sheets
 
@@ -131,7 +132,8 @@ def _wanted_sheets(
     sheets = []
     for name in wanted or visible or hidden:
         sheet_parts = parts.get(name, SheetParts())
-        rows = _visible_rows(book.get_sheet_by_name(name), sheet_parts.hidden_lines)
+        values = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+        rows = _visible_rows(values, sheet_parts.hidden_lines)
         if rows:
             sheets.append(
                 Sheet(
@@ -140,6 +142,7 @@ def _wanted_sheets(
                     rows,
                     format_units=sheet_parts.units,
                     formulas_without_value=sheet_parts.formulas_without_value,
+                    stores_numbers=not _holds_numbers_as_text(values),
                     is_examined=name in parts,
                     hidden_rows=len(sheet_parts.hidden_lines),
                     hidden_sheets=hidden_sheets,
@@ -158,17 +161,31 @@ def _hidden_sheets(book: python_calamine.CalamineWorkbook) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _visible_rows(sheet: python_calamine.CalamineSheet, hidden_lines: Collection[int]) -> list[Row]:
+def _visible_rows(values: Sequence[Sequence[object]], hidden_lines: Collection[int]) -> list[Row]:
     """Return the rows of a sheet with their line numbers; hidden and empty rows are left out.
 
-    ``hidden_lines`` are the line numbers of hidden rows.
+    ``values`` are the values of the cells in each row, and ``hidden_lines`` the line numbers of
+    hidden rows.
     """
     rows = []
-    for line, values in enumerate(sheet.to_python(skip_empty_area=False), start=1):
-        texts = [_cell_text(value) for value in values]
+    for line, values_of_row in enumerate(values, start=1):
+        texts = [_cell_text(value) for value in values_of_row]
         if line not in hidden_lines and any(texts):
             rows.append(Row(line, texts))
     return rows
+
+
+def _holds_numbers_as_text(values: Iterable[Iterable[object]]) -> bool:
+    """Return whether a cell holds a number with a comma or a point as text, as in ``1,5 µm``.
+
+    ``values`` are the values of the cells in each row.
+    """
+    for values_of_row in values:
+        for value in values_of_row:
+            has_mark = isinstance(value, str) and re.search(r"\d[.,]\d", value) is not None
+            if has_mark and number_in_cell(str(value).strip()) is not None:
+                return True
+    return False
 
 
 def _cell_text(value: object) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import field_files as field
+import numpy as np
 from field_files import Circle, FieldCase
 from openpyxl import Workbook
 
@@ -21,6 +22,7 @@ def printout_cases() -> dict[str, FieldCase]:
         **end_angle_cases(),
         **test_column_cases(),
         **index_cases(),
+        **stored_number_cases(),
     }
 
 
@@ -211,6 +213,32 @@ def index_cases() -> dict[str, FieldCase]:
             told="filled downwards",
         ),
     }
+
+
+def stored_number_cases() -> dict[str, FieldCase]:
+    """Return a workbook whose numbers have no decimals, or three."""
+    circles = tuple(
+        replace(
+            circle,
+            reading_um=np.round(circle.reading_um) + np.where(circle.angle_deg < 90, 0.125, 0.0),
+        )
+        for circle in field.TRUTH
+    )
+
+    def fill(book: Workbook) -> None:
+        for circle in circles:
+            sheet = book.create_sheet(f"{circle.force_N:g} N")
+            sheet.append(["Angle [deg]", "Reading [um]"])
+            for angle, reading in zip(circle.angle_deg, circle.reading_um, strict=True):
+                sheet.append([float(angle), float(reading)])
+
+    case = FieldCase(
+        "numbers stored in a workbook",
+        "numbers without decimals beside numbers with three",
+        {"book.xlsx": field.workbook(fill)},
+        circles=circles,
+    )
+    return {"stored_numbers": case}
 
 
 def dotted_cases() -> dict[str, FieldCase]:
