@@ -84,6 +84,7 @@ class Circle(Shown):
     plane: str = "XY"
 
     def __post_init__(self) -> None:
+        """Store the coordinates of the circle's centre as a tuple."""
         object.__setattr__(self, "centre_mm", tuple(self.centre_mm))
 
     def direction(self, angle_rad: Array) -> Array:

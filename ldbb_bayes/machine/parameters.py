@@ -1,4 +1,4 @@
-"""Names, kinds and meaning of compliances and geometric errors.
+"""Names, kinds and descriptions of the compliances and geometric errors of a machine.
 
 The definitions are those of the paper, the article on which the model is based.
 """

@@ -48,11 +48,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "EliminationPlan", "Front"]
 
-# Largest number of values of the hyper-parameters for which matrices are factorised in one pass.
+# Largest number of values of the hyper-parameters whose precision matrices are factorised in one
+# pass.
 _MOST_PHI = 512
-# Smallest number of values of the hyper-parameters for which matrices are factorised in one pass.
-# One pass processes this number of values even if their factors do not fit into the processor's
-# cache.
+# Smallest number of values of the hyper-parameters whose precision matrices are factorised in one
+# pass. One pass processes this number of values even if the Cholesky factors do not fit into the
+# processor's cache.
 FEWEST_PHI = 256
 # Number of floating-point numbers that are assumed to fit into the processor's cache.
 _CACHE_SIZE = 1 << 19
@@ -138,12 +139,13 @@ class Front(NamedTuple):
     updates: list[Update]
 
     def eliminate(self, workspace: Array) -> None:
-        """Compute the columns of the Cholesky factor for this front, and update later columns.
+        """Compute some columns of a Cholesky factor, and update the later columns of the matrix P.
 
-        A front consists of groups of columns that are eliminated together. The columns of these
-        groups are computed; then products of their entries are subtracted from the entries of later
-        columns. ``workspace``, shape (entries, w), holds the entries of P for w values of the
-        hyper-parameters; they are overwritten by the entries of the Cholesky factor L.
+        The columns are those of one front, which consists of groups of columns that are eliminated
+        together. The columns of the Cholesky factor L for these groups are computed; then products
+        of their entries are subtracted from the entries of later columns. ``workspace``, shape
+        (entries, w), holds the entries of P for w values of the hyper-parameters; they are
+        overwritten by the entries of L.
         """
         w = workspace.shape[1]
         columns = self.shape[1]
@@ -208,6 +210,13 @@ class EliminationPlan:
     """
 
     def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:
+        """Assign a row of the workspace to each entry that is stored, and sort groups into fronts.
+
+        The workspace is the array that stores the entries of the Cholesky factor. ``groups`` are
+        groups of columns of the design matrix in the order of their elimination. A front consists
+        of groups that are eliminated at the same time. ``signs``, shape (columns,), holds the sign
+        (+1 or −1) of the prior variance of each column's coefficient.
+        """
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
         #: For each pair of columns i and j, the index of the row of the workspace (array of the
@@ -269,9 +278,10 @@ class EliminationPlan:
     def _updates(self, families: list[_Family]) -> list[Update]:
         """Return the changes of later columns when the groups of columns of a front are eliminated.
 
-        The groups of a front are eliminated together. ``families`` sorts them: the groups of a
-        family change the same later columns. Consecutive families are treated in the same `Update`
-        if they have equal numbers of groups and no two of them change the same later column.
+        The columns are those of a sparse matrix. The groups of a front are eliminated together.
+        ``families`` sorts them: the groups of a family change the same later columns. Consecutive
+        families are treated in the same `Update` if they have equal numbers of groups and no two of
+        them change the same later column.
         """
         updates = []
         start = 0
@@ -325,6 +335,13 @@ class Elimination:
     def __init__(
         self, plan: EliminationPlan, columns: Array, values: Array, kinds: NDArray[np.intp]
     ) -> None:
+        """Compute the scalar products of the columns of a design matrix, before the elimination.
+
+        ``plan`` is the order in which the columns are eliminated. ``columns``, shape (rows,
+        columns), is the design matrix, and ``values``, shape (rows,), holds the readings.
+        ``kinds``, shape (rows,), holds the index of each row's kind; rows of one kind have the same
+        variance.
+        """
         self._plan = plan
         blocks = [EntryBlock(front.entries, front.shape) for front in plan.fronts]
         self._gram = GramEntries(blocks, plan.place, columns, values, kinds)
@@ -477,6 +494,15 @@ class DesignRows:
         signs: Array,
         shared: int,
     ) -> None:
+        """Store the observation equations r = A x + noise of coefficients x of nuisances.
+
+        Nuisances are effects that are modelled but not of interest. ``columns``, shape (rows,
+        columns), is the design matrix A, and ``values``, shape (rows,), holds the readings r.
+        ``kinds``, shape (rows,), holds the index of each row's kind; rows of one kind have the same
+        variance. ``signs``, shape (columns,), holds the sign (+1 or −1) of the prior variance of
+        each coefficient. The first ``shared`` columns have coefficients that are the same in all
+        tests.
+        """
         self._columns = columns
         self._values = values
         self._kinds = kinds

@@ -78,6 +78,11 @@ class Gaussian(Shown):
         shift: Array,
         log_constant: Array | float = 0.0,
     ) -> None:
+        """Build the Gaussian functions g(x) = exp(constant + ηᵀ x − ½ xᵀ P x).
+
+        ``precision`` is P, shape (..., q, q), ``shift`` is η, shape (..., q), and ``log_constant``
+        is the constant, shape (...). x holds q coefficients.
+        """
         # The attributes precision, shift and log_constant are cached properties of the class, which
         # are computed from mean and root when they are first read. Because they are assigned here,
         # they are not computed.
@@ -188,10 +193,11 @@ class Gaussian(Shown):
         return cls._from_triangle(triangle, np.zeros(q), scale, log_norm)
 
     def observe(self, rows: Array, values: Array) -> Gaussian:
-        """Return the posterior of q coefficients x: this prior of x times a Gaussian likelihood.
+        """Return the posterior density of q coefficients x: prior times Gaussian likelihood.
 
-        The likelihood is Π N(values; rows · x, 1), a product over n readings. The ``log_integral``
-        of the posterior is the ``log_integral`` of the prior plus the log evidence, ln p(values).
+        The prior is the Gaussian function to which the method belongs. The likelihood is Π
+        N(values; rows · x, 1), a product over n readings. The ``log_integral`` of the posterior is
+        the ``log_integral`` of the prior plus the log evidence, ln p(values).
 
         Parameters
         ----------
@@ -357,9 +363,10 @@ class Gaussian(Shown):
         return np.sqrt((self.spread() ** 2).sum(axis=-1))
 
     def __add__(self, other: Gaussian) -> Gaussian:
-        """Return the product of this function and another one of the same coefficients.
+        """Return the product of this Gaussian function and the Gaussian function ``other``.
 
-        The product is written as a sum, because the logarithms of the two functions are added.
+        The product is written with the operator +, because the logarithms of the functions are
+        added.
         """
         return Gaussian(
             self.precision + other.precision,

@@ -120,6 +120,15 @@ class GramEntries:
         values: Array,
         kinds: NDArray[np.intp],
     ) -> None:
+        """Compute the scalar products of the columns of a design matrix and with the readings.
+
+        ``columns``, shape (rows, columns), is the design matrix, and ``values``, shape (rows,),
+        holds the readings. The list of all products is divided into ``blocks``. ``place``, shape
+        (columns, columns + 1), holds the index, in this list, of the product of each pair of
+        columns; its last column is for the products with the readings. Products are summed
+        separately for each kind of rows, whose index ``kinds``, shape (rows,), holds; rows of one
+        kind have the same variance.
+        """
         size = 1 + sum(block.entries.stop - block.entries.start for block in blocks)
         gram = _sparse_gram(size, place, columns, values, kinds)
         self._dense: list[_DenseGram] = []

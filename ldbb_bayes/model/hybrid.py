@@ -556,6 +556,7 @@ def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
     """
 
     def place(scale: Scale) -> int:
+        """Return the place of the hyper-parameter ``scale`` in the order of hyper-parameters."""
         if scale.name in _HYPER_ORDER:
             return _HYPER_ORDER.index(scale.name)
         return len(_HYPER_ORDER) + int(scale.law == "circle")
@@ -711,6 +712,12 @@ class BoundModel(Shown):
         keep_tests: Sequence[str] | None = None,
         pilot: Campaign | None = None,
     ) -> None:
+        """Apply a model to one campaign: compute readings per unit parameter, and priors.
+
+        ``model`` is the model for any campaign. ``keep_tests`` names the tests of ``campaign`` that
+        are used; by default all are used. ``pilot`` is the campaign from which a plan takes the
+        reference force, the range of forces and the estimated compliances.
+        """
         _check_force_levels(model, campaign if pilot is None else pilot)
         self.model = model
         self.campaign = campaign
@@ -1062,7 +1069,7 @@ class BoundModel(Shown):
 
     @property
     def log_prob_truncation_prior(self) -> float:
-        """Log normalising constant of the truncated prior.
+        """Log normalising constant of the truncated prior of the parameters of interest.
 
         The constant is the probability, under the Gaussian prior before truncation, that no
         compliance is negative. Its logarithm is 0 if the prior is not truncated.

@@ -133,7 +133,10 @@ class HyperPrior:
 
     @cached_property
     def _is_decay(self) -> NDArray[np.bool_]:
-        """Whether each of the h hyper-parameters is a decay (an exponent), shape (h,)."""
+        """Whether each of the h hyper-parameters is a decay, shape (h,).
+
+        A decay is the exponent with which form errors decrease with their order.
+        """
         return np.array([law == "decay" for law in self.laws])
 
     @cached_property

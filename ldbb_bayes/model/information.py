@@ -226,7 +226,7 @@ class Information:
         *,
         times: float = 1.0,
     ) -> Array:
-        """Return the posterior covariance of all m coefficients, shape (m, m).
+        """Return the posterior covariance of the model's m coefficients, shape (m, m).
 
         The coefficients are divided by their prior sds. The covariance is zero for coefficients
         that are taken as known.
@@ -244,7 +244,7 @@ class Information:
 
     @cached_property
     def _covariance(self) -> Array:
-        """Posterior covariance of all m coefficients.
+        """Posterior covariance of the m coefficients of the model.
 
         The array has the shape (m, m). It is read-only, because all callers share it.
         """
@@ -253,10 +253,10 @@ class Information:
         return covariance
 
     def _covariance_without(self, fixed: Collection[str], times: float) -> Array:
-        """Compute the posterior covariance of all m coefficients, shape (m, m), without a cache.
+        """Compute the posterior covariance of the model's m coefficients, shape (m, m).
 
-        The arguments are those of `covariance`: ``fixed`` names terms and coefficients that are
-        taken as known, and ``times`` is the number of repetitions of all readings.
+        ``fixed`` names the terms and coefficients that are taken as known, and ``times`` is the
+        number of repetitions of all readings. The result is computed anew in every call.
         """
         root, free = self.root(fixed, times=times)
         inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))

@@ -87,7 +87,7 @@ class ParametersOfInterest:
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
-        """Names of the compliances that the campaign's circles can separate, without slopes."""
+        """Names of the compliances that the circles of a campaign can separate, without slopes."""
         return self.visible.names
 
     def with_prior(self, prior: Prior, setting: Setting) -> tuple[Parameter, ...]:

@@ -142,6 +142,14 @@ class StructuredGaussian:
         hypers: Sequence[Hyper],
         interest: Array | None = None,
     ) -> None:
+        """Set up the observation equations and compute what does not depend on hyper-parameters.
+
+        ``reduced`` are the readings of every test, reduced to at most 25 numbers. ``columns`` are
+        columns and noise of the nuisance terms (effects modelled but not of interest). ``offset``,
+        shape (tests, 25), is the known part of the readings as Fourier coefficients [mm].
+        ``hypers`` are the names of the hyper-parameters. ``interest``, shape (tests, 25, p), is the
+        reading per unit of each of the p parameters of interest, as Fourier coefficients.
+        """
         _keep_freed_memory()
         if interest is None:
             interest = np.zeros((len(reduced), SIZE, 0))

@@ -13,8 +13,9 @@ __all__ = ["central_differences", "newton"]
 
 # Fractions of a Newton step that are tried at once. The fraction with the largest density is used.
 _FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
-# Longest Newton step, as a distance in the coordinates of the log density. If a coordinate is the
-# logarithm of a scale, such a step multiplies or divides the scale by 4.5.
+# Longest permitted Newton step in the search for the maximum of a log density, as a distance in the
+# coordinates of the density. If a coordinate is the logarithm of a scale, a step of this length
+# multiplies or divides the scale by 4.5.
 _LONGEST_STEP = 1.5
 # Maximum number of Newton steps in the search for a mode. From a good starting point, ten are
 # enough.

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 
 __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 
-# When a group of columns is eliminated, several later columns change. The change is computed for
-# this number of later columns by one function call.
+# When a group of columns of a sparse matrix is eliminated, several later columns change. One
+# function call computes the change of this number of later columns.
 PRODUCT_COLUMNS = 8
 # Time of the function calls that are needed once for each group of columns when it is eliminated.
 # This time and the following times were measured; the unit is the time of one multiplication for
@@ -41,9 +41,9 @@ _GROUP_COST = 100.0
 # Time of the function calls that eliminate one column of a group, in units of the time of one
 # multiplication.
 _COLUMN_COST = 200.0
-# When a group of columns is eliminated, later columns change. This is the time of the function
-# calls that compute the change of `PRODUCT_COLUMNS` later columns, in units of the time of one
-# multiplication.
+# When a group of columns of a sparse matrix is eliminated, later columns change. This is the time
+# of the function calls that compute the change of `PRODUCT_COLUMNS` later columns, in units of the
+# time of one multiplication.
 _PRODUCT_CALL_COST = 250.0
 # Time to subtract one product from one entry of the matrix P = Aᵀ D⁻¹ A, in units of the time of
 # one multiplication.
@@ -91,9 +91,10 @@ class _Node(NamedTuple):
         return self.columns.bit_count(), self.border.bit_count()
 
     def merged_into(self, parent: _Node) -> _Node:
-        """Return a node with the columns of this node and of its ``parent``.
+        """Return the node that results when this node is merged with its ``parent``.
 
-        A node is a set of columns that are eliminated together.
+        A node is a set of columns of a sparse matrix that are eliminated together. The parent of a
+        node is the node of the first later column that changes when the node is eliminated.
         """
         border = (self.border | parent.border) & ~parent.columns
         return _Node(self.columns | parent.columns, border)

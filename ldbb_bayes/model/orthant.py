@@ -50,9 +50,11 @@ _NEAR_SD = 6.0
 # Constraints that hardly ever fail are left out if ln P(u ≥ 0) then changes by at most this
 # fraction of the error tolerance. Otherwise all constraints are used.
 _LEFT_OUT_SHARE = 0.1
-# Largest number of proposals that the rejection sampler tries for one random draw.
+# Largest number of proposals that rejection sampling tries for one random draw from a truncated
+# Gaussian density.
 _MOST_PROPOSALS = 12_800
-# Largest number of proposals that the rejection sampler computes at once for one random draw.
+# Largest number of proposals that rejection sampling computes at once for one random draw from a
+# truncated Gaussian density.
 _MOST_TRIES = 64
 # Number of points, in each dimension, of the Gauss-Legendre quadrature rule with which moments of
 # Gaussian vectors u given u ≥ 0 are computed.
@@ -79,7 +81,7 @@ _CHUNK = 1 << 20
 # The factor is so large that even small differences between the bounds give different shifts.
 _DIGITS = 1e5
 # Absolute error of SciPy's implementation of Owen's T function, which is used to compute the
-# probability that two constraints both hold.
+# probability that two correlated Gaussian variables are both not negative.
 _OWEN_ERROR = 1e-15
 # P(u ≥ 0) is bounded by P(u₁ ≥ 0, u₂ ≥ 0) for the two constraints that are most likely to fail. The
 # bound is used only if it is at least this number, because smaller bounds are too inaccurate.
@@ -195,6 +197,11 @@ class Orthant:
     """
 
     def __init__(self, mean: Array, spread: Array) -> None:
+        """Store means and square roots of the covariances of w Gaussian vectors u.
+
+        Each vector is u = mean + spread @ e, where e is standard normal with q elements. ``mean``
+        has the shape (w, m) and ``spread`` the shape (w, m, q) for vectors of m elements.
+        """
         self._mean = mean
         self._spread = spread
 
@@ -373,7 +380,7 @@ class Orthant:
         """
         d, w = self._tilted.bound.shape
         x = np.zeros((d, w))
-        # indices of the vectors for which no proposal has been accepted yet
+        # indices of the random vectors for which the rejection sampler has accepted no proposal yet
         open_members = np.arange(w)
         tries = 2
         proposals = 0
@@ -679,10 +686,11 @@ def _pair_probability(
 
 @cache
 def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
-    """Return shifted lattices, not yet reduced modulo 1, shape (dimensions, scrambles, size).
+    """Return shifted lattices of quasi-random points, shape (dimensions, scrambles, size).
 
     Each of the eight scrambles is a copy of the same lattice of ``size`` points, shifted by a
-    random vector. ``seed`` is the seed of the random vectors.
+    random vector. The coordinates are not yet reduced modulo 1. ``seed`` is the seed of the random
+    vectors.
     """
     rng = np.random.default_rng([seed, size])
     shifts = rng.random((_SCRAMBLES, max(dimensions, _SHIFT_DIMENSIONS)))
@@ -714,11 +722,11 @@ def _lattice_points(
     size: int,
     seed: int,
 ) -> Array:
-    """Return the points of a lattice, not yet reduced modulo 1, shape (dimensions, size).
+    """Return a lattice of quasi-random points, shape (dimensions, size).
 
-    Point k has the coordinates k g / size, with an integer g for each dimension. The integers of
-    the first ten dimensions are fixed; those of further dimensions are random numbers from
-    ``seed``.
+    The coordinates are not yet reduced modulo 1. Point k has the coordinates k g / size, with an
+    integer g for each dimension. The integers of the first ten dimensions are fixed; those of
+    further dimensions are random numbers from ``seed``.
     """
     rng = np.random.default_rng([seed, 1])
     generators = list(_LATTICE)

@@ -129,12 +129,12 @@ class _ConvexFunction(NamedTuple):
 
 
 class _Edges(NamedTuple):
-    """Result of the search for the saddle points of the log importance weights.
+    """Result of the search for the saddle points of the log importance weights of random draws.
 
     Each saddle point is described by the lower limits (edges) of the d shifted normal variables.
-    ``edge``, shape (w, d), holds the limits for each of w sets of constraints.
-    ``solved``, shape (w,), states whether the search succeeded. ``value``, shape (w,), is the value
-    of `_ConvexFunction` at these limits.
+    ``edge``, shape (w, d), holds the limits for each of w sets of constraints. ``solved``, shape
+    (w,), states whether the search succeeded. ``value``, shape (w,), is the value of
+    `_ConvexFunction` at these limits.
     """
 
     edge: Array
@@ -426,9 +426,9 @@ def _edges_of_nearest_point(
     unit: Array,
     bound: Array,
 ) -> Array:
-    """Return the approximate edges at the most probable x that satisfies the constraints, (d,).
+    """Return approximate edges at the most probable vector x that satisfies d constraints.
 
-    The edges are the lower limits of the shifted normal variables. The d constraints on the
+    The edges, shape (d,), are the lower limits of shifted normal variables. The constraints on the
     standard normal vector x are unit · x ≥ bound, where ``unit`` has the shape (d, d) and ``bound``
     the shape (d,). ``coupling`` is unit unitᵀ − I.
     """

@@ -54,7 +54,7 @@ class Truncation:
 
     @property
     def active(self) -> bool:
-        """Whether there is any constraint, that is, whether the matrix of constraints has rows."""
+        """Whether the region has any constraint that excludes values of the parameters."""
         return len(self.rows) > 0
 
     def holds(self, beta: Array) -> Array:
@@ -306,7 +306,11 @@ def _eliminate_last(
     below, above = _opposite_pairs(last)
 
     def combine(values: Array) -> Array:
-        # ``values`` are the coefficients or the lower bounds, with one row for each constraint.
+        """Return the coefficients or lower bounds of the constraints without the last coordinate.
+
+        ``values`` are the coefficients or the lower bounds of the old constraints, with one row for
+        each constraint.
+        """
         scale = last.reshape(-1, *[1] * (values.ndim - 1))
         pairs = values[below] / scale[below] - values[above] / scale[above]
         return np.concatenate([values[free], pairs])
@@ -316,7 +320,7 @@ def _eliminate_last(
 
 
 def _opposite_pairs(last: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the indices of all pairs of a positive and a negative element of ``last``.
+    """Return the indices of all pairs of a positive and a negative element of the array ``last``.
 
     The first array holds the indices of the positive elements, the second array the indices of the
     negative elements.

@@ -197,7 +197,7 @@ class BallForm(Term):
         }
 
     def _coefficient_prior(self, balls: Sequence[_TurnedBall], orders: Array) -> _CoefficientPrior:
-        """Return the prior of the coefficients of a form error.
+        """Return the prior of the Fourier coefficients of a form error of the balls.
 
         ``balls`` holds one ball, or both balls if the sum of their form errors is modelled.
         ``orders`` holds the order of each coefficient.

@@ -222,7 +222,7 @@ class Term(Shown):
     on_demand: ClassVar[bool]
 
     def __init_subclass__(cls) -> None:
-        """Register a new class of terms, and give it default names.
+        """Register a new class of nuisance terms, and give it default names.
 
         The defaults for ``stem`` and ``words`` are made from the name of the class. Raise an
         `InputError` if a term of another module has the same name.
@@ -270,7 +270,7 @@ class Term(Shown):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the term, which scale the prior sds of its coefficients.
+        """Hyper-parameters of a nuisance term, which scale the prior sds of its coefficients.
 
         Hyper-parameters are estimated from the readings. By default a term has none.
         """
@@ -335,7 +335,7 @@ class Term(Shown):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the internal unit and the display unit of the coefficient with this name."""
+        """Return the internal and the display unit of the nuisance coefficient ``coefficient``."""
         return cls.unit
 
     @classmethod

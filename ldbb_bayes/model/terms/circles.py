@@ -78,7 +78,7 @@ class SetupShift(Term):
         )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the random shift as noise of the Fourier coefficients of 1, cos θ, sin θ.
+        """Return the random shift between circles as noise of coefficients of 1, cos θ, sin θ.
 
         The coefficient of 1 is the shift of the readings' zero; the coefficients of cos θ and sin θ
         are the shift of the circle's centre. The field ``moves`` states whether zero, centre or

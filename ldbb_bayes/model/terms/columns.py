@@ -72,6 +72,7 @@ class Scale(NamedTuple):
     law: Law = "half-normal"
 
     def __repr__(self) -> str:
+        """Return a short text with the name of the hyper-parameter, such as Scale('sigma')."""
         return f"Scale({self.name!r})"
 
 
@@ -95,7 +96,7 @@ class Source(NamedTuple):
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
-        """Return the factor by which the prior sd is multiplied, for given hyper-parameters.
+        """Return the factor by which a coefficient's prior sd is multiplied, from hyper-parameters.
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of one shape;
         lengths are in mm. The result is a number or an array of the same shape.

@@ -165,7 +165,7 @@ class Mount(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a coefficient of this term, given the coefficient's name.
+        """Return the unit of a coefficient of the mount's deflection, given the coefficient's name.
 
         The unit of the mount's deflection per pressure is µm/bar. The unit of the curvature is µm.
         """

@@ -187,11 +187,12 @@ class JointLoad(Term):
 def joint_load_columns(
     setting: Setting, columns: Sequence[Columns | BasisNoise]
 ) -> dict[str, Columns]:
-    """Return a dict with the columns of `JointLoad`; its keys are the letters of the axes.
+    """Return a dict with the columns of each axis' nonlinear deflections (term `JointLoad`).
 
-    A column holds the change of the reading per unit of one coefficient. ``columns`` are the
-    columns of `JointLoad` in the model of a campaign, and ``setting`` describes the test
-    conditions. If the model lacks `JointLoad`, ``columns`` and the result are empty.
+    The keys are the letters of the axes. A column holds the change of the reading per unit of one
+    coefficient. ``columns`` are the columns of `JointLoad` in the model of a campaign, and
+    ``setting`` describes the test conditions. If the model lacks `JointLoad`, ``columns`` and the
+    result are empty.
     """
     shared = [block for block in columns if isinstance(block, Columns)]
     if not shared:
