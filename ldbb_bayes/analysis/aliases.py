@@ -84,7 +84,8 @@ class Degeneracy:
     def nuisances(self) -> tuple[str, ...]:
         """Names of the nuisance coefficients in the degeneracy.
 
-        They describe effects that are modelled but not of interest.
+        A degeneracy is a combination of coefficients whose effects on the readings cancel. Nuisance
+        coefficients describe effects that are modelled but not of interest.
         """
         return tuple(name for name in self.combination if name not in self.units)
 
@@ -171,7 +172,8 @@ def _describe_degeneracy(
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
-    # Indices of the coefficients in the combination. Parameters of interest come before nuisance
+    # Indices of the coefficients that belong to the degeneracy, which is a combination of
+    # coefficients whose effects on the readings cancel. Parameters of interest come before nuisance
     # coefficients.
     members = np.flatnonzero(effect > _ROUNDING * effect.max()).tolist()
     parameters = [i for i in members if i < space.parameters]

@@ -20,8 +20,8 @@ __all__ = ["AssumedSize", "DecidingAssumption", "deciding_assumptions"]
 # A parameter is said to depend on an effect with an assumed standard uncertainty if the effect
 # causes at least this fraction of the parameter's variance.
 _DECIDING_SHARE = 0.05
-# Two prior standard deviations are treated as equal if the larger divided by the smaller is below
-# this number.
+# The prior standard deviations of two coefficients are treated as equal if the larger divided by
+# the smaller is below this number.
 _SAME_SIZE = 1.0 + 1e-9
 
 

@@ -87,12 +87,12 @@ class _WeightedModels:
 
     @property
     def bounds(self) -> list[BoundModel]:
-        """Return the models over which the average is taken, each applied to the campaign."""
+        """Return the models of a model average, each applied to the campaign."""
         return [nodes.bound for nodes in self.nodes]
 
     @property
     def log_evidence_error(self) -> float:
-        """Return the largest numerical error of the models' log evidences [nat].
+        """Return the largest numerical error of the averaged models' log evidences [nat].
 
         Models with a posterior probability below 0.001 are ignored.
         """
@@ -220,7 +220,7 @@ def average(
 
 
 def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
-    """Raise an `InputError` unless there are models, and enough draws of their average."""
+    """Raise an `InputError` if there are no models to average, or too few draws to return."""
     require_models(models)
     require(
         draws >= _FEWEST_DRAWS,

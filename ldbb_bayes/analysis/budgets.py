@@ -110,9 +110,9 @@ class Budget(Result):
     u_if_known: float | None
 
     def share(self, term: str) -> float:
-        """Return the share of the parameter's variance that one model term causes.
+        """Return the share of a parameter's variance that one model term causes.
 
-        The result is the sum of the shares of all sources that belong to the term.
+        The result is the sum of the shares of all sources of uncertainty that belong to the term.
         """
         return sum(line.share for line in self.contributions if line.term == term)
 
@@ -158,7 +158,7 @@ class _ModelBudget:
 
     @property
     def bound(self) -> BoundModel:
-        """The model applied to the tests of the campaign."""
+        """The model of the uncertainty budget, applied to the tests of the campaign."""
         return self.model.bound
 
 
@@ -180,10 +180,11 @@ class _ParameterVariance:
 
     @property
     def total(self) -> float:
-        """Total variance: the share of a source is its contribution divided by this variance.
+        """Total variance of one parameter, by which the contributions of sources are divided.
 
-        The total variance is the variance of the parameter in the average over the models. If this
-        variance is zero, the result is 1, to avoid a division by zero.
+        The total variance is that of the average over the models. The share of a source of
+        uncertainty is its contribution divided by this variance. If the variance is zero, the
+        result is 1, to avoid a division by zero.
         """
         return (sum(self.weights) + (self.spread or 0.0)) or 1.0
 
@@ -341,7 +342,8 @@ def _variance_of_parameter(
     rows = []
     weights = []
     for budget in budgets:
-        # The parameter has one row in the arrays of a model that has it, and none in other models.
+        # In the uncertainty budget under one model, each parameter of the model has one row in all
+        # arrays. A parameter that the model does not have has no row.
         rows_of_parameter = np.flatnonzero(budget.model.places == i)
         for row in rows_of_parameter.tolist():
             with_parameter.append(budget)
@@ -436,7 +438,7 @@ def _coefficient_line(key: _SourceKey, portion: _SourceShare, u: float) -> Contr
     place = information.interest[portion.row]
     column = information.names.index(key.source)
     # If the true value of the nuisance coefficient is larger than its prior mean, the estimate of
-    # the parameter is wrong. The sign of this error is opposite to the sign of the posterior
+    # the parameter has an error. The sign of this error is opposite to the sign of the posterior
     # covariance of coefficient and parameter.
     sign = -float(np.sign(portion.budget.covariance[place, column]))
     source_u = float(information.scale[column])

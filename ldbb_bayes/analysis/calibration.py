@@ -184,10 +184,11 @@ class Validation(Result):
 
     @model_serializer
     def _record_without_ranks(self) -> dict[str, Any]:
-        """Return a record for JSON, without the ranks but with the coverage of each quantity.
+        """Return the results of a simulation-based calibration as a dictionary for a JSON file.
 
-        The coverage is the share of true values that lie inside their credible intervals. The
-        record also states for each quantity whether its ranks stay between the limits ``band``.
+        The dictionary does not contain the ranks, but it states the coverage of each quantity: the
+        share of true values that lie inside their credible intervals. It also states for each
+        quantity whether its ranks stay between the limits ``band``.
         """
         columns = [_percent(prob) for prob in _INTERVALS]
         coverage = self.coverage()[columns].to_dict(orient="index")
@@ -321,8 +322,8 @@ def rank_replicates(
     """Return the ranks of true values among posterior draws, for many simulated campaigns.
 
     ``rank_replicate`` takes the seed of one campaign and returns the ranks of the quantities
-    ``names``. If there are no ranks, it returns the reason as a string. The other arguments are the
-    same as in `calibrate`.
+    ``names`` (parameters, hyper-parameters and the log likelihood). If the campaign gives no ranks,
+    it returns the reason as a string. The other arguments are the same as in `calibrate`.
     """
     outcomes: dict[int, Ranks | str] = {}
     seeds = np.random.SeedSequence(seed).spawn(replicates)

@@ -76,8 +76,9 @@ def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns
 def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:
     """Return the factors that convert the second harmonic to scale mismatch and squareness.
 
-    The second harmonic is that of the radial deviation [µm] of the circle of the test with index
-    ``r``. The factors depend on the radius and the plane of this circle.
+    Scale mismatch and squareness are those of the two axes of a plane. The second harmonic is that
+    of the radial deviation [µm] of the circle of the test with index ``r``. The factors depend on
+    the radius and the plane of this circle.
     """
     radius_m = float(bound.setting.radius_mm[r]) * 1e-3
     sin2_of_squareness = float(bound.setting.geometric[r][SIN2, _squareness_index(bound, r)])

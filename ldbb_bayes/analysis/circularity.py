@@ -153,7 +153,10 @@ def predict_circularity(
 
 
 class PathDraws(NamedTuple):
-    """Posterior draws of the circular deviation and similar quantities, for one plane and force."""
+    """Posterior draws of the circular deviation and similar quantities of one tool path.
+
+    The tool path is the one that the machine drives in one plane at one force of the bar.
+    """
 
     #: plane of the tool path, its radius [mm] and the force of the bar [N]; the keys are column
     #: names of the table that `predict_circularity` returns

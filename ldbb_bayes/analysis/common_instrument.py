@@ -26,9 +26,9 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
-# Readings are called informative about a nuisance coefficient of the instrument if they reduce its
-# variance enough: the prior variance divided by the posterior variance must exceed one by more than
-# this number.
+# The readings of a campaign are called informative about a nuisance coefficient of the instrument
+# if they reduce its variance enough: the prior variance divided by the posterior variance must
+# exceed one by more than this number.
 _LEAST_INFORMATION = 0.05
 # Names of two hyper-parameters of the instrument: the scale of the balls' form errors, and the
 # decay. The decay is the exponent of the power law by which these errors decrease with the number
@@ -64,7 +64,7 @@ class JointDifference(NamedTuple):
 
 
 class _Campaign(NamedTuple):
-    """Posterior of the coefficients of one campaign, given its hyper-parameters."""
+    """Posterior of the coefficients of one campaign's model, given the hyper-parameters."""
 
     information: Information
     #: names of the coefficients of a campaign's model: the parameters, and the nuisance
@@ -106,8 +106,10 @@ def joint_difference(
         for campaign in campaigns
     ]
     joint = _joint_posterior(campaigns, places, common, len(all_names))
-    # The matrices ``rows`` apply to the parameters of one campaign, which come first in its list of
-    # coefficients. The matrices ``joint_rows`` apply to the joint list of all coefficients.
+    # The matrix of each campaign in ``rows`` converts the parameters of this campaign to the
+    # compared parameters. The matrices ``joint_rows`` do the same for the joint list of the
+    # coefficients of both campaigns. The parameters come first in each campaign's own list of
+    # coefficients.
     joint_rows = np.zeros((2, len(rows[0]), len(all_names)))
     for k, rows_of_campaign in enumerate(rows):
         parameter_places = places[k][: rows_of_campaign.shape[1]]
@@ -286,8 +288,9 @@ def worst_conflict(
         common_means.append(means[k][places])
     scale = np.array(scales)
     variance = np.array(variances)
-    # ``variance`` is in units of the prior variance. Without the prior, the readings of a campaign
-    # alone give the coefficient the precision ``precision`` and the estimate ``estimate``.
+    # ``variance`` is in units of the prior variance. The readings of a campaign alone, without the
+    # prior, determine each coefficient: its estimate is ``estimate``, and the inverse variance of
+    # this estimate is ``precision``.
     precision_in_prior_units = 1.0 / variance - 1.0
     precision = precision_in_prior_units / scale**2
     is_informed = precision.min(axis=0) * scale[0] ** 2 > _LEAST_INFORMATION

@@ -102,7 +102,7 @@ _COARSEST_TOLERANCE = 1.0
 
 
 class Sign(StrEnum):
-    """Whether the sign of a log Bayes factor depends on priors and assumptions of the models."""
+    """Whether the sign of a log Bayes factor holds under other priors and model assumptions."""
 
     OPEN = "depends on assumptions that the readings allow"
     HELD = "holds but for assumptions that the readings reject"
@@ -293,7 +293,7 @@ class Comparison(Result):
 
     @property
     def pair(self) -> tuple[str, str]:
-        """Return the names of the first two models.
+        """Return the names of the first two of the compared models.
 
         These two models are also compared under other priors and assumptions.
         """
@@ -362,10 +362,11 @@ class Comparison(Result):
 
     @property
     def sign(self) -> Sign:
-        """Return whether the sign of the log Bayes factor `headline` holds under other assumptions.
+        """Return whether the sign of the log Bayes factor holds under other assumptions.
 
-        The other assumptions are about the random differences between circles, and about the prior
-        of the slopes (changes of compliance with force).
+        The log Bayes factor is `headline`, that of the second model over the first. The other
+        assumptions are about the random differences between circles, and about the prior of the
+        slopes (changes of compliance with force).
         """
         turning = self.turning()
         if self.prior_sensitivity_crossings or any(map(self.allowed, turning)):
@@ -451,10 +452,11 @@ class _ComparisonPlan:
 
     @property
     def slope_scales(self) -> tuple[float, ...]:
-        """Return the scales of the prior of the slopes (changes of compliance with force).
+        """Return the scales of the slopes' prior at which two models are compared again.
 
-        The result is empty if neither of the first two models has slopes, or if the two models
-        differ only in this prior.
+        Slopes are changes of compliance with force. The two models are the first two of the
+        compared models. The result is empty if neither of them has slopes, or if they differ only
+        in the prior of the slopes.
         """
         return SLOPE_SCALES if self.by_slope_scale else ()
 
@@ -467,18 +469,23 @@ class _StepCounter:
     """
 
     def __init__(self, progress: Callable[[int, int], None], total: int) -> None:
+        """Start to count the steps of a comparison at zero.
+
+        ``progress`` is called after every step with the number of steps done and ``total``, the
+        number of all steps.
+        """
         self.progress = progress
         self.total = total
         self.done = 0
 
     def __call__(self) -> None:
-        """Count one more step as done, and report the number of steps done."""
+        """Count one more step of a comparison as done, and report the number of steps done."""
         self.done += 1
         self.progress(self.done, self.total)
 
 
 def _report_nothing() -> None:
-    """Do nothing: stands in for the step counter after the last step has been reported."""
+    """Do nothing. This function is called in place of a progress report."""
 
 
 @one_blas_thread
@@ -666,8 +673,9 @@ def _plan_comparison(
     by_assumption = sensitivity.pairs_by_change(
         pair.values(), sensitivity.discrepancy_assumptions(pair.values())
     )
-    # The first entry of ``by_assumption`` holds the two models as they are, with the assumption
-    # about the random differences between circles that they already make.
+    # Each entry of ``by_assumption`` holds the two compared models with another assumption about
+    # the random differences between circles. The first entry is an exception: it holds the models
+    # without change. It is moved to ``unchanged``.
     unchanged_label = next(iter(by_assumption))
     unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)
@@ -711,7 +719,10 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
     """
 
     def change(model: HybridModel) -> HybridModel:
-        """Return a copy of the model whose prior of the slopes has the scale ``scale``."""
+        """Return a copy of the model with another scale of the prior of the slopes.
+
+        Slopes are changes of compliance with force.
+        """
         return model.with_slope_scale(scale)
 
     return change
@@ -762,8 +773,8 @@ def _begin_assumptions(
 
     The assumptions are about the random differences between circles; ``plan`` lists them. Return a
     function that waits for the log Bayes factors and evidences, and returns them.
-    ``nodes_by_model`` holds the evidences of the models with their own assumption. ``executor``
-    runs the computation in parallel; if it is None, this process runs it.
+    ``nodes_by_model`` holds the evidences of the models as they are, with the assumption that they
+    make. ``executor`` runs the computation in parallel; if it is None, this process runs it.
     """
     best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
     separate = evidences.apart()
@@ -798,7 +809,7 @@ def _weigh_assumptions(
 
 
 def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:
-    """Return a list with one evidence for each model and each test left out.
+    """Return a list of evidences: one for each model and each test that is left out.
 
     ``left_out_nodes`` holds, for each model and each test left out, the posterior given the other
     tests. The outer keys are names of models, and the inner keys are names of tests.
@@ -810,7 +821,7 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 
 
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
-    """Return the log Bayes factors of all other models over the first, and their errors [nat].
+    """Return the log Bayes factors of all models over the first model, and their errors [nat].
 
     The keys have the form "linear/constant", where "constant" is the name of the first model.
     """

@@ -27,7 +27,7 @@ _DECIMALS_OF_PROBABILITY = 12
 
 @dataclass(frozen=True)
 class DrawnValue(Result):
-    """Mean, standard deviation, median and credible interval of a quantity's posterior draws."""
+    """Mean, sd, median and credible interval of a compliance or of its change with force."""
 
     mean: float  #: posterior mean of a compliance or of its change with force
     sd: float  #: posterior standard deviation of a compliance or of its change with force
@@ -82,7 +82,7 @@ class ChangeWithForce(Result):
 
     @property
     def probability_of_no_change(self) -> float:
-        """Probability that the compliance does not change at all.
+        """Probability that a compliance does not change at all with force.
 
         In an average over models, this is the probability of the models in which the compliance is
         constant. For a single model, it is zero.
@@ -162,7 +162,7 @@ def _change_of(curves: ForceCurves, draws: CurveDraws, prob: float) -> ChangeWit
 
 
 def _summary_of(draws: Array, prob: float) -> DrawnValue:
-    """Return mean, sd, median and credible interval of a quantity's posterior draws.
+    """Return mean, sd, median and credible interval of a compliance or change from posterior draws.
 
     ``draws`` has the shape (draws,), and ``prob`` is the probability of the equal-tailed interval.
     """

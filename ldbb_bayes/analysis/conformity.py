@@ -104,7 +104,7 @@ class Conformity(Result):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit of the tolerance; infinite if there is no such limit."""
+        """Lower and upper limit of the tolerance of a quantity; a missing limit is infinite."""
         return Tolerance(self.lower, self.upper).ends
 
 
@@ -278,7 +278,10 @@ def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict
 
 
 def _directional_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
-    """Return posterior draws of k_min, k_max and k_ratio, by name, in mm and N.
+    """Return posterior draws of the least and greatest stiffness in each plane, and their ratio.
+
+    The names (keys) are ``k_min`` and ``k_max`` for the least and the greatest stiffness along the
+    bar [N/mm], and ``k_ratio`` for the greatest stiffness divided by the least.
 
     If there are several planes, each name ends with the plane, such as ``k_min_YZ``. ``force`` is
     the force of the bar [N].

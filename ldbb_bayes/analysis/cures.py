@@ -40,7 +40,8 @@ _HIGHER_FORCE_SHARE = 1.5
 # If tests at another radius are added to a plan, their radius is a radius of the plan times this
 # factor, or times a power of this factor.
 _OTHER_RADIUS_SHARE = 2.0 / 3.0
-# Radii that differ by no more than this share of the larger radius are treated as equal.
+# Radii of two circles that differ by no more than this share of the larger radius are treated as
+# equal.
 _SAME_RADIUS_SHARE = 0.01
 # Opposite of each direction of travel, which is clockwise (CW) or counterclockwise (CCW).
 _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
@@ -113,6 +114,7 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
     """Return whether a degeneracy of a plan remains when tests are added to the plan.
 
+    A degeneracy is a combination of coefficients whose effects on the readings cancel.
     ``remaining`` are the degeneracies of the plan with the added tests.
     """
     return any(_is_same(degeneracy, candidate) for candidate in remaining)

@@ -99,8 +99,9 @@ def _joint_load_weights(bound: BoundModel, information: Information, axis: str) 
         if isinstance(term, JointLoad):
             force_N = bound.setting.force_N
             ends_N = np.array([force_N.min(), force_N.max()])
-            # ``secants`` holds the change of the compliance per unit of each coefficient, at the
-            # smallest and at the largest force.
+            # ``secants``, shape (2, 3), holds the effect of the joint's nonlinear deflection on the
+            # compliance, at the smallest and at the largest force tested, per unit of each of the
+            # three coefficients of the axis.
             secants = term.secants(bound.setting, ends_N)
             weights[places] = secants[1] - secants[0]
     return weights

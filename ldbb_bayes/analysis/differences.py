@@ -153,8 +153,9 @@ def _compare_one_instrument(
 
     ``bounds`` are the models of the two campaigns. ``phi`` holds, for each campaign, the posterior
     mean of the hyper-parameters, shape (h,). ``rows`` holds, for each campaign, the matrix that
-    maps the p parameters of the campaign to the n compared parameters, shape (n, p). ``levels`` are
-    the probabilities below the lower and the upper end of the interval, shape (2,).
+    maps the p parameters of the campaign to the n compared parameters, shape (n, p). ``levels``,
+    shape (2,), are the probabilities below the lower and the upper end of the credible interval of
+    each difference.
     """
     joint = joint_difference(bounds, phi, rows)
     return _Differences(
@@ -171,7 +172,8 @@ def _compare_independent(first: Array, second: Array, levels: Array) -> _Differe
     """Return the differences of n parameters between two independent posteriors.
 
     ``first`` and ``second`` are draws of the parameters from the two posteriors, shape (draws, n).
-    ``levels`` are the probabilities below the lower and the upper end of the interval, shape (2,).
+    ``levels``, shape (2,), are the probabilities below the lower and the upper end of the credible
+    interval of each difference.
     """
     means = np.array([first.mean(axis=0), second.mean(axis=0)])
     rng = np.random.default_rng(0)

@@ -76,7 +76,10 @@ _TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
 
 @dataclass(frozen=True)
 class StatedValue(Result):
-    """A quantity with standard uncertainty, expanded uncertainty and credible interval."""
+    """A stiffness, a compliance or a ratio of stiffnesses, with its uncertainty.
+
+    The uncertainty is stated as standard uncertainty, expanded uncertainty and credible interval.
+    """
 
     #: unit of a stiffness (N/mm) or of a compliance (mm/N); empty for a ratio of two stiffnesses
     unit: str
@@ -99,7 +102,7 @@ class StatedValue(Result):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lower and upper end of the credible interval of the quantity."""
+        """Lower and upper end of the credible interval of a stiffness, compliance or ratio."""
         return self.ci_low, self.ci_high
 
 
@@ -616,7 +619,11 @@ def _stiffness_from(compliance: Array) -> Array:
 
 
 def _stiffness_ratio(extremes: CurveExtremes) -> Array:
-    """Return draws of the largest compliance divided by the smallest; no draw is below one."""
+    """Return draws of the greatest stiffness divided by the least stiffness along the bar.
+
+    The ratio is computed from ``extremes``, draws of the largest and the smallest compliance along
+    the bar on a circle. A ratio below one is set to one.
+    """
     return np.asarray(np.maximum(extremes.largest / _above_zero(extremes.smallest), 1.0))
 
 

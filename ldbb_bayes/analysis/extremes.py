@@ -39,7 +39,7 @@ class CurveExtremes:
 
     @property
     def width(self) -> Array:
-        """Largest minus smallest value of the curve, for each posterior draw, shape (draws,)."""
+        """Largest minus smallest value of each posterior draw of a curve, shape (draws,)."""
         return np.maximum(self.largest - self.smallest, 0.0)
 
 

@@ -92,19 +92,27 @@ class GumComparison(Result):
 
     @property
     def d_low(self) -> float:
-        """Distance between ``gum_low`` and ``low``, the lower endpoints of the two intervals."""
+        """Distance between the lower endpoints of the parameter's two coverage intervals.
+
+        The endpoint ``gum_low`` is by the GUM's law of propagation, and ``low`` by the posterior.
+        """
         return abs(self.gum_low - self.low)
 
     @property
     def d_high(self) -> float:
-        """Distance between ``gum_high`` and ``high``, the upper endpoints of the two intervals."""
+        """Distance between the upper endpoints of the parameter's two coverage intervals.
+
+        The endpoint ``gum_high`` is by the GUM's law of propagation, and ``high`` by the posterior.
+        """
         return abs(self.gum_high - self.high)
 
     @property
     def validated(self) -> bool:
-        """Whether the GUM's interval may be used.
+        """Whether the posterior validates the parameter's coverage interval by the GUM.
 
-        It may be used if ``d_low`` and ``d_high`` are both at most ``tolerance``.
+        The GUM's interval may be used if its endpoints differ from those of the posterior's
+        interval by at most the numerical ``tolerance``; the differences are ``d_low`` and
+        ``d_high``.
         """
         return max(self.d_low, self.d_high) <= self.tolerance
 
@@ -146,12 +154,12 @@ class GumValidation(Result):
 
     @property
     def validated(self) -> tuple[str, ...]:
-        """Names of the parameters for which the GUM's interval may be used."""
+        """Names of the parameters whose coverage interval by the GUM agrees with the posterior."""
         return tuple(name for name, entry in self.parameters.items() if entry.validated)
 
     @property
     def not_validated(self) -> tuple[str, ...]:
-        """Names of the parameters for which the GUM's interval must not be used."""
+        """Names of the parameters whose coverage interval by the GUM differs from the posterior."""
         return tuple(name for name, entry in self.parameters.items() if not entry.validated)
 
 
@@ -235,7 +243,10 @@ def validate_gum(
 
 
 def _most_probable(models: list[AveragedModel]) -> AveragedModel:
-    """Return the most probable model; if several are equally probable, the first of them."""
+    """Return the most probable model of a model average.
+
+    If several models are equally probable, the first of them is returned.
+    """
     probabilities = [model.probability for model in models]
     return models[int(np.argmax(probabilities))]
 

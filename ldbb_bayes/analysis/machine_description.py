@@ -26,10 +26,12 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["DescribedMachine", "VisibleParameter", "describe_machine"]
 
-# Radii at which the parameters' effects on the readings are sampled [mm]. Four radii suffice,
-# because an effect is a polynomial in the radius of degree 3 at most.
+# Radii of circles for which the effects of the parameters on the readings are computed, to find a
+# formula for these effects [mm]. Four radii suffice, because an effect is a polynomial in the
+# radius of degree 3 at most.
 _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
-# Angles at which the parameters' effects on the readings are sampled [rad].
+# Angles on the circle at which the effects of the parameters on the readings are computed, to find
+# a formula for these effects [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
 # Number of factors cos θ and sin θ in the formula for the effect of a compliance on the reading,
 # where θ is the angle of the circle. The compliance C_XXX, for example, changes the reading by
@@ -41,14 +43,15 @@ _COMPLIANCE_DEGREE = 2
 # reading, where θ is the angle of the circle. There is one factor, because the reading shows only
 # the component of the error along the bar. Terms that contain the radius have more factors.
 _GEOMETRIC_DEGREE = 1
-# Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
-# are empty.
+# Superscripts with which the powers 0 … 4 of a symbol are written in a formula, such as c²; the
+# superscripts of the powers 0 and 1 are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
 # The formula for a parameter's effect on the readings is fitted to computed values of the effect. A
 # numerical factor of the formula counts as a rounding error if it is at most this number times the
 # largest of these values. If all values are below 1, this number itself is the limit.
 _ROUNDING = 1e-9
-# Decimals to which a factor of a formula is rounded before it is printed.
+# Number of decimals to which a numerical factor is rounded before it is printed in the formula of a
+# parameter's effect on the readings.
 _FACTOR_DECIMALS = 9
 
 
@@ -314,7 +317,10 @@ def _write_power(letter: str, power: int) -> str:
 
 
 def _write_sum(monomials: Sequence[_Monomial]) -> str:
-    """Return a sum of terms as text, such as ``2 R c² − s``; factors of one are not written."""
+    """Return the formula of a parameter's effect on the readings as text, such as ``2 R c² − s``.
+
+    The formula is the sum of the terms ``monomials``. A factor of one is not written.
+    """
     text = ""
     for monomial in monomials:
         is_negative = monomial.factor < 0

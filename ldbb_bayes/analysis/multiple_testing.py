@@ -50,8 +50,9 @@ def pooled_p_value(p_values: Array) -> Array:
     """
     clipped = np.clip(p_values, _LEAST, 1.0 - _LEAST)
     mean = np.tan((0.5 - clipped) * np.pi).mean(axis=-1)
-    # The returned value is the probability that a Cauchy variate exceeds the mean. The function
-    # arctan2 computes this probability accurately even if the mean is large.
+    # Each p-value has been transformed to a Cauchy variate. The returned value is the probability
+    # that a Cauchy variate exceeds the mean of these variates. The function arctan2 computes this
+    # probability accurately even if the mean is large.
     return np.asarray(np.arctan2(1.0, mean) / np.pi)
 
 

@@ -14,9 +14,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EXACT_SHARE", "NullSpace"]
 
-# In a combination of coefficients, one coefficient, the pivot, has the value one. The effects of
-# the coefficients are said to cancel only if the combination changes no reading by more than this
-# share of the largest change that the pivot alone would cause.
+# In a combination of a model's coefficients, one coefficient, the pivot, has the value one. The
+# effects of the coefficients are said to cancel only if the combination changes no reading by more
+# than this share of the largest change that the pivot alone would cause.
 EXACT_SHARE = 0.05
 # Limits that decide which coefficients are dropped from a combination whose effects cancel. A
 # coefficient is dropped if its effect on the readings is at most this share of the largest effect
@@ -57,14 +57,21 @@ class NullSpace:
     """
 
     def __init__(self, scaled: Array, parameters: int, limit: float) -> None:
+        """Prepare the search for combinations of coefficients that change no reading.
+
+        ``scaled``, shape (n, m), holds the change of each of n readings when one of m coefficients
+        changes by its prior standard deviation. The first ``parameters`` coefficients are the
+        parameters of interest. A change of a reading by at most ``limit`` counts as no change.
+        """
         self.scaled = scaled
         self.parameters = parameters
         self.limit = limit
         #: largest change of a reading when each of the m coefficients alone changes by its prior
         #: standard deviation, shape (m,)
         self.largest = np.abs(scaled).max(axis=0)
-        # Triangular factor R of ``scaled`` = Q R. It has fewer rows than ``scaled``, but the same
-        # null space and the same singular values.
+        # Triangular factor R of the decomposition Q R of the matrix ``scaled``, which holds the
+        # effects of the coefficients on the readings. R has fewer rows than ``scaled``, but the
+        # same null space and the same singular values.
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
 
     def sparse_basis(self) -> list[tuple[int, Array]]:
@@ -112,12 +119,14 @@ class NullSpace:
         ``NullSpace.limit`` counts as no change.
         """
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
-        # If there are fewer readings than coefficients, the remaining singular values are zero.
+        # The matrix of effects has one singular value for each coefficient. If there are fewer
+        # readings than coefficients, the singular values that NumPy does not return are zero.
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))
-        # The singular value of a combination is the root sum of squares of the changes of all n
-        # readings. If it exceeds the limit times √n, some reading changes by more than the limit.
-        # Of the remaining combinations, those with the largest singular values are left out until
-        # no reading changes by more than the limit.
+        # The right singular vectors are combinations of coefficients. The singular value of a
+        # combination is the root sum of squares of the changes that it causes in the n readings. If
+        # it exceeds √n times the limit ``self.limit``, some reading changes by more than the limit,
+        # and the combination is left out. Of the remaining combinations, those with the largest
+        # singular values are left out until no reading changes by more than the limit.
         basis = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
         while basis.shape[1] and np.abs(self.scaled[:, columns] @ basis).max() > self.limit:
             basis = basis[:, 1:]
@@ -133,8 +142,10 @@ class NullSpace:
         combination for each target: the target has the value one, and the imitators have the values
         that cancel its effect. A target is left out if the imitators cannot cancel its effect.
         """
-        # Solve the least-squares problems of all target coefficients in one call. The matrix with
-        # the effects of the imitators, which is common to all targets, is then factored only once.
+        # For each target coefficient, a least-squares problem finds how other coefficients, the
+        # imitators, can cancel its effect on the readings. The problems of all targets are solved
+        # in one call, because the matrix with the effects of the imitators is then factored only
+        # once.
         solutions = np.linalg.lstsq(
             self._triangle[:, imitators], self._triangle[:, targets], rcond=_RANK_TOLERANCE
         )[0]

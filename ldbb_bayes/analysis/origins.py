@@ -152,7 +152,10 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 
 
 class _PriorSize(NamedTuple):
-    """The three values that determine the prior sd of a coefficient."""
+    """The three values that determine the prior standard deviation of a coefficient.
+
+    One part of the standard deviation may be proportional to hyper-parameters, another part fixed.
+    """
 
     #: the prior standard deviation of a coefficient, or a factor of it if the prior standard
     #: deviation is proportional to hyper-parameters
@@ -166,9 +169,10 @@ class _PriorSize(NamedTuple):
 
 
 def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> _PriorSize | None:
-    """Return the values that determine the prior sd of a coefficient of a model term.
+    """Return the three values that determine the prior standard deviation of a coefficient.
 
-    Return None if the term has no coefficient of this name.
+    ``coefficient`` is the name of a coefficient of the model term ``term``. Return None if the term
+    has no coefficient of this name.
     """
     for columns in term.columns(bound.setting):
         if isinstance(columns, Columns) and coefficient in columns.names:

@@ -228,9 +228,10 @@ def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
 
 
 def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
-    """Return the name of the test with the smallest p-value.
+    """Return the name of the test that deviates most from its prediction by the other tests.
 
-    Among tests with equal p-values, it is the test with the largest ``JudgedTest.distance``.
+    This is the test with the smallest p-value. Among tests with equal p-values, it is the test with
+    the largest ``JudgedTest.distance``.
     """
     return min(judged, key=lambda name: (judged[name].p_value, -judged[name].distance))
 
@@ -239,9 +240,9 @@ def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[st
     """Return the results ``judged`` of several tests with family-wise p-values by Holm's method.
 
     Holm's method orders the tests by their p-values. The family-wise p-value of a test must not be
-    smaller than that of a test before it. Tests that were flagged earlier come before all these
-    tests; ``lowest`` is the largest of the family-wise p-values of the flagged tests. A smaller
-    family-wise p-value is raised to ``lowest``.
+    smaller than that of a test before it. Tests that have been flagged and removed already come
+    before the tests in ``judged``. ``lowest`` is the largest family-wise p-value of the flagged
+    tests; any smaller family-wise p-value is raised to this number.
     """
     p_values = np.array([judged_test.p_value for judged_test in judged.values()])
     family_wise = np.maximum(holm(p_values), lowest)
@@ -378,10 +379,12 @@ def _squared_distance(harmonics: Array, root: Array) -> Array:
 
 
 def _minus_log_tail(squared_distance: float, components: int) -> float:
-    """Return −ln of the probability that a χ² variable exceeds ``squared_distance``.
+    """Return −ln of the probability that a circle deviates more than an observed circle.
 
-    ``components``, one or two, is the number of Fourier coefficients, which is the number of
-    degrees of freedom of χ².
+    The deviation is that of the Fourier coefficients of one order. ``squared_distance`` is the
+    squared Mahalanobis distance of the observed circle from the prediction, which is taken to have
+    a χ² distribution. ``components``, one or two, is the number of Fourier coefficients of the
+    order, which is the number of degrees of freedom of χ².
     """
     if components == 2:
         return 0.5 * squared_distance

@@ -63,8 +63,9 @@ def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
     ones = columns[:, :1]
     zeros = 0.0 * ones
     centre = columns[:, 1:]
-    # The linear programme has four unknowns: the two coordinates of the centre, and the lower and
-    # the upper limit of the zone.
+    # The linear programme for the minimum zone (the narrowest ring that contains the path) has four
+    # unknowns: the two coordinates of the ring's centre, and the lower and the upper limit of the
+    # radial deviations in the ring.
     below_upper = -np.column_stack([centre, zeros, ones])
     above_lower = np.column_stack([centre, ones, zeros])
     limits = np.concatenate([-deviation, deviation]) / scale

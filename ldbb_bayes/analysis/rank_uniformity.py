@@ -21,8 +21,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Number of bisections in the search for the probability that a number of ranks is outside its
-# binomial interval; the error of this probability is then below 1e-12.
+# Number of bisections in the search for the width of the band for the empirical distribution of
+# ranks. The search finds the probability that the number of ranks up to a given value is outside
+# its interval; the error of this probability is then below 1e-12.
 _BISECTIONS = 40
 
 
@@ -61,9 +62,9 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     """
     level = np.arange(1, draws + 1) / (draws + 1)
     counts = np.arange(replicates + 1.0)[:, None]
-    # For each k, the number of ranks that are at most k has a binomial distribution. ``at_most``
-    # and ``more_than`` are the probabilities that it is at most n, or more than n, for n from 0 to
-    # ``replicates`` (rows) and every k (columns).
+    # For each k, the number of uniformly distributed ranks that are at most k has a binomial
+    # distribution. ``at_most`` and ``more_than`` are the probabilities that this number is at most
+    # n, or more than n. The rows are for n from 0 to ``replicates``, the columns for every k.
     at_most = bdtr(counts, replicates, level)
     more_than = bdtrc(counts, replicates, level)
 

@@ -80,7 +80,7 @@ class Explanations:
 
 
 def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return every subset of ``names``, from the set of all names to the empty set."""
+    """Return every subset of ``names``, in an order from the set of all names to the empty set."""
     choices = itertools.product((True, False), repeat=len(names))
     return [tuple(itertools.compress(names, choice)) for choice in choices]
 
@@ -138,9 +138,10 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # The models are in the order of `subsets`. In the following arrays, the first row is therefore
-    # for the models with slopes, and the second row for the models without slopes. The last column
-    # is for the models without alternative explanations.
+    # The models combine slopes and alternative explanations in every possible way, in the order of
+    # `subsets`. In the following arrays, the first row is therefore for the models with slopes, and
+    # the second row for the models without slopes. The last column is for the models without
+    # alternative explanations.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)
     rival_combinations = log_evidence_by_slopes.shape[1]

@@ -21,8 +21,8 @@ __all__ = [
     "pairs_by_change",
 ]
 
-# Function that takes a model and returns a copy of the model with another assumption, for example
-# about the random differences between circles.
+# Type of a function that takes a model and returns a copy of the model with another assumption, for
+# example about the random differences between circles.
 Change = Callable[[HybridModel], HybridModel]
 # Label of the comparison in which all nuisance terms of the models are left out, so that the
 # readings scatter by white noise only, and compliances may be negative.
@@ -73,7 +73,7 @@ class Assumed:
 
     @property
     def best(self) -> float:
-        """Log evidence of the better of the two models [nat]."""
+        """Larger one of the log evidences of two compared models [nat]."""
         return max(self.log_evidence.values())
 
 
@@ -103,7 +103,7 @@ def _term_of_kind(model: HybridModel, kind: type[Term]) -> Term | None:
 
 
 def _leave_unchanged(model: HybridModel) -> HybridModel:
-    """Return the model itself, with its assumption about the differences between circles."""
+    """Return ``model`` unchanged, with its assumption about random differences between circles."""
     return model
 
 
@@ -115,7 +115,11 @@ def _change_to(alternative: _Alternative) -> Change:
     """
 
     def change(model: HybridModel) -> HybridModel:
-        """Return a copy of the model with the term of ``alternative``, or without such a term."""
+        """Return a copy of the model with another assumption about differences between circles.
+
+        The model term that describes the random differences between circles is replaced or left
+        out.
+        """
         if alternative.term is None:
             return model.without(alternative.kind.key())
         return model.with_term(alternative.term)

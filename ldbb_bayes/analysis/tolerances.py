@@ -56,7 +56,8 @@ _SIDES_BY_SIGN = {"±": _BOTH, "≤": _UPPER, "<=": _UPPER, "≥": _LOWER, ">=":
 _SIGN = re.compile(r"\s*(±|≤|<=|≥|>=)?")
 _NUMBER = re.compile(r"^\s*[+−-]?[\d.]+(e[+-]?\d+)?", re.IGNORECASE)
 _EXPONENT = re.compile(r"\de[+-]?\d", re.IGNORECASE)
-# Dots between the lower and the upper limit of a range such as −20..40 µrad.
+# Regular expression for the dots between the lower and the upper limit of a tolerance that is
+# stated as a range, such as −20..40 µrad.
 _RANGE_DOTS = re.compile(r"\s*(?:\.{2,}|…)\s*")
 _UNIT_CHARACTER = re.compile(r"[^\W\d]|[%°]")
 
@@ -81,7 +82,7 @@ class Tolerance(Shown):
     upper: float | None = None  #: upper limit of the tolerance; None if it has no upper limit
 
     def __post_init__(self) -> None:
-        """Raise an `InputError` if there is no limit, or if the lower limit is not the smaller."""
+        """Raise an `InputError` unless the tolerance has one limit, or two in the right order."""
         low, high = self.ends
         require(
             low < high,
@@ -95,7 +96,7 @@ class Tolerance(Shown):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Lower and upper limit of the tolerance; a missing limit is infinite."""
+        """Lower and upper limit of the tolerance of a quantity; a missing limit is infinite."""
         return (
             -np.inf if self.lower is None else self.lower,
             np.inf if self.upper is None else self.upper,

@@ -79,6 +79,11 @@ class TriedCures:
     """
 
     def __init__(self, bound: BoundModel, phi: Array) -> None:
+        """Store a campaign's model and hyper-parameters, before any remedy is tried.
+
+        ``bound`` is the model of the campaign or plan, and ``phi``, shape (h,), are the
+        hyper-parameters, with lengths in mm.
+        """
         self.bound = bound
         self.phi = phi
         self._bound_with: dict[tuple[CureStep, ...], BoundModel] = {(): bound}
@@ -275,8 +280,9 @@ def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     centred_positions = np.arange(len(tests)) - 0.5 * (len(tests) - 1)
     rng = np.random.default_rng(0)
     orders = [rng.permutation(len(tests)) for _ in range(_ORDERS_TRIED)]
-    # Because the positions are centred, their correlation with the forces is proportional to the
-    # sum of the products of position and force.
+    # The order of the tests is chosen in which the positions of the tests are least correlated with
+    # their forces. Because the positions are centred, this correlation is proportional to the sum
+    # of the products of position and force.
     merit = {k: -abs(float(centred_positions @ forces[order])) for k, order in enumerate(orders)}
     best = orders[ranked(merit, merit.__getitem__)[0]]
     times: list[float | None] = [None] * len(tests)

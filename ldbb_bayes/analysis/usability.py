@@ -34,7 +34,7 @@ class Use(StrEnum):
 
 
 class ReasonKind(StrEnum):
-    """Kind of reason against the use of the values on a test certificate."""
+    """Kind of reason why the values on a test certificate cannot be used, or only with caution."""
 
     NOT_CONVERGED = "not-converged"
     MISFIT = "misfit"
@@ -172,10 +172,10 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
 def _reservations(
     fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
 ) -> list[Reason]:
-    """Return the reasons for caution that follow from the fit and from the parameters' verdicts.
+    """Return the reasons for caution with a test certificate, from the fit and from the verdicts.
 
-    A verdict states how far the readings determine a parameter. ``stated`` are the names of the
-    parameters on the certificate.
+    A verdict on a parameter states how far the readings determine it. ``stated`` are the names of
+    the parameters on the certificate.
     """
     reasons = []
     undetermined = []
@@ -196,7 +196,7 @@ def _reservations(
 
 
 def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
-    """Return the reasons for caution that follow from a comparison of models."""
+    """Return reasons for caution with a test certificate that follow from a model comparison."""
     reasons = []
     if not comparison.within_tolerance:
         reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))
@@ -206,5 +206,5 @@ def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
 
 
 def _has_concern(fit: Fit, kind: ConcernKind) -> bool:
-    """Return whether a fit raises at least one concern of the given kind."""
+    """Return whether the fit of a model to the readings raises a concern of the kind ``kind``."""
     return any(concern.kind == kind for concern in fit.concerns)

@@ -77,7 +77,10 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
 
 
 class Moments(NamedTuple):
-    """Posterior means and standard deviations of q quantities, shape (q,) each."""
+    """Posterior means and standard deviations of q linear combinations of a model's coefficients.
+
+    ``mean`` and ``sd`` have the shape (q,) each.
+    """
 
     mean: Array
     sd: Array
@@ -105,7 +108,7 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
     sample = _few_values(weight, phi)
     number = len(bound.names)
     # In the posterior density ``density``, the nuisance coefficients come first and the parameters
-    # last. The weights of the combinations are put in the same order.
+    # last. The weights of the coefficients in each linear combination are put in the same order.
     rows = np.concatenate([combinations[:, number:], combinations[:, :number]], axis=1)
     density = bound.collapsed.conditional(sample.phi)[1]
     mean = density.mean @ rows.T + combinations[:, :number] @ bound.centre
@@ -117,7 +120,8 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
 class _ScaleValues(NamedTuple):
     """Values of the hyper-parameters over which results are averaged, and weights of these values.
 
-    ``weight`` has the shape (w,), and ``phi`` the shape (w, h).
+    ``phi``, shape (w, h), holds w values of the h hyper-parameters, and ``weight``, shape (w,),
+    holds the weights of these values.
     """
 
     weight: Array

@@ -78,7 +78,10 @@ class SourcesOfVariance(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ModelVariance:
-    """The variances of q quantities under one model, and the sources of these variances."""
+    """The variances of q quantities under one model, and the sources of these variances.
+
+    The quantities are parameters, and changes of compliances with force.
+    """
 
     probability: float  #: probability of the model in the average; one for a single model
     bound: BoundModel  #: the model, applied to a campaign or to a plan
@@ -108,7 +111,10 @@ class ModelVariance:
 
     @cached_property
     def gaussian_variance(self) -> Array:
-        """Variances of the q quantities according to the linear Gaussian model, shape (q,)."""
+        """Variances of q quantities according to the linear Gaussian model, shape (q,).
+
+        The quantities are parameters, and changes of compliances with force.
+        """
         return self._variance(self.information)
 
     def errors(self) -> dict[tuple[str, Origin], Array]:
@@ -132,8 +138,9 @@ class ModelVariance:
         if information.flat:
             return errors
         # Coefficients are in units of their prior sds. If the true value of a parameter differs
-        # from the prior mean by one prior sd, each quantity has an error. The size of the error is
-        # the posterior covariance of quantity and parameter.
+        # from the prior mean by one prior sd, the estimate of each quantity (such as another
+        # parameter) has an error. The size of the error is the posterior covariance of quantity and
+        # parameter.
         error_by_prior = self.weights @ information.covariance()[:, information.interest]
         for j, name in enumerate(self.bound.names):
             origin = Origin.ASSUMED
@@ -143,15 +150,17 @@ class ModelVariance:
         return errors
 
     def variance_if_known(self, names: Sequence[str]) -> Array:
-        """Return the variances that the quantities would have if some effects were known exactly.
+        """Return the variances that q quantities would have if some effects were known exactly.
 
-        ``names`` are the names of the known effects: class names of model terms, or names of single
-        coefficients. The result has the shape (q,).
+        The quantities are parameters, and changes of compliances with force. ``names`` are the
+        names of the known effects: class names of model terms, or names of single coefficients. The
+        quantities are parameters, and changes of compliances with force. The result has the shape
+        (q,).
         """
         return self._scaled(self._variance(self.information, names))
 
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the variances of the q quantities as if some coefficients were known.
+        """Return the variances of q quantities as if some coefficients of the model were known.
 
         ``partners`` are names of effects. An effect is a model term, identified by its class name,
         or the prior of a parameter, identified by the name of the parameter. If the standard
@@ -169,10 +178,11 @@ class ModelVariance:
         return self._scaled(self._variance(_without_noise(information, noises), known))
 
     def _variance(self, information: Information, known: Sequence[str] = ()) -> Array:
-        """Return the variances of the q quantities in the linear Gaussian model, shape (q,).
+        """Return the variances of q quantities in the linear Gaussian model, shape (q,).
 
-        ``information`` is the linear model of the readings. ``known`` are the names of effects that
-        are taken to be known exactly: class names of model terms, or names of coefficients.
+        The quantities are parameters, and changes of compliances with force. ``information`` is the
+        linear model of the readings. ``known`` are the names of effects that are taken to be known
+        exactly: class names of model terms, or names of coefficients.
         """
         covariance = information.covariance(known)
         return np.einsum("qi,ij,qj->q", self.weights, covariance, self.weights)
@@ -180,8 +190,9 @@ class ModelVariance:
     def _scaled(self, variance: Array) -> Array:
         """Convert variances of the linear model to variances of the posterior, shape (q,).
 
-        Each variance is multiplied by the quantity's posterior variance ``sd``² and divided by its
-        `gaussian_variance`, the variance in the linear model. The result is at most ``sd``².
+        There is one variance for each of q quantities (parameters, and changes of compliances with
+        force). Each variance is multiplied by the quantity's posterior variance ``sd``² and divided
+        by its `gaussian_variance`, the variance in the linear model. The result is at most ``sd``².
         """
         before = np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1.0)
         return np.clip(variance / before, 0.0, 1.0) * self.sd**2
@@ -190,6 +201,8 @@ class ModelVariance:
 @dataclass(frozen=True, eq=False)
 class AveragedVariance:
     """Variances of q quantities in an average over models, and the sources of these variances.
+
+    The quantities are parameters, and changes of compliances with force.
 
     ``models`` are the models of the average, or a single model. The first
     ``number_of_parameters`` quantities are the parameters: all parameters that at least one of the
@@ -201,16 +214,17 @@ class AveragedVariance:
 
     @cached_property
     def mean(self) -> Array:
-        """Means of the quantities, averaged over the models, shape (q,).
+        """Means of q quantities, averaged over the models, shape (q,).
 
-        The averaged means are Σ p_m mean_m, where p_m is the probability of model m, and mean_m are
-        the means under model m.
+        The quantities are parameters, and changes of compliances with force. The averaged means are
+        Σ p_m mean_m, where p_m is the probability of model m, and mean_m are the means under model
+        m.
         """
         return np.sum([model.probability * model.mean for model in self.models], axis=0)
 
     @cached_property
     def spread(self) -> Array:
-        """Covariance of the quantities' means over the models, shape (q, q).
+        """Covariance of the means of q quantities over the models of an average, shape (q, q).
 
         The covariance is Σ p_m d_m d_mᵀ, where p_m is the probability of model m, and d_m are the
         means under model m minus the averaged means.
@@ -223,8 +237,9 @@ class AveragedVariance:
 
     @cached_property
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """For each source, the covariance matrix of the errors of the q quantities, shape (q, q).
+        """Covariance of the errors that each source of uncertainty causes, shape (q, q).
 
+        The errors are those of the q quantities: parameters, and changes of compliances with force.
         The keys are pairs of a source's name and origin; see `ModelVariance.errors`.
         """
         errors: dict[tuple[str, Origin], Array] = {}
@@ -237,27 +252,30 @@ class AveragedVariance:
 
     @cached_property
     def variance(self) -> Array:
-        """Variances of the quantities in the average over the models, shape (q,).
+        """Variances of q quantities in the average over the models, shape (q,).
 
-        The variances are Σ p_m (var_m + (mean_m − mean)²). Here p_m is the probability of model m,
-        var_m and mean_m are the variances and means under model m, and mean are the averaged means.
+        The quantities are parameters, and changes of compliances with force. The variances are Σ
+        p_m (var_m + (mean_m − mean)²). Here p_m is the probability of model m, var_m and mean_m are
+        the variances and means under model m, and mean are the averaged means.
         """
         return np.diag(sum(self.errors.values(), np.zeros(self.spread.shape)))
 
     @cached_property
     def _divisor(self) -> Array:
-        """Variances of the q quantities, with zeros replaced by one, shape (q,).
+        """Variances of the q quantities, where a variance of zero is replaced by one, shape (q,).
 
-        The part of a variance that a source causes is divided by this value to obtain a share.
+        The quantities are parameters, and changes of compliances with force. The part of a variance
+        that a source of uncertainty causes is divided by this value to obtain the source's share.
         """
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
     @cached_property
     def shares_by_term(self) -> dict[str, Array]:
-        """Shares of every model term in the variances of the q quantities, shape (q,) each.
+        """Shares of every model term in the variances of q quantities, shape (q,) each.
 
-        The keys are class names of terms. The priors of all parameters together count as one term.
-        The choice between the models of an average counts as a term, too.
+        The quantities are parameters, and changes of compliances with force. The keys are class
+        names of terms. The priors of all parameters together count as one term. The choice between
+        the models of an average counts as a term, too.
         """
         shares: dict[str, Array] = {}
         if not self.models[0].information.flat:
@@ -270,11 +288,11 @@ class AveragedVariance:
 
     @cached_property
     def shares_removed(self) -> dict[str, Array]:
-        """Fractions of the variances that would vanish if the effect of a model term were known.
+        """Share of each variance that would vanish if the effect of a model term were known.
 
         The keys are the class names of the terms. Each value, shape (q,), holds for each of the q
-        quantities the fraction of its variance that would vanish if the effect of the term were
-        known exactly.
+        quantities (parameters, and changes of compliances with force) the share of its variance
+        that would vanish if the effect of the term were known exactly.
         """
         removed: dict[str, Array] = {}
         for model in self.models:
@@ -354,14 +372,16 @@ def weights_of_parameters(information: Information) -> Array:
 
 
 def _without_noise(information: Information, known: Sequence[str]) -> Information:
-    """Return the linear model of the readings without the random effects of the terms ``known``.
+    """Return the linear model of the readings without the random effects of some model terms.
 
-    ``known`` holds class names of model terms.
+    ``known`` holds the class names of these terms. Random effects are those that differ from circle
+    to circle or from reading to reading; the model treats them as noise.
     """
     if not known:
         return information
-    # Tests with the same noise share one dictionary of noise sources. Each dictionary is copied
-    # only once, so that these tests also share one dictionary in the result.
+    # In the linear model of the readings, tests with the same noise share one dictionary of the
+    # sources of this noise. Each dictionary is copied only once, so that these tests also share one
+    # dictionary in the result.
     remaining: dict[int, dict[str, Array]] = {}
     for sources in information.noise:
         remaining[id(sources)] = {name: sources[name] for name in sources if name not in known}

@@ -146,7 +146,11 @@ def slope_subsets(
     slope_names = _slope_names(model, evidences.campaign)
 
     def weigh(choice: Choice) -> Nodes:
-        """Return the posterior of the model with one subset of slopes, and its evidence."""
+        """Return posterior and evidence of a model in which only some compliances have slopes.
+
+        A slope is the change of a compliance with force. ``choice`` has one entry for each slope,
+        true if the model has this slope.
+        """
         fixed = [
             slope for slope, varies in zip(slope_names.values(), choice, strict=True) if not varies
         ]
@@ -200,7 +204,11 @@ def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, N
     expanded: set[Choice] = set()
 
     def log_evidence(choice: Choice) -> float:
-        """Return the log evidence of the model with a subset of slopes [nat]."""
+        """Return the log evidence of a model in which only some compliances have slopes [nat].
+
+        A slope is the change of a compliance with force. ``choice`` has one entry for each slope,
+        true if the model has this slope.
+        """
         return weighed[choice].evidence.log_value
 
     while len(weighed) < _SEARCHED_SUBSETS and len(expanded) < len(weighed):

@@ -567,8 +567,8 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
-    # The changes of compliances with force are computed from ``bound``, because this model has all
-    # parameters that occur in any of the averaged models.
+    # The changes of compliances with force are computed from the model ``bound``, because this
+    # model has all parameters that occur in any of the averaged models.
     phi = np.concatenate([model.phi for model in models]).mean(axis=0)
     all_changes = curve_changes(bound, information_of(bound, phi))
     variances = [_variance_of_model(model, all_changes) for model in models]
@@ -691,7 +691,7 @@ def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
 
 
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Return weighted values of the hyper-parameters φ: weights (w,) and values (w, h).
+    """Return w weighted values of the h hyper-parameters φ: weights (w,) and values (w, h).
 
     The w values are quadrature nodes. Together with their weights, they represent p(φ | y), for the
     readings y and a model in which compliances may be negative. Hyper-parameters that are lengths
@@ -892,7 +892,7 @@ def _remedies_of(
 
 
 def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:
-    """Return the share of each source in the variance of a quantity; keys are names of sources."""
+    """Return the share of a quantity's variance for each source of uncertainty, by name."""
     return {source.name: source.share for source in sources}
 
 

@@ -44,7 +44,7 @@ _PRIOR_CIRCLES = 2000
 # Probability of the prior predictive interval with which the measured range of a circle (largest
 # minus smallest reading) is compared.
 _PRIOR_PROB = 0.95
-# Error allowed in every log evidence [nat].
+# Numerical error allowed in the log evidence of every model [nat].
 _TOLERANCE = 1e-2
 # The circles are said not to scatter as predicted if `Workflow.uniformity_p_value` is below this
 # number. The null hypothesis is that the p-values of the circles, each predicted from the other
